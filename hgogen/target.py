@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
+from typing import IO
 
 from hgogen.errors import HgogenError
 from hgogen.reading.filename import same, shown
@@ -97,26 +98,45 @@ def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
 @contextmanager
 def lines_of(name: str, folder: str | Path) -> Iterator[tuple[str, Callable[[str], None]]]:
     """The whole lines of a file in `folder`, which are there already, and a function that adds one, ended by a new
-    line, to a file that is made with the first; a line that an earlier writer left unfinished is taken away then.
+    line, in the place of one that an earlier writer left unfinished; nobody else adds lines within.
 
     Raises: `CannotWrite`.
     """
     (path,) = demand([name], folder)
     try:
-        text = path.read_bytes().decode(errors="replace") if path.exists() else ""
-        whole = text[: text.rfind("\n") + 1]
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "r+b" if path.exists() else "wb") as stream:
-            stream.truncate(len(whole.encode()))
-            stream.seek(0, os.SEEK_END)
+        with open(path, "r+b", opener=lambda name, flags: os.open(name, flags | os.O_CREAT, 0o666)) as stream:
+            _alone(stream, path)
+            there = stream.read()
+            whole = there[: there.rfind(b"\n") + 1]
+            stream.seek(len(whole))
 
             def add(line: str) -> None:
+                stream.truncate()
                 stream.write(line.encode())
                 stream.flush()
 
-            yield whole, add
+            yield whole.decode(errors="replace"), add
     except OSError as error:
         raise _failed(error, Path(folder)) from error
+
+
+def _alone(stream: IO[bytes], path: Path) -> None:
+    """Locks a file until it is closed, where the system and the file system have locks.
+
+    Raises: `CannotWrite` where another process holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        fix = "wait until that one has ended, or give another folder"
+        raise CannotWrite(str(path), "another process is writing it", fix) from None
+    except OSError:
+        return
 
 
 def demand(names: Iterable[str], folder: str | Path) -> list[Path]:

@@ -20,6 +20,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.call import CallableStep
+from hgogen.calling.interrupt import heard
 from hgogen.calling.samples import Engine
 from hgogen.form import Form
 from hgogen.graph import CVODES, Graph, to_casadi
@@ -202,9 +203,10 @@ class Plant:
         options = {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
         begin, stops = segment.begin, segment.stops
         try:
-            if begin not in self._integrators:
-                self._integrators[begin] = ca.integrator("truth", "cvodes", self._ode, begin, stops, options)
-            reached = np.array(self._integrators[begin](x0=now, p=p)["xf"]).T
+            with heard():
+                if begin not in self._integrators:
+                    self._integrators[begin] = ca.integrator("truth", "cvodes", self._ode, begin, stops, options)
+                reached = np.array(self._integrators[begin](x0=now, p=p)["xf"]).T
         except RuntimeError:
             reached = np.full((len(stops), len(now)), np.nan)
         if not np.isfinite(reached).all():

@@ -4,8 +4,10 @@ quantiles and the run that repeats the worst."""
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,8 @@ from plants import MODELS
 import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain
-from hgogen.target import lines_of
-from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Sine, Trial, simulate, try_out
+from hgogen.target import CannotWrite, lines_of
+from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
 from hgogen.trials.campaign import BadCampaign, Outcome, Spread, earlier, head, line, outcome, spreads
 from hgogen.trials.metrics import Metrics, Response, metrics
 from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
@@ -278,6 +280,34 @@ def test_lines_are_added_to_whole_ones(tmp_path: Path) -> None:
     assert (tmp_path / "made" / "lines").read_text() == "a\nb\nd\n"
 
 
+def test_what_is_no_file_of_lines_stays_as_it_is_until_one_is_added(tmp_path: Path) -> None:
+    (tmp_path / "lines").write_bytes(b"\xff\xfe\nunfinished")
+    with lines_of("lines", tmp_path) as (text, _):
+        assert text == "\ufffd\ufffd\n"
+    assert (tmp_path / "lines").read_bytes() == b"\xff\xfe\nunfinished"
+    with lines_of("lines", tmp_path) as (_, add):
+        add("a\n")
+    assert (tmp_path / "lines").read_bytes() == b"\xff\xfe\na\n"
+
+
+def test_two_do_not_add_lines_to_one_file(tmp_path: Path) -> None:
+    with lines_of("lines", tmp_path) as (_, add):
+        add("a\n")
+        with pytest.raises(CannotWrite, match="another process is writing it; wait until"):
+            lines_of("lines", tmp_path).__enter__()
+        add("b\n")
+    with lines_of("lines", tmp_path) as (text, _):
+        assert text == "a\nb\n"
+
+
+@pytest.mark.parametrize("damaged", ["{", "null", "[1]", '{"run": 3}', '{"run": 3, "metrics": {"responses": [3]}}'])
+def test_a_damaged_line_of_results_is_named(damaged: str) -> None:
+    campaign = hg.campaign(step(), TRIAL, 2)
+    lines = head(campaign) + line(Outcome(0, {}, None, "why")) + damaged + "\n"
+    with pytest.raises(BadCampaign, match=r"r\.jsonl, line 3 holds no outcome of a run.* remove this line"):
+        earlier(campaign, lines, "r.jsonl")
+
+
 # --- what it says -----------------------------------------------------------------------------------------------
 
 
@@ -328,6 +358,23 @@ def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
     assert other.returncode == 2
     assert "holds the results of another campaign" in other.stderr
     assert file.read_text().splitlines(keepends=True) == after
+
+
+def test_a_truth_is_ended_by_ctrl_c_and_not_taken_for_a_failure() -> None:
+    """CasADi takes what a handler raises for a plant that cannot be integrated."""
+    long = Trial("long", 2000.0, {"x1": 1.0, "x2": 0.0}, {"u": sp.sin(t)})
+    each = Plant(PLANT, long, 0.01)
+    each.truth(long.start)
+    timer = threading.Timer(0.3, os.kill, [os.getpid(), signal.SIGINT])
+    timer.start()
+
+    def again() -> None:
+        for _ in range(200):
+            each.truth(long.start)
+
+    with pytest.raises(KeyboardInterrupt):
+        again()
+    timer.join()
 
 
 def test_observers_are_compared_on_the_same_draws(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Parameters from records: known answers on made ones, what they do not tell, and bad input."""
 
 import json
+import math
 import os
 import signal
 from functools import cache
@@ -131,6 +132,26 @@ def test_where_no_sensor_lags_none_is_seen() -> None:
     fit = hg.fit(PLANT, log(seed=2, sigma=1e-3), free=("k", "c", "g"), lag=["y"], starts=1)
     assert fit.lags[0].at == "low"
     assert "the records show no lag of y of half a sample or more" in fit.notes()
+
+
+def test_no_lag_is_claimed_that_the_records_do_not_tell() -> None:
+    """An output that stands still shows none, whatever its sensor does."""
+    known = log(seed=2)
+    still = hg.Signal("still")
+    plant = hg.System(
+        PLANT.name,
+        states=PLANT.states,
+        inputs=PLANT.inputs,
+        outputs=(*PLANT.outputs, still),
+        parameters=PLANT.parameters,
+        flow=PLANT.flow,
+        output=(*PLANT.output, 0),
+    )
+    y = np.column_stack([known.y, np.zeros(len(known.y))])
+    fit = hg.fit(plant, hg.Log(known.u, y, DT), free=("k", "c", "g"), lag=["still"], starts=1)
+    assert fit.lags[0].deviation == math.inf
+    assert not any("the sensor of still lags" in note for note in fit.notes())
+    assert any("the records do not tell +1 lag_of_still" in note for note in fit.notes())
 
 
 def test_a_robust_fit_is_not_moved_by_samples_that_are_wrong() -> None:
@@ -527,6 +548,15 @@ def test_a_fit_is_written_as_a_model(here: Path) -> None:
     for name, sentence in (("other.toml", "is there already"), ("other.json", "must end in .toml")):
         _, said = hgogen("fit", "spring.toml", *words, "--write", name, status=2)
         assert sentence in " ".join(said.replace("│", " ").split())
+
+
+def test_what_no_text_says_is_refused_before_the_fit(here: Path) -> None:
+    source = "import sympy as sp, hgogen as hg\nx, y = hg.Signal('x'), hg.Signal('y')\n"
+    source += "k = hg.Signal('k', nominal=1, low=0, high=2)\nplant = hg.System('bell', states=(x,), outputs=(y,), "
+    (here / "bell.py").write_text(source + "inputs=(), parameters=(k,), flow=(-k*sp.erf(x),), output=(x,))\n")
+    words = ("fit", "bell.py", "--data", "no_such.csv", "--write", "new.toml")
+    _, said = hgogen(*words, status=2)
+    assert "cannot be written as plain text" in said
 
 
 def test_a_fit_is_not_lost_where_no_observer_takes_the_plant(here: Path) -> None:

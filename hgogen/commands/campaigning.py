@@ -53,9 +53,8 @@ def campaigns(
     for (name, one, outcomes), row in zip(done, rows, strict=True):
         if row["failed"]:
             first = next(outcome for outcome in outcomes if outcome.failed)
-            note(
-                f"{name}, trial {one.trial.name}: {row['failed']} runs have no truth; of run {first.run} {first.failed}"
-            )
+            share = f"{row['failed']} of {len(outcomes)} runs without a truth"
+            note(f"{name}, trial {one.trial.name}: {share}; of run {first.run} {first.failed}")
     return rows, [part for one in done for part in _shown(*one, asked)]
 
 

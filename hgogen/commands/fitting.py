@@ -89,7 +89,7 @@ def fit_(
     folder = folder_of(out, loaded)
     folder.demand("fitted.json")
     if write is not None:
-        _demand_new(write)
+        _demand_new(write, loaded)
     from hgogen.trials import figures  # which takes a while to import
 
     plant = loaded.plant
@@ -139,13 +139,15 @@ def fit_(
     show(as_json, report, *shown, tables.files(paths))
 
 
-def _demand_new(path: Path) -> None:
-    """Raise `BadParameter` for a file that is there, or that would be no TOML."""
+def _demand_new(path: Path, model: Model) -> None:
+    """Raise `BadParameter` for a file that is there, or that would be no TOML; `NoText` for a plant that no text says:
+    before the fit, which would be lost."""
     if path.suffix != ".toml":
         raise typer.BadParameter(f"{path} must end in .toml, the language of a plain-text model", param_hint="--write")
     if os.path.lexists(path):
         raise typer.BadParameter(f"{path} is there already; give the name of a new file", param_hint="--write")
     Folder(path.parent).demand(path.name)
+    to_text(model.plant)
 
 
 def _beside(model: Model) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """What a fit found, and what it is worth."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -91,7 +92,7 @@ class Fit:
         for one in self.lags:
             if one.at == "low":
                 lines.append(f"the records show no lag of {one.name} of half a sample or more")
-            else:
+            elif math.isfinite(one.deviation):
                 state = f"a state {one.name}_behind' = (output - {one.name}_behind)/{one.value:.3g}"
                 lines.append(f"the sensor of {one.name} lags, which the model does not say: give it {state} as output")
         lines += [

@@ -8,10 +8,7 @@ A residual e costs e^2/2, or with a corner c the pseudo-Huber loss c^2 (sqrt(1 +
 beyond c. Source of the loss: Charbonnier, Blanc-Feraud, Aubert, Barlaud, IEEE Trans. Image Processing 6 (1997).
 """
 
-import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,6 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.calling.interrupt import heard
 from hgogen.identification.shooting import Shooting
 
 Array = np.ndarray
@@ -58,7 +56,7 @@ class Solver:
         options: Any = {"print_time": False, "ipopt": _QUIET, "iteration_callback": watch, "show_eval_warnings": False}
         solver = ca.nlpsol("fit", "ipopt", self._nlp, options)
         bounds = {"lbx": self.low / self.unit, "ubx": self.high / self.unit, "lbg": 0, "ubg": 0}
-        with _heard() as watch.interrupts:
+        with heard() as watch.interrupts:
             result = solver(x0=begin, p=begin[: self._free], **bounds)
         end = result["x"].full().ravel()
         stats = solver.stats()
@@ -98,23 +96,6 @@ class Solver:
     def _nlp(self) -> dict[str, Any]:
         w, p, cost, gaps = self._scaled
         return {"x": w, "p": p, "f": cost, "g": gaps}
-
-
-@contextmanager
-def _heard() -> Iterator[list[Any]]:
-    """The Ctrl-C within, which count when it ends: CasADi takes what a handler raises for a model that has no value."""
-    heard: list[Any] = []
-    before = signal.getsignal(signal.SIGINT)
-    if not callable(before) or threading.current_thread() is not threading.main_thread():  # it is ignored, or not ours
-        yield heard
-        return
-    signal.signal(signal.SIGINT, lambda *signalled: heard.append(signalled))
-    try:
-        yield heard
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if heard:
-        before(*heard[-1])
 
 
 class _Watch(ca.Callback):

@@ -228,15 +228,23 @@ def line(one: Outcome) -> str:
 def earlier(each: Campaign, text: str, name: str) -> dict[int, Outcome]:
     """The outcomes that the whole lines of a file of results hold, by number.
 
-    Raises: `BadCampaign` for the file, called `name`, of another campaign.
+    Raises: `BadCampaign` for the file, called `name`, of another campaign, or with a damaged line.
     """
     lines = text.splitlines(keepends=True)
     if not lines:
         return {}
     if lines[0] != head(each):
         raise BadCampaign(name, "holds the results of another campaign, or none; give another folder, or remove it")
-    rows = (json.loads(one) for one in lines[1:])
-    return {row["run"]: outcome(row) for row in rows}
+    outcomes = [_read(one, f"{name}, line {k}") for k, one in enumerate(lines[1:], 2)]
+    return {one.run: one for one in outcomes}
+
+
+def _read(text: str, place: str) -> Outcome:
+    try:
+        return outcome(json.loads(text))
+    except (ValueError, TypeError, KeyError):
+        reason = "holds no outcome of a run: it was damaged; remove this line, and its run is repeated"
+        raise BadCampaign(place, reason) from None
 
 
 # --- what it says ---------------------------------------------------------------------------------------------
