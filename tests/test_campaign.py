@@ -21,6 +21,7 @@ from plants import MODELS
 import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain
+from hgogen.reading.optional import NotInstalled
 from hgogen.target import CannotWrite, lines_of
 from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
 from hgogen.trials.campaign import BadCampaign, Outcome, Spread, earlier, head, line, outcome, spreads
@@ -200,6 +201,30 @@ def test_a_number_of_runs_that_is_none_is_refused(runs: Any, seed: Any) -> None:
         hg.campaign(step(), TRIAL, runs, seed=seed)
 
 
+@pytest.mark.parametrize("bad", [{"numbers": [3]}, {"numbers": [-1]}, {"numbers": [1.5]}, {"jobs": 0}, {"jobs": 2.5}])
+def test_numbers_of_runs_and_of_jobs_that_are_none_are_refused(bad: dict[str, Any]) -> None:
+    with pytest.raises(BadGain, match="must be a whole number, from"):
+        list(hg.campaign(step(), TRIAL, 3).run(**bad))
+
+
+@pytest.mark.parametrize("asked", [["x1"], {1: 2}, 3])
+def test_what_names_nothing_is_refused(asked: Any) -> None:
+    with pytest.raises(BadVariation, match="is no text and no mapping by name"):
+        hg.campaign(step(), TRIAL, 3, asked)
+
+
+def test_a_campaign_without_any_truth_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "gone.toml").write_text(
+        'name = "gone"\nstates.x = {low = -9, high = 9, flow = "a*x**2"}\nparameters.a = {value = 2}\n'
+        'outputs.y = {equation = "x"}\nobserver = {kind = "riccati", form = "original", Q = [1], R = 0.1, dt = 0.01}\n'
+        "trial = {duration = 1, start = {x = 1}}\n"
+    )
+    done = hgogen(tmp_path, "simulate", "gone.toml", "--runs", "3", "--vary", "a=1.5..2.5", "--jobs", "1")
+    assert done.returncode == 2
+    assert "3 of 3 runs without a truth" in done.stderr
+    assert "leaves no run whose plant can be integrated; vary less, or shorten the trial" in done.stderr
+
+
 def test_a_trial_that_does_not_fit_is_refused_before_any_process() -> None:
     with pytest.raises(BadTrial, match="says nothing of 'u'"):
         list(hg.campaign(step(), Trial("t", 1.0, TRIAL.start), 5).run(jobs=2))
@@ -227,7 +252,7 @@ def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pyt
 
 def test_without_the_package_of_the_cluster_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(BadCampaign, match=r'pip install "hgogen\[cluster\]"'):
+    with pytest.raises(NotInstalled, match=r'pip install "hgogen\[cluster\]"'):
         list(hg.campaign(step(), TRIAL, 2).run(scheduler="tcp://127.0.0.1:1"))
 
 

@@ -17,7 +17,7 @@ from hgogen.commands.command import Bar, Runs
 from hgogen.commands.process import note
 from hgogen.target import lines_of
 from hgogen.trial import Trial
-from hgogen.trials.campaign import Campaign, Outcome, campaign, earlier, head, line, spreads
+from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign, earlier, head, line, spreads
 from hgogen.trials.metrics import criterion
 
 RUNS = 1000  # where nothing is said
@@ -55,6 +55,8 @@ def campaigns(
             first = next(outcome for outcome in outcomes if outcome.failed)
             share = f"{row['failed']} of {len(outcomes)} runs without a truth"
             note(f"{name}, trial {one.trial.name}: {share}; of run {first.run} {first.failed}")
+    if all(row["failed"] == len(outcomes) for row, (*_, outcomes) in zip(rows, done, strict=True)):
+        raise BadCampaign("vary", "leaves no run whose plant can be integrated; vary less, or shorten the trial")
     return rows, [part for one in done for part in _shown(*one, asked)]
 
 

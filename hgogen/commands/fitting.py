@@ -128,9 +128,10 @@ def fit_(
         "files": list(map(str, paths)),
     }
     if write is not None:
+        report["files"] = [*report["files"], str(write)]
+    folder.write({**files, "fitted.json": json_text(report) + "\n"})  # before what may still fail
+    if write is not None:
         paths += Folder(write.parent).write({write.name: to_text(result.plant, _beside(loaded))})
-        report["files"] = list(map(str, paths))
-    folder.write({**files, "fitted.json": json_text(report) + "\n"})
     shown = (
         *(log_tables.report(record.report) for record in records),
         log_tables.fitted(result, logs.notes()),

@@ -14,6 +14,7 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
+import sympy as sp
 
 from hgogen import targets
 from hgogen.call import CallableStep
@@ -21,12 +22,13 @@ from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.errors import BadArgument
 from hgogen.reading.given import count
+from hgogen.reading.optional import library
 from hgogen.system import System
 from hgogen.trial import BadTrial, Plant, Trial, Truth, first_memory, tried
 from hgogen.trials.metrics import Metrics, Response, metrics
 from hgogen.trials.varied import Draws, hypercube, varied
 
-MOST = 10_000_000  # runs
+MOST, MOST_JOBS = 10_000_000, 1000  # runs; processes
 PATIENCE = "10s"  # until a scheduler answers
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
 
@@ -77,7 +79,8 @@ class Campaign:
         """What the numbers of a run depend on, the program of the step as its C: a file of results of another campaign
         has another. Where nothing but the seed varies, a run does not depend on how many there are."""
         step, plant = self.step, self.plant
-        scenario = {name: str(value) for name, value in vars(self.trial).items() if name != "seeds"}
+        scenario = {name: value for name, value in vars(self.trial).items() if name != "seeds"}
+        scenario |= {"inputs": {name: sp.srepr(sp.sympify(one)) for name, one in self.trial.inputs.items()}}
         program = dict(targets.c99(step, real=step.real, check=False))
         known = (program, step.tuned, plant.flow, plant.output, plant.nominal, scenario, self.draws.varied)
         return sha256(repr(known).encode() + self.draws.values.tobytes()).hexdigest()[:16]
@@ -90,10 +93,12 @@ class Campaign:
         `jobs`: processes, by default one for each core, 1 for none but this; `scheduler`: the address of a Dask
         cluster.
 
-        Raises: `BadTrial` of a trial that does not fit its plant; `BadCampaign` without a package that it needs, or
-        where no scheduler answers.
+        Raises: `BadGain` for a number that is none; `BadTrial` of a trial that does not fit its plant; `BadCampaign`
+        where no scheduler answers; `NotInstalled` without the package of a cluster.
         """
-        return _outcomes(self, range(len(self.draws)) if numbers is None else numbers, jobs, scheduler)
+        last = len(self.draws) - 1
+        wanted = range(last + 1) if numbers is None else [count("run", number, 0, last) for number in numbers]
+        return _outcomes(self, wanted, None if jobs is None else count("jobs", jobs, 1, MOST_JOBS), scheduler)
 
     def drawn(self, numbers: Sequence[int]) -> Draws:
         """The draws of runs."""
@@ -151,14 +156,10 @@ def _spread(tasks: Iterable[tuple[Any, ...]], jobs: int | None, scheduler: str |
 
 
 def _client(address: str) -> Any:
-    """A client of a Dask cluster. Raises: `BadCampaign`."""
+    """A client of a Dask cluster. Raises: `BadCampaign`, `NotInstalled`."""
+    distributed = library("distributed", f"scheduler {address}", "cluster")
     try:
-        from distributed import Client
-    except ImportError:
-        reason = 'needs the package distributed; install it by pip install "hgogen[cluster]"'
-        raise BadCampaign(f"scheduler {address}", reason) from None
-    try:
-        return Client(address, timeout=PATIENCE)
+        return distributed.Client(address, timeout=PATIENCE)
     except (OSError, ValueError) as error:
         raise BadCampaign(f"scheduler {address}", f"does not answer: {error}") from None
 

@@ -101,6 +101,8 @@ def varied(asked: str | Mapping[str, str | float | None], plant: System, trial: 
 
     Raises: `BadVariation`.
     """
+    if not isinstance(asked, str | Mapping) or not all(isinstance(name, str) for name in asked):
+        raise BadVariation(str(asked), "is no text and no mapping by name; write \"x0,a=10%\" or {'a': '10%'}")
     pairs = _split(asked) if isinstance(asked, str) else asked.items()
     listed: dict[str, Varied] = {}
     for name, width in pairs:
