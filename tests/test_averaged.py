@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hgogen.reading import averaged as averaged_module
 from hgogen.reading.averaged import WINDOWS, averaged, wanted
 from hgogen.reading.measured import Record, read
 
@@ -99,3 +100,9 @@ def test_a_log_on_the_grid_of_the_step_is_taken_as_it_is(tmp_path: Path) -> None
     got = logged(tmp_path, np.arange(50) * 0.1, "line")
     np.testing.assert_allclose(got.values[:, 0], np.sin(0.7 * np.arange(50)), atol=1e-8)
     assert got.report.notes == ()
+
+
+def test_the_last_window_goes_on_in_a_log_that_does() -> None:
+    times, values = np.array([0.0, 0.5, 1.0, 1.5]), np.array([0.0, 0.0, 4.0, 8.0])
+    means = averaged_module.averaged(times, values, 0.0, 2, 1.0, (-0.5, 0.5), 10.0)
+    assert means == pytest.approx([0.0, 2.0])  # of 0 and 4, half a step each

@@ -19,11 +19,14 @@ from hypothesis import strategies as st
 from plants import MODELS
 
 import hgogen as hg
+from hgogen import trial as trial_module
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.optional import NotInstalled
 from hgogen.target import CannotWrite, lines_of
 from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
+from hgogen.trials import campaign as campaign_module
+from hgogen.trials import varied as varied_module
 from hgogen.trials.campaign import BadCampaign, Outcome, Spread, earlier, head, line, outcome, spreads
 from hgogen.trials.metrics import Metrics, Response, metrics
 from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
@@ -433,3 +436,25 @@ def test_the_neuron_is_sent_to_processes() -> None:
     model = load(MODELS / "fitzhugh_nagumo.py")
     made = hg.campaign(model.step(), model.trials()[0], 4)
     assert {one.run: one for one in made.run(jobs=2)} == {one.run: one for one in made.run(jobs=1)}
+
+
+def test_the_worst_run_is_named_by_its_number() -> None:
+    assert campaign_module._spread_of("late", [1.0, None, 2.0], [4, 7, 9]).run == 7
+
+
+def test_an_interval_may_leave_its_range_at_neither_end() -> None:
+    share = hg.Signal("share", low=0, high=1)
+    for width in ("-0.1..0.9", "0.1..1.1"):
+        with pytest.raises(BadVariation, match="leaves its range"):
+            varied_module._interval(share, width, 0.5)
+
+
+def test_a_share_of_a_negative_value_is_as_wide_as_of_a_positive_one() -> None:
+    assert varied_module._read("a", "50%", -2.0) == (-3.0, -1.0)
+
+
+def test_free_parameters_have_their_values_in_their_order() -> None:
+    x, p, q = hg.Signal("x"), hg.Signal("p", "", "", 0.0), hg.Signal("q", "", "", 0.0)
+    plant = hg.System("ramp", states=(x,), outputs=(hg.Signal("y"),), parameters=(p, q), flow=(p + 3 * q,), output=(x,))
+    truth = trial_module.Plant(plant, Trial("ramp", duration=1.0, start={"x": 0.0}, inputs={}), 0.5, (p, q))
+    assert truth.truth({"x": 0.0}, [1.0, 2.0]).x[-1, 0] == pytest.approx(7.0, abs=1e-9)

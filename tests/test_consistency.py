@@ -9,6 +9,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.calling.samples import BadShape
+from hgogen.trials import consistency as consistency_module
 from hgogen.trials.consistency import no_better, quantile, whiteness
 from hgogen.trials.prediction import Prediction
 
@@ -264,3 +265,14 @@ def test_run_says_whether_an_observer_is_consistent(tmp_path: Path) -> None:
     assert innovations.dtype.names == ("t", "e_y", "s_y", "P_q_q", "P_w_q", "P_w_w")
     assert np.mean(innovations["e_y"] ** 2 / innovations["s_y"]) == pytest.approx(one["nis"], rel=1e-6)
     assert (tmp_path / "out" / "log_innovations.svg").exists()
+
+
+def test_whiteness_is_that_of_innovations_over_their_deviations() -> None:
+    e, s = np.random.default_rng(3).normal(size=200), np.linspace(0.1, 9.0, 200)
+    assert consistency_module._of_output("y", e, s).whiteness == consistency_module.whiteness(e / np.sqrt(s))
+
+
+def test_errors_are_as_many_times_too_large_as_a_state_s_share_of_nees() -> None:
+    states = consistency_module.OfStates(("a", "b"), 100, 1.0, 8.0, (1.0, 3.0))
+    (sentence,) = consistency_module.Consistency((), states).sentences()
+    assert "errors of a, b are 2 times as large" in sentence

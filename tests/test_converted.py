@@ -10,6 +10,7 @@ from test_cli import hgogen
 from test_mapped import record
 
 from hgogen.reading import converted
+from hgogen.reading import converted as converted_module
 from hgogen.reading.converted import Conversion, Inconvertible, conversion, named_unit
 from hgogen.reading.log import BadRecord
 from hgogen.reading.measured import read
@@ -116,3 +117,8 @@ def test_without_the_library_the_unit_is_not_compared_and_that_is_said(monkeypat
     assert 'pip install "hgogen[units]"' in said
     assert conversion("y", "T [K]", "K") == ""
     converted._registry.cache_clear()
+
+
+def test_a_small_offset_has_its_sign() -> None:
+    written = [converted_module.Conversion(2.0, offset, "").operand("T") for offset in (0.5, -0.5, 0.0)]
+    assert written == ["(2*T + 0.5)", "(2*T - 0.5)", "(2*T)"]

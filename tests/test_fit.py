@@ -16,6 +16,8 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.commands.fitting import _verdicts
+from hgogen.identification import lag as lag_module
+from hgogen.identification import robust as robust_module
 from hgogen.identification.fit import CannotFit
 from hgogen.identification.information import alike, information
 from hgogen.identification.records import BadLog
@@ -633,3 +635,17 @@ def test_from_wrong_constants_the_tanks_are_predicted_five_samples_ahead() -> No
     errors = predictions(step, step.run(u=u_other, y=y_other), u_other[:, None], y_other[:, None], (5,))
     assert errors[0].model <= 0.20 < 0.45 <= errors[0].copying
     assert {"k1", "k2", "k4"} <= set(fit.untold[0])  # the level of the upper tank has no scale
+
+
+def test_the_influence_of_a_residual_is_over_the_mean_slope() -> None:
+    share = (1 + 2**-1.5) / 2  # of psi' at 0 and at the corner
+    assert robust_module.influence(np.array([0.0, 3.0]), 3.0) == pytest.approx([0.0, 3 / 2**0.5 / share])
+
+
+def test_a_lag_is_that_of_the_output_that_has_it() -> None:
+    a, b, y, v = (hg.Signal(name) for name in "abyv")
+    plant = hg.System("two", states=(a, b), outputs=(y, v), flow=(-a, -b), output=(a, b))
+    slow, (tau,) = lag_module.lagged(plant, [v], 0.1, 10.0)
+    behind = slow.states[-1]
+    assert (slow.flow[-1] - (b - behind) / tau).simplify() == 0
+    assert list(slow.output) == [a, behind]

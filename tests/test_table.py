@@ -19,6 +19,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.algebra import cells as cells_module
+from hgogen.algebra import tabulated as tabulated_module
 from hgogen.algebra.cells import Cells, extremes, value
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
 from hgogen.algebra.pointwise import values
@@ -38,6 +40,7 @@ from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading import text_model
 from hgogen.reading.table import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
+from hgogen.recheck import tables as tables_module
 from hgogen.recheck.interval import between, intervals
 from hgogen.recheck.verification import recheck
 from hgogen.signal import BadName
@@ -645,3 +648,21 @@ def test_bits_are_those_of_struct() -> None:
     assert same(a, a)
     assert not same(a, b)
     assert issubclass(Stepped, Table)
+
+
+def test_a_derivative_has_no_value_where_it_jumps() -> None:
+    x, y = ((Fraction(0), Fraction(1), Fraction(2)), (Fraction(0), Fraction(1), Fraction(3)))
+    table = cells_module.Cells("bend", "linear", x, y)
+    assert [table.at(Fraction(place), 1) for place in (Fraction(1, 2), 1, Fraction(3, 2))] == [1, None, 2]
+
+
+def test_a_held_table_and_one_that_goes_on_stand_in_one_expression() -> None:
+    x, points = sp.Symbol("x"), ((Fraction(0), Fraction(1)), (Fraction(0), Fraction(2)))
+    held, on = (tabulated_module.applied(cells_module.Cells("two", "linear", *points, h), x) for h in (True, False))
+    assert sp.lambdify(x, held + 10 * on)(2.0) == 42.0
+
+
+def test_the_checker_knows_which_derivative_of_a_table_jumps() -> None:
+    numbers = list(map(Fraction, (0, 0, 1, 1, 2, 3)))
+    names = [tables_module.name_of("Linear", Fraction(order), numbers) for order in (0, 1)]
+    assert [tables_module.jumps(name) for name in names] == [False, True]

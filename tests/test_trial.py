@@ -331,3 +331,11 @@ def test_a_trial_starts_from_the_reset_state():
     short = replace(ONE_JUMP, duration=0.5, jumps=(), steady=None)
     first, again = (next(try_out(step, short, "python", seeds=(0,))) for _ in range(2))
     assert (first.x == again.x).all()
+
+
+def test_a_jump_happens_once() -> None:
+    a, b = hg.Signal("a"), hg.Signal("b")
+    plant = hg.System("still", states=(a, b), outputs=(hg.Signal("y"),), flow=(-a, 0 * b), output=(a,))
+    jumps = (Jump(1.0, "a", 5.0), Jump(2.0, "b", 1.0))
+    truth = simulate(plant, Trial("twice", duration=3.0, start={"a": 0.0, "b": 0.0}, inputs={}, jumps=jumps), 0.5)
+    assert truth.x[-1] == pytest.approx([5 * np.exp(-2), 1.0], abs=1e-9)

@@ -246,3 +246,21 @@ def test_it_takes_a_distance_for_what_it_is_where_one_pass_does_not() -> None:
         x, cost = corrected(passes, 0.9, lambda q, w: sp.sqrt((q - 1) ** 2 + 8 * (w - 1) ** 2 + 0.01), r=1e-2)
         costs.append(cost(x))
     assert costs[1] < costs[0] / 3
+
+
+def test_the_iterated_filter_s_covariance_is_that_at_the_corrected_estimate() -> None:
+    q, w = (hg.Signal(name, low=-9, high=9) for name in ("q", "w"))
+    outputs = tuple(hg.Signal(name, low=-1e4, high=1e4) for name in ("bent", "straight"))
+    plant = hg.System("still", states=(q, w), outputs=outputs, flow=(0 * q, 0 * w), output=(q + q**3 / 3, w))
+    P, r, dt = np.array([[0.5, 0.2], [0.2, 0.4]]), 0.02, 0.1
+    start = {"initial": {"q": 0.2, "w": 0.0}, "covariance": P}
+    observer = hg.observers.iterated_ekf(hg.forms.original(plant), Q=np.eye(2), R=r * dt, **start)
+    step = hg.sample(observer, hg.methods.cholesky, dt=dt)
+    estimates = []
+    for straight in (NAN, 3.0):  # the second sensor weighs by the covariance that the first one leaves
+        step.reset()
+        estimates.append(step.run(np.zeros((1, 0)), np.array([[2.0, straight]]), engine="python").x[0])
+    one, both = estimates
+    f = (1 + one[0] ** 2) * P[0]
+    after = P - np.outer(f, f) / (r + (1 + one[0] ** 2) * f[0])
+    assert both == pytest.approx(one + after[1] / (r + after[1, 1]) * (3.0 - one[1]), abs=1e-6)
