@@ -22,6 +22,52 @@ _NUMBER = re.compile(r"(?<![A-Za-z_\d.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 _KNOWN = {name: getattr(mpmath, name) for name in ("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh")}
 _KNOWN |= {name: getattr(mpmath, name) for name in ("cosh", "tanh", "asinh", "acosh", "atanh", "atan2", "sign", "pi")}
 _KNOWN |= {"Abs": abs, "Min": min, "Max": max, "sqrt": mpmath.sqrt, "mpf": mpf}
+
+
+def _table(slopes: Callable[[list[Any], list[Any]], list[Any]]) -> Callable[..., Any]:
+    """The function of a certificate's table: the cubic through two points with these slopes at its ends, or where there
+    are none the line, held beyond the first and the last point; its derivative of order m, of one side where it jumps.
+    """
+
+    def at(x: Any, m: Any, *points: Any) -> Any:
+        xs, ys = list(points[::2]), list(points[1::2])
+        if not xs[0] <= x <= xs[-1]:
+            return mpf(0) if m else ys[0] if x < xs[0] else ys[-1]
+        k = max(i for i in range(len(xs) - 1) if xs[i] <= x)
+        h, d = xs[k + 1] - xs[k], slopes(xs, ys)
+        chord = (ys[k + 1] - ys[k]) / h
+        first, last = (d[k], d[k + 1]) if d else (chord, chord)
+        piece = [ys[k], first, (3 * chord - 2 * first - last) / h, (first + last - 2 * chord) / h**2]
+        for _ in range(int(m)):
+            piece = [i * c for i, c in enumerate(piece)][1:]
+        return sum((c * (x - xs[k]) ** i for i, c in enumerate(piece)), mpf(0))
+
+    return at
+
+
+def _monotone(xs: list[Any], ys: list[Any]) -> list[Any]:
+    """The slopes of PCHIP (Fritsch, Butland 1984)."""
+    h = [b - a for a, b in pairwise(xs)]
+    chord = [(b - a) / w for (a, b), w in zip(pairwise(ys), h, strict=True)]
+    if len(h) == 1:
+        return [chord[0], chord[0]]
+    inner = [
+        mpf(0) if a * b <= 0 else (3 * (g + w)) / ((2 * w + g) / a + (w + 2 * g) / b)
+        for (g, w), (a, b) in zip(pairwise(h), pairwise(chord), strict=True)
+    ]
+    return [_edge(*h[:2], *chord[:2]), *inner, _edge(*h[:-3:-1], *chord[:-3:-1])]
+
+
+def _edge(h: Any, g: Any, a: Any, b: Any) -> Any:
+    """The slope at an end, whose own chord is a of width h."""
+    d = ((2 * h + g) * a - h * b) / (h + g)
+    if d * a <= 0:
+        return mpf(0)
+    return 3 * a if a * b <= 0 and abs(d) > 3 * abs(a) else d
+
+
+TABLES = {"Linear": _table(lambda xs, ys: []), "Monotone": _table(_monotone)}
+_KNOWN |= TABLES
 _GLOBALS = {"__builtins__": {}, **_KNOWN}
 
 

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from falsehood import TABLES
+from mpmath import mpf
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
@@ -449,16 +451,30 @@ def threshold(name: str, evidence: dict[str, Any]) -> float:
     return max(1.0, 2 * e["bound"] * max(weight / e["margin"], e["peak"]))
 
 
+class Linear(sp.Function):
+    """A table of a certificate, whose second argument is the order of its derivative."""
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return self.func(self.args[0], self.args[1] + 1, *self.args[2:])
+
+
+class Monotone(Linear):
+    """The other kind."""
+
+
 @cache
 def sampled(text: str) -> list[tuple[dict[str, float], np.ndarray, np.ndarray, np.ndarray]]:
     """Of [form, inputs and parameters]: points of the box, with A, C and db/dz there."""
     form, common = json.loads(text)
     every = form["states"] + common
     symbols = {s["name"]: sp.Symbol(s["name"]) for s in every}
+    known = {**symbols, "Linear": Linear, "Monotone": Monotone}
     z = [symbols[s["name"]] for s in form["states"]]
-    b, h = (sp.Matrix([sp.sympify(row, symbols) for row in form[part]]) for part in ("b", "output"))
-    A = sp.Matrix([[sp.sympify(entry, symbols) for entry in row] for row in form["A"]])
-    graph = sp.lambdify(list(symbols.values()), [A.tolist(), h.jacobian(z).tolist(), b.jacobian(z).tolist()], "math")
+    b, h = (sp.Matrix([sp.sympify(row, known) for row in form[part]]) for part in ("b", "output"))
+    A = sp.Matrix([[sp.sympify(entry, known) for entry in row] for row in form["A"]])
+    read = {name: lambda *numbers, at=at: float(at(*map(mpf, numbers))) for name, at in TABLES.items()}
+    matrices = [A.tolist(), h.jacobian(z).tolist(), b.jacobian(z).tolist()]
+    graph = sp.lambdify(list(symbols.values()), matrices, [read, "math"])
     draw, points = random.Random(3), []
     ranges = [[float(Fraction(s[end])) for end in ("low", "high")] for s in every]
     for _ in range(SAMPLES):
