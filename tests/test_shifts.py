@@ -9,10 +9,12 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.calling import native
 from hgogen.model import load
 from hgogen.reading.assigned import shifts_of
 from hgogen.reading.log import BadRecord
 from hgogen.reading.measured import shifted
+from hgogen.trials import shifts
 from hgogen.trials.shifts import better
 
 DT, N = 0.01, 1500
@@ -77,6 +79,17 @@ def test_nothing_is_said_where_nothing_is_better(step: CallableStep) -> None:
     assert better(step, u[:5], y[:5], 0, "c") is None  # shorter than the predictions
     assert better(step, u, np.full_like(y, 0.3), 0, "c") is None  # what stands still is copied without error
     assert better(step, u, np.full_like(y, np.nan), 0, "c") is None
+
+
+def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a reading so noisy that the right shift takes a seventh of the error, and not the fifth that it has to."""
+    u, y = driven(1)
+    noisy = y + 3e-4 * np.random.default_rng(1).standard_normal(y.shape)
+    assert better(step, u, noisy, 0, native.engine()) is None
+    monkeypatch.setattr(shifts, "CLEAR", 1.0)
+    slight = better(step, u, noisy, 0, native.engine())
+    assert slight is not None
+    assert (slight.shift, slight.error < slight.present) == (1, True)
 
 
 def test_shifts_are_read_by_name() -> None:
