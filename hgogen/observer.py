@@ -85,8 +85,7 @@ class Observer:
         make, base, gains = self._making
         if isinstance(base, Observer):
             return make(base.on(form), **gains)
-        origin = base.system.origin
-        return make(form(origin.plant if origin else base.system), **gains)
+        return make(form(base.system.declared), **gains)
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
@@ -214,7 +213,7 @@ def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], d
     """The initial values of the states of the form's system, from those of the plant as first declared, and of its
     inputs. Raises: `BadNames`, `BadGain`."""
     origin, inputs = form.system.origin, form.system.inputs
-    states = form.system.states if origin is None else origin.plant.states
+    states = form.system.declared.states
     rest = {s.name: resting(s) for s in (*states, *inputs)}
     if initial is None or isinstance(initial, Mapping):
         ordered = in_order("initial", initial or {}, tuple(rest), default=rest)

@@ -94,6 +94,11 @@ class System:
         return tuple(read[name] for name in sorted(read))
 
     @property
+    def declared(self) -> "System":
+        """The plant as first declared: this one, or the one that it was recast from."""
+        return self if self.origin is None else self.origin.plant
+
+    @property
     def reported(self) -> tuple[tuple[Signal, sp.Expr], ...]:
         """What an observer reports: each state of the plant as first declared, in terms of the states here."""
         if self.origin is None:

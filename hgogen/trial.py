@@ -85,7 +85,7 @@ class Trial:
 
         Raises: `BadTrial`.
         """
-        plant = form.system if form.system.origin is None else form.system.origin.plant
+        plant = form.system.declared
         _names(self, "inputs", _inputs(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
         first = zip(form.system.inputs, _sampled(form.system, self, np.zeros(1))[0], strict=True)
@@ -277,7 +277,7 @@ def try_out(
     Raises: `BadTrial`; `BadGain` for an estimate that the observer cannot start from.
     """
     system = step.observer.form.system
-    plant = system if system.origin is None else system.origin.plant
+    plant = system.declared
     truth = simulate(plant, trial, step.dt)
     seeds = trial.seeds if seeds is None else seeds
     yield from tried(step, trial, truth, first_memory(step, trial), seeds, engine)
@@ -299,7 +299,7 @@ def tried(
 ) -> Iterator[Trajectory]:
     """The step over a truth of its plant, from the memory `start`, one trajectory for each seed."""
     system = step.observer.form.system
-    plant = system if system.origin is None else system.origin.plant
+    plant = system.declared
     u, every = _sampled(system, trial, truth.t), max(1, _TOGETHER // truth.y.size)
     for first in range(0, len(seeds), every):
         some = seeds[first : first + every]

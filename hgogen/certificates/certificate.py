@@ -137,7 +137,7 @@ def _model(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]
 
 def _plant(form: Form) -> dict[str, Any]:
     system = form.system
-    plant = system if system.origin is None else system.origin.plant
+    plant = system.declared
 
     return {
         "name": plant.name,

@@ -87,7 +87,7 @@ def logs_of(
     columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **beside}
     shifts = shifts_of(str(data[0]), shift, plant.inputs, plant.outputs)
     inputs = {s.name: window for s in plant.inputs}
-    first = plant.origin.plant if plant.origin else plant
+    first = plant.declared
     units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}
     words: dict[str, Any] = {"dt": dt, "time": time, "period": period, "unit": plant.time, "units": units}
     records = tuple(read(path, columns, **words, options=options, inputs=inputs).shifted(shifts) for path in data)
@@ -97,7 +97,7 @@ def logs_of(
 def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Of each state whose truth was measured: the name of its column among the signals, and the file's, or an
     expression. Raises: `typer.BadParameter`."""
-    names = [x.name for x in (plant.origin.plant if plant.origin else plant).states]
+    names = [x.name for x in plant.declared.states]
     columns = {}
     for text in pairs:
         state, _, column = (part.strip() for part in text.partition("="))

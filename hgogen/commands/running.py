@@ -183,7 +183,7 @@ def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[Call
 def _shown(step: CallableStep, y: np.ndarray) -> dict[str, float]:
     """The states that are outputs, at their first samples, within their ranges."""
     system, shown = step.observer.form.system, {}
-    plant = system.origin.plant if system.origin else system
+    plant = system.declared
     for output, column in zip(plant.output, y.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if output in plant.states and len(there):

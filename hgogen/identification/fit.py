@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.errors import nearest
-from hgogen.identification.information import Information, alike, information
+from hgogen.identification.information import Information, alike, information, residuals
 from hgogen.identification.lag import lagged
 from hgogen.identification.motion import paced
 from hgogen.identification.records import BadLog, Log, demanded
@@ -106,8 +106,7 @@ class _Task:
 
     def corners(self, unknowns: Array) -> Array:
         """The corner of the loss of each output, from its residuals there."""
-        residuals = information(self.problem, unknowns, self.solver.unit).outputs
-        return np.array([corner(e / scale) for e, scale in zip(residuals, self.problem.scale, strict=True)])
+        return np.array([corner(e) for e in residuals(self.problem, unknowns)])
 
     def _influences(self, outputs: Sequence[Array]) -> list[Array]:
         """What the residuals of each output tell, in units of its scale."""
@@ -169,11 +168,8 @@ class _Task:
 
     def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
         """The fit with what the records tell of it."""
-        known, count, inner = (
-            information(self.problem, best.unknowns, self.solver.unit),
-            len(self.free),
-            len(self.chosen),
-        )
+        known = information(self.problem, best.unknowns, self.solver.unit)
+        count, inner = len(self.free), len(self.chosen)
         follow = [alike(e) for e in self._influences(known.outputs)]
         deviations, untold = self._deviations(known, max(follow), best.unknowns)
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))

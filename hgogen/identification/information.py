@@ -39,6 +39,13 @@ class Information:
         return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
 
 
+def residuals(problem: Shooting, unknowns: Array) -> tuple[Array, ...]:
+    """Those of each output, record after record, at the unknowns (v), over the problem's scale."""
+    v, every, _ = problem.graph
+    values = ca.Function("residuals", [v], [every])(unknowns).full().ravel()
+    return tuple(values[problem.output == j] for j in range(len(problem.plant.outputs)))
+
+
 def information(problem: Shooting, unknowns: Array, unit: Array) -> Information:
     """At the unknowns (v), whose sizes are `unit` (v); the scale of the residuals is the problem's."""
     v, residuals, gaps = problem.graph

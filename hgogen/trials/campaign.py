@@ -71,8 +71,7 @@ class Campaign:
     @property
     def plant(self) -> System:
         """The plant as first declared."""
-        system = self.step.observer.form.system
-        return system if system.origin is None else system.origin.plant
+        return self.step.observer.form.system.declared
 
     @property
     def digest(self) -> str:
@@ -120,8 +119,7 @@ def campaign(
 
     Raises: `BadVariation`; `BadCampaign`.
     """
-    system = step.observer.form.system
-    plant = system if system.origin is None else system.origin.plant
+    plant = step.observer.form.system.declared
     number = count("runs", runs, 1, MOST)
     drawn = hypercube(() if vary is None else varied(vary, plant, trial), number, count("seed", seed, 0, 2**31))
     return Campaign(step, trial, drawn, engine or native.engine())

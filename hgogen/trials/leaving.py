@@ -38,7 +38,7 @@ class Left:
 
 def left(system: System, trajectory: Trajectory) -> tuple[Left, ...]:
     """The states and inputs of the plant as first declared that leave their ranges along the truth."""
-    plant, truth = system if system.origin is None else system.origin.plant, trajectory.truth
+    plant, truth = system.declared, trajectory.truth
     signals, values = (*plant.states, *plant.inputs), np.hstack([truth.x, truth.u])
     leaving = []
     for signal, along in zip(signals, values.T, strict=True):
