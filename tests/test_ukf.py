@@ -126,6 +126,20 @@ def inputs_of(step: Any, count: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("make", COMPARATORS)
+def test_a_run_tells_what_the_filter_takes_its_errors_to_be(make: Any) -> None:
+    """On a linear plant, what the extended Kalman filter by the same factors says."""
+    y = 0.3 * np.sin(np.arange(100) * 0.03)[:, None]
+    gains = {"Q": (0.1, 0.2, 0.3), "R": 1e-3, "covariance": (1.0, 2.0, 3.0)}
+    form = hg.forms.original(integrators())
+    runs = [
+        hg.sample(each(form, **gains), hg.methods.cholesky, dt=0.01).run(y=y) for each in (make, hg.observers.riccati)
+    ]
+    for name in ("innovations", "variances", "covariance"):
+        one, other = (getattr(run, name) for run in runs)
+        assert one == pytest.approx(other, rel=1e-8, abs=1e-12)
+
+
+@pytest.mark.parametrize("make", COMPARATORS)
 @pytest.mark.parametrize("method", [hg.methods.euler, hg.methods.rk4, hg.methods.rk4_covariance, hg.methods.heun])
 def test_a_method_that_integrates_is_refused(make: Any, method: Any) -> None:
     with pytest.raises(MovesAtSamples, match="predicts and corrects: take continuous_discrete or cholesky"):

@@ -16,7 +16,7 @@ import numpy as np
 from hgogen.discretisation.runge_kutta import RK4, advance
 from hgogen.graph import Graph, sx
 from hgogen.kalman.factored import Moved
-from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.riccati_part import AtSamples, Riccati
 from hgogen.part import Clock
 from hgogen.program import Field, Place, address, lines_of, sym
 from hgogen.step import Step
@@ -144,9 +144,11 @@ def _triangle(field: Field, packed: Array, n: int, symmetric: bool = False) -> A
 
 
 def uncertainty(step: Step) -> Uncertainty | None:
-    """That of a step; None where no Riccati part stands alone for the estimate."""
-    parts = [part for part in step.observer.parts if isinstance(part, Riccati)]
-    return Uncertainty(step, parts[0]) if len(parts) == 1 else None
+    """That of a step; None where no covariance stands alone for the estimate. Of a filter by sigma points s is that of
+    the slope of h, which an output linear in the state has as well."""
+    parts = [part.plain if isinstance(part, AtSamples) else part for part in step.observer.parts]
+    filters = [part for part in parts if isinstance(part, Riccati)]
+    return Uncertainty(step, filters[0]) if len(filters) == 1 else None
 
 
 def clock_of(step: Step) -> Clock:
