@@ -106,8 +106,10 @@ class Model:
         Raises: `UnknownCase`; `BadFile`, `BadParameters`, `BadValue`.
         """
         setting.demand()
-        model = self if setting.parameters is None else self.valued(read_values(setting.parameters))
-        tables, take = (self.tables, self.take) if setting.tuning is None else read_tunings(setting.tuning)
+        model = self if setting.parameters is None else self.valued(read_values(setting.parameters, self.plant))
+        tables, take = (self.tables, self.take)
+        if setting.tuning is not None:
+            tables, take = read_tunings(setting.tuning, self.plant)
         return replace(model, setting=setting, tables=tables, take=take)
 
     def valued(self, values: Mapping[str, float]) -> "Model":

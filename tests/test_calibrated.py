@@ -108,7 +108,7 @@ def test_the_innovations_of_the_rows_held_out_are_all_counted() -> None:
 @pytest.mark.parametrize(("nis", "said"), [(0.49, "less"), (0.51, ""), (1.99, ""), (2.01, "more")])
 def test_variances_are_doubted_on_both_sides(nis: float, said: str) -> None:
     best: Any = SimpleNamespace(name="riccati", error=0.5, rank=(1, False, 9), noise=None, tried=(), numbers=None)
-    made: Any = SimpleNamespace(best=best, rows=(best,), tied=(best,), ahead=1)
+    made: Any = SimpleNamespace(best=best, rows=(best,), tied=(best,), ahead=1, truth=())
     doubts = verdicts(made, [Judged("riccati", {}, {}, {"y": nis})])[1:]
     assert [f"they scatter {said} there" in doubt for doubt in doubts] == [True] * bool(said)
 
@@ -122,4 +122,4 @@ def test_a_wanted_time_is_that_of_the_longest_chain() -> None:
 def test_a_tuning_that_is_no_table_is_refused_beside_one_that_is(tmp_path: Path) -> None:
     (tmp_path / "tuned.json").write_text('{"tuning": {"a": {}, "b": 1}}')
     with pytest.raises(BadFile, match='has no table "tuning" of tables'):
-        read(tmp_path / "tuned.json")
+        read(tmp_path / "tuned.json", CHAINS)

@@ -596,7 +596,7 @@ def test_a_python_model_has_the_values_wherever_it_reads_the_plant() -> None:
 def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "values.json").write_text(text)
     with pytest.raises(BadFile, match=reason):
-        read(tmp_path / "values.json")
+        read(tmp_path / "values.json", PLANT)
 
 
 def test_tables_of_a_python_model_have_the_values_too(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import warnings
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,13 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
+from scipy.signal import lfilter
 from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.calibration.grid import Task
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
 from hgogen.calibration.likelihood import Likelihood, Noise
-from hgogen.calibration.score import Judge, as_good, chosen
+from hgogen.calibration.score import Ahead, Judge, as_good, chosen
 from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calibration.verdicts import verdicts
@@ -29,7 +31,7 @@ from hgogen.commands.calibrating import _beside, _own_forms
 from hgogen.errors import BadArgument
 from hgogen.identification.records import BadLog
 from hgogen.model import load
-from hgogen.modelfiles.json_file import BadFile
+from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations
 from hgogen.modelfiles.setting import Setting
 from hgogen.modelfiles.tunings import read
 from hgogen.reading.text_model import BadModelFile
@@ -176,11 +178,11 @@ def test_a_short_record_weighs_as_it_is_long() -> None:
     """380 rows and 20 have 19 segments and one, and one scale: what moves little in a short one is no great error."""
     long, short = log(3, 380)[0], log(4, 20)[0]
     slow = hg.Log(0 * np.array(short.u), 1e-3 * np.array(short.y), DT)
-    judge = Judge((demanded(long), demanded(slow)), 1, 10, "python")
+    judge = Judge((demanded(long), demanded(slow)), Ahead(1), 10, "python")
     step = hg.sample(hg.observers.high_gain(FORM, theta=4, poles=(-1, -1)), dt=DT)
     errors = judge.errors(step)
     assert len(errors) == 20
-    alone = Judge((demanded(long),), 1, 19, "python").errors(step)
+    alone = Judge((demanded(long),), Ahead(1), 19, "python").errors(step)
     assert errors[:19] == pytest.approx(alone, rel=0.06)  # the scale is of 400 rows, 20 of which hardly move
     assert errors[19] < 0.1
 
@@ -190,7 +192,7 @@ def test_copying_has_the_error_1() -> None:
     still = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(still), Q={"x": 1.0}, R=1e-9), dt=1.0)
     y = np.cumsum(np.random.default_rng(0).uniform(-0.1, 0.1, (400, 1)), axis=0)
-    errors = Judge((hg.Log(np.zeros((400, 0)), y, 1.0),), 1, 4, "python").errors(step)
+    errors = Judge((hg.Log(np.zeros((400, 0)), y, 1.0),), Ahead(1), 4, "python").errors(step)
     assert errors.shape == (4,)
     assert errors.mean() == pytest.approx(1, rel=0.1)  # segments against the whole record
 
@@ -201,9 +203,9 @@ STILL = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
 def judge(y: np.ndarray, ahead: int, segments: int, plant: hg.System = STILL) -> np.ndarray:
     """E_s of a filter of a plant that stands still, which with so high a gain takes the last value."""
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q={"x": 1.0}, R=1e-9), dt=1.0)
-    return Judge((hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), ahead, segments, "python").errors(
-        step
-    )
+    return Judge(
+        (hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), Ahead(ahead), segments, "python"
+    ).errors(step)
 
 
 WALK = np.cumsum(np.random.default_rng(0).uniform(-0.1, 0.1, 60))
@@ -249,6 +251,53 @@ def test_the_filter_is_taken_where_its_noise_is_that_of_the_record() -> None:
     gains = spring().best.table
     assert gains["Q"]["v"] == pytest.approx(DENSITY, rel=0.5)
     assert gains["R"] == pytest.approx(SIGMA**2 * DT, rel=0.3)
+
+
+def test_gains_may_be_chosen_by_a_truth() -> None:
+    """Of a sensor whose noise is slow, predictions want the noise to be followed, the truth does not: on other rows the
+    rate is then clearly better. 1 is the error of the mean."""
+    record, states = log(8, 1200)
+    slow = lfilter([1.0], [1.0, -0.8], np.random.default_rng(1).normal(size=1200)) * 0.3
+    heard, rate = hg.Log(record.u, np.array(record.y) + slow, DT), states[:, 1]
+    first = hg.Log(heard.u[:600], heard.y[:600], DT)
+    blind = hg.tune(PLANT, first, observers=["high_gain"])
+    made = hg.tune(PLANT, first, observers=["high_gain"], truth=[{"v": rate[:600]}])
+    assert (blind.truth, made.truth) == ((), ("v",))
+    held = [Held(demanded(heard), 600, {"v": rate})]
+    hidden = [judged(PLANT, one, {}, held, (1,), "python")[0].hidden["v"] for one in (blind, made)]
+    assert hidden[1] < 0.6 * hidden[0]
+    assert made.best.error == pytest.approx(hidden[1] / rate.std(), rel=0.35)  # by another half of the record
+    said = verdicts(made, judged(PLANT, made, {}, held, (1,), "python"))
+    assert said[0].startswith("take high_gain: by the truth of v, on segments that did not choose its gains, it errs")
+    assert "as its mean value" in said[0]
+    assert not any("not tuned on" in one for one in said)
+
+
+@pytest.mark.parametrize(
+    ("truth", "reason"),
+    [
+        ([{"v": np.zeros(60)}] * 2, "is of 2 records and there are 1"),
+        ([{}], "must hold the same states as that of the first, and one at least"),
+        ([{"w": np.zeros(60)}], "is of no state; there are x, v"),
+        ([{"v": np.zeros(59)}], r"has the shape \(59,\); make it \(60,\)"),
+        ([{"v": np.zeros(60)}], "show no change of the truth in at least 2"),
+        ([{"v": np.full(60, np.nan)}], "show no change of the truth in at least 2"),
+    ],
+)
+def test_a_truth_that_is_none_is_refused(truth: Any, reason: str) -> None:
+    with pytest.raises(CannotTune, match=reason):
+        hg.tune(PLANT, log(5, 60)[0], observers=["high_gain"], truth=truth)
+
+
+def test_float_is_part_of_a_tuning(tmp_path: Path) -> None:
+    (tmp_path / "spring.toml").write_text(MODEL)
+    made = hg.tune(PLANT, log(5, 200)[0], observers=["high_gain"], real="float", between="hold")
+    table = made.best.table
+    assert (table["real"], table["between"]) == ("float", "hold")
+    (tmp_path / "tuned.json").write_text(json.dumps({"tuning": {"high_gain": table}, "take": "high_gain"}))
+    model = load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json"))
+    assert model.step().real == "float"
+    assert model.set(Setting(tuning=tmp_path / "tuned.json", real="double")).step().real == "double"
 
 
 def test_its_error_is_near_that_of_the_best_filter() -> None:
@@ -309,6 +358,26 @@ def test_a_tuning_takes_the_place_of_the_table_observer(tmp_path: Path) -> None:
     assert model.step().observer.name == "riccati"
     (tmp_path / "tuned.json").write_text(json.dumps({"tuning": {"high_gain": tables["high_gain"]}}))
     assert load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json")).step().dt == DT
+
+
+def test_what_was_made_for_other_equations_is_taken_with_a_word(tmp_path: Path) -> None:
+    """Signals of one name are no sign that it is one plant; values of parameters are no other one."""
+    (tmp_path / "spring.toml").write_text(MODEL)
+    (tmp_path / "stiff.toml").write_text(MODEL.replace("-4*x", "-9*x"))
+    of = {"equations": equations(load(tmp_path / "spring.toml").plant)}
+    assert of["equations"] == ["x' = v", "v' = u - 2*v/5 - 4*x", "y = x"]
+    (tmp_path / "tuned.json").write_text(json.dumps({**of, "tuning": {}}))
+    (tmp_path / "by_hand.json").write_text(json.dumps({"tuning": {}}))
+    stiff = load(tmp_path / "stiff.toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json"))
+        stiff.set(Setting(tuning=tmp_path / "by_hand.json"))
+    with pytest.warns(OtherPlant, match=r"tuned.json was made for another plant, with v' = u - 2\*v/5 - 4\*x; make it"):
+        stiff.set(Setting(tuning=tmp_path / "tuned.json"))
+    (tmp_path / "fitted.json").write_text(json.dumps({**of, "parameters": {}}))
+    with pytest.warns(OtherPlant, match="fitted.json was made for another plant"):
+        stiff.set(Setting(parameters=tmp_path / "fitted.json"))
 
 
 def test_a_tuning_of_another_model_is_refused_by_its_file(tmp_path: Path) -> None:
@@ -431,7 +500,7 @@ def row(name: str, error: float, **over: Any) -> Any:
 
 def test_the_verdict_says_why_and_where_measures_disagree() -> None:
     proved, first = row("high_gain", 0.52, rank=(0, True, 9)), row("riccati", 0.5)
-    made: Any = SimpleNamespace(best=proved, rows=(first, proved), tied=(first, proved), ahead=1)
+    made: Any = SimpleNamespace(best=proved, rows=(first, proved), tied=(first, proved), ahead=1, truth=())
     rows = [
         Judged("riccati", {1: {"y": 0.2}, 5: {"y": 0.8}}, {"v": 0.3}, {}),
         Judged("high_gain", {1: {"y": 0.21}, 5: {"y": 1.0}}, {"v": 0.4}, {"y": 9.0}),
@@ -453,7 +522,7 @@ def test_the_verdict_says_why_and_where_measures_disagree() -> None:
 
 def test_the_verdict_says_where_copying_does_better_and_what_is_judged() -> None:
     bad = row("riccati", 1.3)
-    made: Any = SimpleNamespace(best=bad, rows=(bad,), tied=(bad,), ahead=1)
+    made: Any = SimpleNamespace(best=bad, rows=(bad,), tied=(bad,), ahead=1, truth=())
     rows = [
         Judged("riccati", {1: {"y": 0.2}}, {}, {"y": 9.0}),
         Judged("copying", {1: {"y": 0.1}}, {}, {}),
@@ -588,7 +657,7 @@ def test_the_command_says_what_to_do(tmp_path: Path) -> None:
 def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "tuned.json").write_text(text)
     with pytest.raises(BadFile, match=reason):
-        read(tmp_path / "tuned.json")
+        read(tmp_path / "tuned.json", PLANT)
 
 
 def test_two_forms_of_one_kind_have_noise_of_their_own() -> None:
@@ -597,7 +666,7 @@ def test_two_forms_of_one_kind_have_noise_of_their_own() -> None:
     twin = hg.System("twin", states=(p, q), inputs=(U,), outputs=(Y,), flow=[q, -4 * p - 0.4 * q + U], output=[p])
     record = demanded(log(5, 300)[0])
     sampling = {"method": "continuous_discrete", "between": "line"}
-    task = Task((record,), Judge((record,), 1, 5, "python"), sampling, "double", lambda name: None)
+    task = Task((record,), Judge((record,), Ahead(1), 5, "python"), sampling, lambda name: None)
     for plant, name, options in ((PLANT, "v", {}), (twin, "q", {"of": "riccati"})):
         form = hg.forms.triangular(plant)
         tuned = task.tuned("riccati", [Row("triangular", Verdict.PROVED, (), "", form=form, options=options)])
@@ -641,3 +710,10 @@ def test_a_name_that_the_model_has_is_not_taken() -> None:
     assert {row.name for row in calibration.rows} == {"riccati_tuned", "high_gain_tuned", "adaptive"}
     assert calibration["riccati_tuned"].table["kind"] == "riccati"
     assert calibration["adaptive"].table == spring()["adaptive"].table
+
+
+def test_to_tune_on_a_truth_one_is_needed(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,y,u\n0,0,0\n")
+    words = ("tune", "pendulum", "--data", str(tmp_path / "log.csv"), "--tune-on", "truth")
+    said = hgogen(*words, status=2)[1].replace("│", " ")
+    assert "add --truth STATE=COLUMN" in " ".join(said.split())

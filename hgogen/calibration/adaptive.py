@@ -38,7 +38,10 @@ def adaptive(task: Task, plain: Tuned) -> Tuned | str:
             gamma_0 = two(ABOVE * float(_innovations(task, _first(task, plain, table, HUGE)).max()))
             ratio = float(_innovations(task, _first(task, plain, table, gamma_0 / HUGE)).mean()) / gamma_0
             if ratio >= 1:
-                refusals.append(f"an alarm with theta_1 = {table['theta_1']:g} feeds itself, alarm ratio {ratio:.2g}")
+                refusals.append(
+                    f"an alarm feeds itself, even with theta_1 = {table['theta_1']:g} (alarm ratio {ratio:.2g}): "
+                    "the record's noise keeps theta up; fit the model, or take riccati, whose theta stays"
+                )
                 continue
             first = _first(task, plain, table, gamma_0)
         except HgogenError as error:

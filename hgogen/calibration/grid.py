@@ -19,7 +19,6 @@ from hgogen.calibration.score import Judge, chosen
 from hgogen.calibration.tuned import Tuned
 from hgogen.call import CallableStep, sample
 from hgogen.check import refuted
-from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.form import Form
 from hgogen.identification.motion import paced
@@ -43,7 +42,6 @@ class Task:
     records: tuple[Log, ...]
     judge: Judge
     sampling: Mapping[str, str]
-    real: Real
     each: Callable[[str], None]
     likelihoods: dict[str, Likelihood] = field(default_factory=dict)
 
@@ -72,7 +70,7 @@ class Task:
 
     def step(self, name: str, form: Form, gains: Gains) -> CallableStep:
         """Of an observer at the period of the records. Raises: as the observer and `sample` do."""
-        return step_of(name, form, gains, self.dt, self.sampling, self.real)
+        return step_of(name, form, gains, self.dt, self.sampling)
 
     def likelihood(self, row: Row, form: Form, base: Scale) -> Likelihood:
         """On a form, made once for all observers: two forms of one kind have other coordinates."""
@@ -106,11 +104,9 @@ def reasons(refused: Mapping[str, object]) -> str:
     return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
 
 
-def step_of(
-    observer: str, form: Form, gains: Gains, dt: float, sampling: Mapping[str, Any], real: Real = "double"
-) -> CallableStep:
-    """Of an observer with gains as a tuning holds them, `method` and `between` of `sampling` too; that it may fail is
-    left to what judges it.
+def step_of(observer: str, form: Form, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> CallableStep:
+    """Of an observer with gains as a tuning holds them, `method`, `between` and `real` of `sampling` too; that it may
+    fail is left to what judges it.
 
     Raises: as the observer and `sample` do.
     """
@@ -118,7 +114,8 @@ def step_of(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
         made = getattr(every, observer)(form, **{key: value(key, entry) for key, entry in gains.items()})
-        return sample(made, method, dt, between=sampling.get("between", "line"), real=real)
+        options = {key: entry for key, entry in sampling.items() if key != "method"}
+        return sample(made, method, dt, **options)
 
 
 def thetas(theta: float, dt: float) -> list[float]:

@@ -1,22 +1,25 @@
-"""How well a step predicts records, segment by segment.
+"""How well a step predicts records, or estimates a truth in them, segment by segment.
 
-    c_j^2 = mean over all records of (y_j(k+h) - y_j(k))^2
-    E_s = mean over outputs j of the mean over segment s of (e_j(k+h|k)/c_j)^2
+    E_s = mean over j of the mean over segment s of (e_j/c_j)^2
 
-so that copying the last value has 1. An output that stands still in a record has no c_j and does not count there, nor
-does a segment in which nothing can be compared. A gain is chosen on the segments but one, and judged by that one; what
-is said of it is the root of the mean of these judgements (cross-validation).
+with the errors e_j of predictions of the outputs, h samples ahead, or of hidden states whose truth was measured, and
+
+    c_j^2 = mean over all records of (y_j(k+h) - y_j(k))^2,   or of (x_j(k) - mean of x_j)^2
+
+so that copying the last value has 1, or the mean. What stands still in a record has no c_j and does not count there,
+nor does a segment in which nothing can be compared. A gain is chosen on the segments but one, and judged by that one;
+what is said of it is the root of the mean of these judgements (cross-validation).
 """
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Engine, held_last
+from hgogen.calling.samples import Engine, Run, held_last
 from hgogen.identification.records import Log
 from hgogen.trials.prediction import forecasts
 
@@ -26,21 +29,71 @@ ALIKE = 2e-3  # of E: a thousandth of an error, as two filters that differ by ro
 BEGIN = 0.05  # of a record, in which an estimate may find its way
 
 
+class Yardstick(Protocol):
+    """What errors are measured by. Errors are NaN where there is nothing to compare, infinite where an estimate is
+    lost."""
+
+    def rival(self, records: Sequence[Log]) -> list[Array]:
+        """Of each record the squared errors (N, q) of what does without a model."""
+
+    def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
+        """Those (N, q) of a run of a step along record number k."""
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Predictions of the outputs so many `samples` ahead, beside copying the last value."""
+
+    samples: int
+
+    def rival(self, records: Sequence[Log]) -> list[Array]:
+        """(y_j(k+h) - y_j(k))^2 at each sample that has a last value."""
+        h, moves = self.samples, []
+        for record in records:
+            squares = np.full(record.y.shape, np.nan)
+            squares[h:] = (record.y[h:] - held_last(record.y)[: len(record.y[h:])]) ** 2
+            moves.append(squares)
+        return moves
+
+    def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
+        """e_j(k+h|k) where the step used a sample."""
+        one = next(forecasts(step, run, record.u, record.y, (self.samples,)))
+        return np.where(one.compared, np.where(np.isfinite(one.model), one.model, np.inf), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Hidden:
+    """Estimates of hidden states beside their mean; `truth` (N) of each record by state, NaN where it was not
+    measured."""
+
+    truth: tuple[Mapping[str, Array], ...]
+
+    def rival(self, records: Sequence[Log]) -> list[Array]:
+        """(x_j - mean of x_j)^2."""
+        tables = [np.column_stack(list(each.values())) for each in self.truth]
+        means = np.array([_mean(column) for column in np.concatenate(tables).T])
+        return [(table - means) ** 2 for table in tables]
+
+    def errors(self, k: int, step: CallableStep, run: Run, record: Log) -> Array:
+        """Those of the estimate."""
+        return np.column_stack([run[state] - true for state, true in self.truth[k].items()])
+
+
 @dataclass(frozen=True)
 class Judge:
-    """What steps are judged by: `records`, `ahead` samples, in so many `segments` a record of mean length, run by
+    """What steps are judged by: `records`, a `yardstick`, so many `segments` a record of mean length, run by
     `engine`."""
 
     records: Sequence[Log]
-    ahead: int
+    yardstick: Yardstick
     segments: int
     engine: Engine
 
     def errors(self, step: CallableStep) -> Array:
         """E_s (segments of all records in which something can be compared), infinite where the estimate is lost."""
         with np.errstate(all="ignore"):
-            parts = zip(self.records, self._scales, self._parts, strict=True)
-            return np.concatenate([self._of(step, *each) for each in parts])
+            parts = zip(self._scales, self._parts, strict=True)
+            return np.concatenate([self._of(step, k, *each) for k, each in enumerate(parts)])
 
     @property
     def count(self) -> int:
@@ -49,17 +102,11 @@ class Judge:
 
     @cached_property
     def _moves(self) -> list[Array]:
-        """(y_j(k+h) - y_j(k))^2 at each sample of the records that has a last value, else NaN; (N, p)."""
-        h, moves = self.ahead, []
-        for record in self.records:
-            squares = np.full(record.y.shape, np.nan)
-            squares[h:] = (record.y[h:] - held_last(record.y)[: len(record.y[h:])]) ** 2
-            moves.append(squares)
-        return moves
+        return self.yardstick.rival(self.records)
 
     @cached_property
     def _scales(self) -> list[Array]:
-        """c_j^2 (p) of all records, for each record NaN of an output that stands still there or is never compared."""
+        """c_j^2 (q) of all records, for each record NaN of what stands still there or is never compared."""
         whole = np.array([_mean(column) for column in np.concatenate(self._moves).T])
         moving = [np.array([_mean(column) > 0 for column in squares.T]) for squares in self._moves]
         return [np.where(moves, whole, np.nan) for moves in moving]
@@ -76,15 +123,15 @@ class Judge:
             every.append([part for part in parts if there[part].any()])
         return every
 
-    def _of(self, step: CallableStep, record: Log, scale: Array, parts: Sequence[Array]) -> Array:
+    def _of(self, step: CallableStep, k: int, scale: Array, parts: Sequence[Array]) -> Array:
+        record = self.records[k]
         step.reset()
         run = step.run(u=record.u, y=record.y, engine=self.engine)
-        errors = next(forecasts(step, run, record.u, record.y, (self.ahead,)))
-        squares = np.where(errors.compared, errors.model, np.nan) ** 2
-        if not np.isfinite(run.x).all() or not np.isfinite(squares[errors.compared]).all():
+        squares = self.yardstick.errors(k, step, run, record) ** 2
+        if not np.isfinite(run.x).all() or np.isinf(squares).any():
             return np.full(len(parts), np.inf)
         means = [[_mean(column) for column in (squares / scale)[part].T] for part in parts]
-        each = np.array([_mean(np.array(outputs)) for outputs in means])
+        each = np.array([_mean(np.array(columns)) for columns in means])
         return np.where(np.isnan(each), np.inf, each)
 
 

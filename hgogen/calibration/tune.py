@@ -1,20 +1,23 @@
 """Gains of observers from measured records: for each observer that the forms of a plant admit, those that predict best.
 
-Gains are chosen by what they predict `ahead` samples ahead, and judged on segments that did not choose them.
+Gains are chosen by what they predict `ahead` samples ahead, or by a truth that was measured, and judged on segments
+that did not choose them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
+
+import numpy as np
 
 from hgogen.calibration.adaptive import ADAPTIVE, FILTER, adaptive
 from hgogen.calibration.grid import Task, observers_named, reasons
 from hgogen.calibration.readable import readable
-from hgogen.calibration.score import Judge
+from hgogen.calibration.score import Ahead, Hidden, Judge
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calling import native
 from hgogen.emit.syntax import Real
-from hgogen.errors import BadArgument
+from hgogen.errors import BadArgument, nearest
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import everywhere
 from hgogen.reading.door import asks_a_plant
@@ -39,6 +42,7 @@ def tune(
     between: Literal["line", "hold"] = "line",
     real: Real = "double",
     segments: int = SEGMENTS,
+    truth: Sequence[Mapping[str, np.ndarray]] = (),
     rows: Iterable[Row] | None = None,
     deep: bool = False,
     each: Callable[[str], None] = lambda what: None,
@@ -47,9 +51,10 @@ def tune(
 
     `records`: as in `fit`, all of one period; `observers`: names of `hg.observers`, by default all, or "adaptive",
     which comes with riccati; `ahead`: samples, 1 where an estimate of now is wanted; `method` by name, `between` and
-    `real`: as in `sample`; `segments` of each record, by which gains are judged that others chose; `rows`: the forms to
-    ask, by default those that the plant is in, those that take seconds if `deep`; `each(what)` is called after every
-    trial.
+    `real`: as in `sample`; `segments` of each record, by which gains are judged that others chose; `truth`: the
+    courses (N) of hidden states by name, a mapping for each record, by which gains are then chosen in the place of
+    predictions; `rows`: the forms to ask, by default those that the plant is in, those that take seconds if `deep`;
+    `each(what)` is called after every trial.
 
     Raises: `CannotTune`; `UnknownObserver`; `BadLog`, `BadShape` for records that are none.
     """
@@ -64,11 +69,14 @@ def tune(
     if ahead < 1 or segments < 2:
         raise CannotTune(f"ahead={ahead}, segments={segments}", "must be at least 1 and 2")
     logs = tuple(replace(readable(plant, record, k), dt=dts[0]) for k, record in enumerate(records, 1))
-    judge = Judge(logs, ahead, segments, native.engine())
+    true = _truth(plant, truth, logs)
+    judge = Judge(logs, Hidden(true) if true else Ahead(ahead), segments, native.engine())
     if judge.count < 2:
-        reason = f"show no change of an output over {ahead} sample{'s' * (ahead > 1)} in at least 2 of their segments"
+        over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
+        reason = f"show no change of {over} in at least 2 of their segments"
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
-    task = Task(logs, judge, {"method": method, "between": between}, real, each)
+    sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
+    task = Task(logs, judge, sampling, each)
     asked = tuple(everywhere(plant, deep=deep) if rows is None else rows)
     done = {name: task.tuned(name, asked) for name in names}
     plain = done.get(FILTER)
@@ -78,4 +86,26 @@ def tune(
     if not tuned:
         raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(done)}")
     refused = {name: one for name, one in done.items() if isinstance(one, str)}
-    return Calibration(tuple(tuned), refused, ahead, segments)
+    return Calibration(tuple(tuned), refused, ahead, segments, tuple(true[0]) if true else ())
+
+
+def _truth(
+    plant: System, truth: Sequence[Mapping[str, np.ndarray]], logs: Sequence[Log]
+) -> tuple[Mapping[str, np.ndarray], ...]:
+    """The courses of hidden states of each record. Raises: `CannotTune`."""
+    states = [x.name for x in plant.declared.states]
+    if truth and len(truth) != len(logs):
+        raise CannotTune("truth", f"is of {len(truth)} records and there are {len(logs)}; give a mapping for each")
+    for k, (each, log) in enumerate(zip(truth, logs, strict=False), 1):
+        if not each or each.keys() != truth[0].keys():
+            raise CannotTune(f"truth of record {k}", "must hold the same states as that of the first, and one at least")
+        for name, course in each.items():
+            if name not in states:
+                raise CannotTune(
+                    f"truth of {name!r:.60}", nearest(name, states, f"is of no state; there are {', '.join(states)}")
+                )
+            if np.shape(course) != (len(log.y),):
+                raise CannotTune(
+                    f"truth of {name!r:.60}", f"of record {k} has the shape {np.shape(course)}; make it ({len(log.y)},)"
+                )
+    return tuple({name: np.asarray(course, dtype=float) for name, course in each.items()} for each in truth)

@@ -23,7 +23,8 @@ class Tuned:
 
     `name`: the observer's, or "adaptive" of a riccati whose theta adapts; `first`: observer, form and step; `numbers`:
     the scale from which its rule made them; `noise`: the maximum of the `likelihood` that holds Q and R, None where the
-    rule does not read both; `sampling`: `method` and `between`, as a tuning names them; `errors`: by segment,
+    rule does not read both; `sampling`: `method`, `between` and, in float,
+    `real`, as a tuning names them; `errors`: by segment,
     cross-validated, as in `calibration/score.py`; `tried`: the scales tried, with their errors over all segments.
     """
 
@@ -38,7 +39,7 @@ class Tuned:
 
     @property
     def error(self) -> float:
-        """RMS of the predictions, cross-validated, in errors of copying the last value."""
+        """RMS of the errors, cross-validated, over that of copying the last value, or of the mean of a truth."""
         return float(np.sqrt(self.errors.mean()))
 
     @property
@@ -68,12 +69,13 @@ class Tuned:
 @dataclass(frozen=True)
 class Calibration:
     """`rows`: of each observer, the best first; `refused`: why there is none, by observer; `ahead`: samples, and
-    `segments` of each record, by which they were chosen."""
+    `segments` of each record, by which they were chosen, or by the `truth` of these states."""
 
     rows: tuple[Tuned, ...]
     refused: Mapping[str, str]
     ahead: int
     segments: int
+    truth: tuple[str, ...] = ()
 
     @property
     def tied(self) -> tuple[Tuned, ...]:

@@ -22,16 +22,17 @@ def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD
         *_no_better(calibration),
         *_other_horizons(best, judged, where),
         *_without_a_model(best, judged, where),
-        *_hidden(best, judged),
+        *_hidden(best, judged, calibration.truth),
         *_doubts(calibration.best, best, where),
     )
 
 
 def _taken(calibration: Calibration) -> str:
     best, first = calibration.best, calibration.rows[0]
+    measure, rival = _measure(calibration)
     said = (
-        f"take {best.name}: {_ahead(calibration.ahead)}, on segments that did not choose its gains, it errs "
-        f"{best.error:.3g} times as much as copying the last value"
+        f"take {best.name}: {measure}, on segments that did not choose its gains, it errs {best.error:.3g} times as "
+        f"much as {rival}"
     )
     others = ", ".join(row.name for row in calibration.tied if row is not best)
     if best is first:
@@ -40,10 +41,20 @@ def _taken(calibration: Calibration) -> str:
     return f"{said}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
 
 
+def _measure(calibration: Calibration) -> tuple[str, str]:
+    """By what gains were chosen, and what does without a model."""
+    if calibration.truth:
+        return f"by the truth of {', '.join(calibration.truth)}", "its mean value" if len(
+            calibration.truth
+        ) == 1 else "their mean values"
+    return _ahead(calibration.ahead), "copying the last value"
+
+
 def _no_better(calibration: Calibration) -> Iterator[str]:
     if calibration.best.error >= 1:
+        _, rival = _measure(calibration)
         yield (
-            f"no gains of {calibration.best.name} do better than copying the last value: the model does not predict "
+            f"no gains of {calibration.best.name} do better than {rival}: the model does not predict "
             "these records; fit its parameters, check ranges, units and period, or give a longer record"
         )
 
@@ -74,8 +85,8 @@ def _without_a_model(best: Judged, judged: Mapping[str, Judged], where: str) -> 
                 yield f"{where}, {name} predicts {output} as well as {best.name}, {samples}"
 
 
-def _hidden(best: Judged, judged: Mapping[str, Judged]) -> Iterator[str]:
-    """What the truth says of the choice, which did not see it."""
+def _hidden(best: Judged, judged: Mapping[str, Judged], seen: Sequence[str]) -> Iterator[str]:
+    """What the truth says of the choice, which did not see it but for the states `seen`."""
     for state, error in best.hidden.items():
         others = {name: row.hidden[state] for name, row in judged.items() if state in row.hidden and row is not best}
         differenced = others.pop(DIFFERENCING, None)
@@ -84,7 +95,7 @@ def _hidden(best: Judged, judged: Mapping[str, Judged]) -> Iterator[str]:
         name = min(others, key=lambda each: others[each], default=None)
         if name is not None and others[name] * AS_WELL < error:
             better = f"{name} is better, {others[name]:.3g} for {error:.3g}"
-            yield f"by the truth of {state}, which is not tuned on, {better}"
+            yield f"by the truth of {state}{'' if state in seen else ', which is not tuned on'}, {better}"
 
 
 def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:

@@ -26,6 +26,7 @@ from hgogen.commands.logs import Deep, names_in, numbers_by_name
 from hgogen.commands.process import note
 from hgogen.emit.cost import cost
 from hgogen.model import Model, load
+from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
@@ -55,9 +56,10 @@ def advise_(
     period and a wanted time to settle; and try other values of theta on the model's trial. The file `advised.json` that
     it writes is what `--tuning` of every command that makes a step takes.
 
-    JSON keys: model, tuning (tables by name), take, trial (its name, or null), rows (name, form, theta, certified: from
-    which theta on, settles: the first theta that does, settled: the time of its own, noise by state, known: of its
-    convergence, operations, tried: theta, settled, noise), refused (why, by observer), notes, files.
+    JSON keys: model, equations (of its plant), tuning (tables by name), take, trial (its name, or null), rows (name,
+    form, theta, certified: from which theta on, settles: the first theta that does, settled: the time of its own, noise
+    by state, known: of its convergence, operations, tried: theta, settled, noise), refused (why, by observer), notes,
+    files.
     """
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
@@ -85,6 +87,7 @@ def advise_(
     paths = folder.demand(*files, "advised.json")
     report = {
         "model": loaded.path,
+        "equations": equations(plant),
         "take": best,
         "tuning": {one.name: one.first.table for one in advised},
         "trial": chosen.name if chosen else None,

@@ -1,7 +1,9 @@
 """The command `tune`: gains of observers from measured records."""
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from enum import StrEnum
 from typing import Annotated, Any
 
 import typer
@@ -15,16 +17,26 @@ from hgogen.check import worst
 from hgogen.commands import log_tables, tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import Bar, Json, ModelArgument, Out, command, engine_here, folder_of, json_text, show
-from hgogen.commands.logs import Data, Deep, HeldOut, Shift, Truth, horizons, logs_of, names_in, truth_of
+from hgogen.commands.logs import Between, Data, Deep, HeldOut, Shift, Truth, horizons, logs_of, names_in, truth_of
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.modelfiles.first import everywhere
+from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.reading.averaged import WINDOWS
 from hgogen.sentence import because
 from hgogen.which_forms import Row, of
+
+
+class TunedOn(StrEnum):
+    """What gains are chosen by."""
+
+    PREDICTIONS = "predictions"
+    TRUTH = "truth"
+
 
 Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
 
@@ -40,6 +52,10 @@ def tune_(
     map_: Map = None,
     shift: Shift = None,
     truth: Truth = None,
+    tune_on: Annotated[
+        TunedOn, typer.Option("--tune-on", help="Choose gains by predictions, or by the truth of --truth.")
+    ] = TunedOn.PREDICTIONS,
+    between: Annotated[Between, typer.Option(help="How inputs go on between samples.")] = Between.LINE,
     held_out: HeldOut = 0.3,
     ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
     segments: Annotated[
@@ -53,16 +69,21 @@ def tune_(
     """Tune the observers that a plant admits to measured records, and say which to take. The file `tuned.json` that it
     writes is what `--tuning` of every command that makes a step takes.
 
-    JSON keys: model, records (as in `run`), tuning (tables by name), take, ahead, segments, rows (name, form, error:
-    cross-validated, in errors of copying, errors held out by samples ahead and output, hidden by state, nis by output,
-    coloured by output: how many correlations of the innovations are not those of white noise, known: of its
-    convergence, operations, functions, state in bytes, likelihood), refused (why, by observer), notes, files.
+    JSON keys: model, equations (of its plant), records (as in `run`), tuning (tables by name), take, ahead, truth (the
+    states tuned on), segments, rows (name, form, error: cross-validated, in errors of copying, errors held out by
+    samples ahead and output, hidden by state, nis by output, coloured by output: how many correlations of the
+    innovations are not those of white noise, known: of its convergence, operations, functions, state in bytes,
+    likelihood), refused (why, by observer), notes, files.
     """
     aheads = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("tuned.json")
     true = truth_of(plant, truth or ())
+    if tune_on is TunedOn.TRUTH and not true:
+        raise typer.BadParameter(
+            "truth is asked for and there is none; add --truth STATE=COLUMN", param_hint="--tune-on"
+        )
     options = {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
     beside = dict(true.values())
     logs = logs_of(
@@ -76,7 +97,12 @@ def tune_(
         beside=beside,
         options=options,
         shift=shift or (),
+        window=WINDOWS[between.value],
     )
+    measured = [{state: columns[name] for state, (name, _) in true.items()} for columns in logs.columns(list(beside))]
+    seen = [
+        {state: course[:cut] for state, course in each.items()} for each, cut in zip(measured, logs.cuts, strict=True)
+    ]
     with Bar("trials", None) as bar:
         calibration = tune(
             plant,
@@ -84,16 +110,16 @@ def tune_(
             observers=names_in(observers) or None,
             ahead=ahead,
             segments=segments,
+            truth=seen if tune_on is TunedOn.TRUTH else (),
+            between=between.value,
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
             rows=(of(setting.form, plant),) if setting.form else (*_own_forms(loaded), *everywhere(plant, deep=deep)),
             each=lambda _: bar.tick(),
         )
     calibration = _beside(loaded, calibration)
-    measured = logs.columns(list(beside))
     held = [
-        Held(log, cut if held_out else 0, {state: columns[name] for state, (name, _) in true.items()})
-        for log, cut, columns in zip(logs.whole, logs.cuts, measured, strict=True)
+        Held(log, cut if held_out else 0, each) for log, cut, each in zip(logs.whole, logs.cuts, measured, strict=True)
     ]
     rows = judged(plant, calibration, _declared(loaded, logs.whole[0].dt), held, aheads, engine_here())
     said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
@@ -102,10 +128,12 @@ def tune_(
     each = [_row(calibration, row) for row in rows]
     report = {
         "model": loaded.path,
+        "equations": equations(plant),
         "records": [record.report.as_dict() for record in logs.records],
         "take": calibration.best.name,
         "tuning": {row.name: row.table for row in calibration.rows},
         "ahead": ahead,
+        "truth": list(calibration.truth),
         "segments": segments,
         "rows": each,
         "refused": dict(calibration.refused),
@@ -115,7 +143,7 @@ def tune_(
     folder.write({"tuned.json": json_text(report) + "\n"})
     shown = (
         *(log_tables.report(record.report) for record in logs.records),
-        log_tables.tuned(each, calibration.best.name, notes, calibration.refused, bool(held_out)),
+        log_tables.tuned(each, calibration.best.name, notes, calibration.refused, bool(held_out), calibration.truth),
     )
     show(as_json, report, *shown, tables.files(paths))
 
@@ -145,10 +173,14 @@ def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
     steps, refused = {}, {}
     own = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
     for name in own.tuning.tables:
-        try:
-            steps[f"{name}, as declared"] = own.step(name)
-        except HgogenError as error:
-            refused[name] = str(error)
+        with warnings.catch_warnings(record=True) as raised:
+            warnings.simplefilter("always")
+            try:
+                steps[f"{name}, as declared"] = own.step(name)
+            except HgogenError as error:
+                refused[name] = str(error)
+        for one in raised:
+            note(f"of the model's own tuning {name}: {one.message}")
     for name, reason in refused.items():
         note(f"no step at {dt:g} {model.plant.time} of the model's own tuning {name}: {reason}")
     return steps

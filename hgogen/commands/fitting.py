@@ -33,6 +33,7 @@ from hgogen.identification.fit import fit
 from hgogen.identification.result import Fit
 from hgogen.identification.solution import ITERATIONS
 from hgogen.model import Model, load
+from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.measured import Record
@@ -78,12 +79,12 @@ def fit_(
     """Fit parameters of a model to measured records, by multiple shooting. The file `fitted.json` that it writes is
     what `--parameters` of every command that makes a step takes.
 
-    JSON keys: model, records (as in `run`), parameters (by name), deviation (standard errors, null where the records do
-    not tell), nominal, at_end (low or high end of its range), lags, offsets, first (states at the first row of each
-    record), error, spread, unfitted (by output, RMS: of the residual, about the mean, with the values before), alike
-    (residuals that tell as much as one), untold (directions), confined (states), outlying (share by output), starts
-    (cost, status, iterations), predictions (of the rows held out: record, output, ahead, fitted, unfitted, copying),
-    unjudged (why there are none, or empty), notes, files.
+    JSON keys: model, equations (of its plant), records (as in `run`), parameters (by name), deviation (standard errors,
+    null where the records do not tell), nominal, at_end (low or high end of its range), lags, offsets, first (states at
+    the first row of each record), error, spread, unfitted (by output, RMS: of the residual, about the mean, with the
+    values before), alike (residuals that tell as much as one), untold (directions), confined (states), outlying (share
+    by output), starts (cost, status, iterations), predictions (of the rows held out: record, output, ahead, fitted,
+    unfitted, copying), unjudged (why there are none, or empty), notes, files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -120,6 +121,7 @@ def fit_(
     paths = folder.demand(*files, "fitted.json")
     report = {
         "model": loaded.path,
+        "equations": equations(plant),
         "records": [record.report.as_dict() for record in records],
         **result.as_dict(),
         "predictions": judged,

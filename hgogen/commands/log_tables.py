@@ -72,9 +72,15 @@ def judged(each: Sequence[Mapping[str, Any]], notes: Iterable[str], otherwise: s
 
 
 def tuned(
-    rows: Sequence[Mapping[str, Any]], best: str, notes: Iterable[str], refused: Mapping[str, str], held_out: bool
+    rows: Sequence[Mapping[str, Any]],
+    best: str,
+    notes: Iterable[str],
+    refused: Mapping[str, str],
+    held_out: bool,
+    truth: Sequence[str] = (),
 ) -> RenderableType:
-    """Tuned observers, what they are worth and cost, which to take, and why others have no gains."""
+    """Tuned observers, what they are worth and cost, which to take, and why others have no gains; `truth`: the states
+    that chose the gains."""
     ahead = [(h, y) for h, errors in rows[0]["held_out"].items() for y in errors]
     hidden = list(rows[0]["hidden"])
     where = "in the rows held out" if held_out else "in all rows, since none were held out"
@@ -83,8 +89,13 @@ def tuned(
         *("", "observer", *(f"{y} {h}" for h, y in ahead), *hidden),
         numbers=len(ahead) + len(hidden),
     )
+    of = (
+        f"of {', '.join(truth)}, over that of the mean"
+        if truth
+        else "of predictions, over that of copying the last value"
+    )
     worth = headed(
-        "tuned observers; cross-validated: of predictions, over that of copying the last value",
+        f"tuned observers; cross-validated: {of}",
         *("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence"),
     )
     for row in rows:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -31,6 +32,13 @@ Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may t
 HeldOut = Annotated[
     float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
 ]
+
+
+class Between(StrEnum):
+    """How inputs go on between samples."""
+
+    HOLD = "hold"
+    LINE = "line"
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.form import Form
-from hgogen.modelfiles.json_file import BadFile, table_of
+from hgogen.modelfiles.json_file import BadFile, demand_plant, table_of
 from hgogen.observer import Observer
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -23,17 +23,19 @@ class BadParameters(BadFile):
     """A file of parameters that cannot be taken."""
 
 
-def read(path: Path) -> dict[str, float]:
-    """The values by name of a JSON file, such as `hgogen fit` writes.
+def read(path: Path, plant: System) -> dict[str, float]:
+    """The values of a plant's parameters by name of a JSON file, such as `hgogen fit` writes.
 
     Raises: `BadFile`.
     """
-    values = table_of(path, "hgogen fit").get("parameters")
+    content = table_of(path, "hgogen fit")
+    values = content.get("parameters")
     if not isinstance(values, dict):
         raise BadParameters(str(path), 'has no table "parameters"; write {"parameters": {"NAME": value}}')
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise BadParameters(str(path), f"gives {name[:60]!r} the value {value!r:.60}; give a finite number")
+    demand_plant(path, content, plant)
     return {name: float(value) for name, value in values.items()}
 
 

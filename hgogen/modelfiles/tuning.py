@@ -10,6 +10,7 @@
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
     between = "line"                  # or "hold"
+    real = "double"                   # or "float", the precision in which samples are taken
     periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
 
     [tuning.filter]                   # kind: one of hg.observers, where the name is none
@@ -19,7 +20,7 @@
     theta = {kind = "adaptive", theta_1 = 4, mu = [0.16, 0.32], innovation = {kind = "staggered", d = 1}}
 
     [tuning.bank]                     # an observer around another one, which has its own tuning, with its method, dt,
-                                      # between and periods, where it has none of its own
+                                      # between, periods and real, where it has none of its own
     member = "filter"
     count = 5
 
@@ -45,11 +46,11 @@ from hgogen.reading.text_model import NUMBER, READERS, TEXT, BadModelFile, deman
 from hgogen.reading.time_unit import plural
 from hgogen.system import System
 
-_OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
+_OPTIONS = ("between", "periods", "real")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
 Start = Callable[[Form], Mapping[str, float]]
-_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
+_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "real": TEXT}
 
 
 @dataclass(frozen=True)

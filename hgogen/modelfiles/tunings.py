@@ -4,11 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hgogen.modelfiles.json_file import BadFile, table_of
+from hgogen.modelfiles.json_file import BadFile, demand_plant, table_of
+from hgogen.system import System
 
 
-def read(path: Path) -> tuple[Mapping[str, Any], str]:
-    """The tunings by name of a JSON file, such as `hgogen tune` writes, and the one to take, "" where it says none.
+def read(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
+    """The tunings of a plant by name of a JSON file, such as `hgogen tune` writes, and the one to take, "" where it
+    says none.
 
     Raises: `BadFile`.
     """
@@ -18,4 +20,5 @@ def read(path: Path) -> tuple[Mapping[str, Any], str]:
         raise BadFile(str(path), 'has no table "tuning" of tables; write {"tuning": {"riccati": {"Q": .., "R": ..}}}')
     if take not in ("", *tables):
         raise BadFile(str(path), f"takes {take!r:.60}, which is none of its tunings: {', '.join(tables)}")
+    demand_plant(path, content, plant)
     return tables, take
