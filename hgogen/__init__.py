@@ -46,6 +46,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.trials.campaign import campaign
     from hgogen.trials.consistency import consistency
     from hgogen.trials.gramian import gramian
+    from hgogen.trials.proposed import proposed_trial
     from hgogen.trials.reference import reference
     from hgogen.trials.response import response
     from hgogen.which_forms import survey
@@ -84,6 +85,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "Observer": "observer",
     "observer_errors": "guarantees.observer_errors",
     **dict.fromkeys(("bound", "nonzero"), "analysis.query"),
+    "proposed_trial": "trials.proposed",
     "recast": "structure.recast",
     "reference": "trials.reference",
     "response": "trials.response",
@@ -135,6 +137,7 @@ __all__ = [
     "observability",
     "observer_errors",
     "observers",
+    "proposed_trial",
     "recast",
     "record",
     "reference",

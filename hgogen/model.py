@@ -207,7 +207,7 @@ class Model:
             untuned = f"{self._untuned(name)}; it has no starting gains: {one.reason}"
             unfit = f"{name} does not take this plant: {one.reason}; `hgogen check {self.path}` names what does"
             raise MissingPart(self.path, "tuning", untuned if one.ruled else unfit)
-        return replace(tuning, tables={**tuning.tables, name: one.table})
+        return replace(tuning, tables={**tuning.tables, name: one.table()})
 
     @property
     def _places(self) -> Iterator[Row]:

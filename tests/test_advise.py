@@ -109,9 +109,9 @@ def test_what_does_not_settle_is_said(high_gain: Advised) -> None:
     tried = tuple(
         type(high_gain.tried[0])(theta, settled, {}) for theta, settled in ((2.0, None), (4.0, None), (8.0, 1.0))
     )
-    row = Advised(high_gain.first, 2.0, None, tried)
+    row = Advised("high_gain", high_gain.first, 2.0, None, tried)
     assert row.sentence == "theta 2 of high_gain does not settle in the trial, 8 is the first that does"
-    none = Advised(high_gain.first, 2.0, 1.0, tried[:2])
+    none = Advised("high_gain", high_gain.first, 2.0, 1.0, tried[:2])
     assert none.sentence == (
         "theta 2 of high_gain is above what is certified, 1, and does not settle in the trial, nor does another that "
         "was tried"
@@ -121,23 +121,55 @@ def test_what_does_not_settle_is_said(high_gain: Advised) -> None:
 def test_the_command_writes_gains_that_others_take(tmp_path: Path) -> None:
     out = ("-o", str(tmp_path), "--observers", "high_gain,riccati", "--dt", "0.005")
     report = json.loads(hgogen("advise", "pendulum", "--noise", "y=1e-3", *out, "--json")[0])
-    assert report["take"] == "high_gain"  # proved for a larger theta, before one without a bound
+    assert report["take"] == "high_gain_advised"  # proved for a larger theta, before one without a bound
     assert {Path(file).name for file in report["files"]} == {"advised.svg", "advised.png", "advised.json"}
     model = MODEL.set(Setting(tuning=tmp_path / "advised.json"))
     assert model.step().observer.name == "high_gain"
     assert model.step().dt == 0.005
-    assert model.step("riccati").gains[1].initial == (float(f"{1e-3**2 * 0.005:.1e}"),)
+    assert model.step("riccati_advised").gains[1].initial == (float(f"{1e-3**2 * 0.005:.1e}"),)
 
 
-def test_without_a_trial_there_are_gains_alone(tmp_path: Path) -> None:
-    (tmp_path / "chain.toml").write_text(
-        'name = "chain"\n[states]\nx = {low = -1, high = 1, flow = "v"}\nv = {low = -1, high = 1, flow = "-x"}\n'
-        '[outputs]\ny = {equation = "x"}\n'
-    )
-    printed, said = hgogen("advise", str(tmp_path / "chain.toml"), "--observers", "high_gain", "-o", str(tmp_path))
-    assert "has no trial, on which values of theta would be tried" in said
+OSCILLATOR = """name = "chain"
+[states]
+x = {low = -1, high = 1, flow = "v"}
+v = {low = -1, high = 1, flow = "-x"}
+[outputs]
+y = {equation = "x"}
+"""
+
+
+@pytest.mark.parametrize(
+    ("row", "sentence", "many"),
+    [("-x", "tried on one that stays in its ranges, over 2", True), ("9000", "are not tried", False)],
+)
+def test_a_model_without_a_trial_gets_one(row: str, sentence: str, many: bool, tmp_path: Path) -> None:
+    (tmp_path / "chain.toml").write_text(OSCILLATOR.replace('"-x"', f'"{row}"'))
+    words = ("--observers", "high_gain", "-o", str(tmp_path), "--dt", "0.02")
+    printed, said = hgogen("advise", str(tmp_path / "chain.toml"), *words)
+    assert sentence in " ".join(said.split())
     assert "high_gain" in printed
-    assert json.loads((tmp_path / "advised.json").read_text())["rows"][0]["tried"] == []
+    assert (len(json.loads((tmp_path / "advised.json").read_text())["rows"][0]["tried"]) > 1) is many
+
+
+def test_an_own_form_of_a_tuning_is_asked(tmp_path: Path) -> None:
+    """Of a tuning that has the observer's name: the gains get another one, and the form is still found."""
+    words = ("--observers", "high_gain,riccati", "-o", str(tmp_path))
+    report = json.loads(hgogen("advise", "cascaded_tanks", *words, "--json")[0])
+    assert set(report["tuning"]) == {"high_gain_advised", "riccati_advised"}
+    tanks = load("cascaded_tanks").set(Setting(tuning=tmp_path / "advised.json"))
+    assert tanks.step("riccati_advised").observer.form.system.origin is not None
+
+
+def test_a_truth_is_simulated_once_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
+    periods: list[float] = []
+
+    def counted(plant: hg.System, trial: hg.trial.Trial, dt: float) -> hg.trial.Truth:
+        periods.append(dt)
+        return hg.trial.simulate(plant, trial, dt)
+
+    monkeypatch.setattr("hgogen.calibration.advise.simulate", counted)
+    advise(MODEL.plant, dt=5e-3, observers=["high_gain", "low_power"], trial=hg.proposed_trial(MODEL.plant))
+    assert periods == [5e-3]
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calibration.verdicts import verdicts
 from hgogen.check import Verdict
-from hgogen.commands.calibrating import _beside, _own_forms
+from hgogen.commands.calibrating import _own_forms, renamed
 from hgogen.errors import BadArgument
 from hgogen.identification.records import BadLog
 from hgogen.model import load
@@ -706,7 +706,7 @@ def test_forms_of_functions_are_asked_once_each() -> None:
 
 
 def test_a_name_that_the_model_has_is_not_taken() -> None:
-    calibration = _beside(load("pendulum"), spring())
+    calibration = replace(spring(), rows=renamed(load("pendulum"), spring().rows, "tuned"))
     assert {row.name for row in calibration.rows} == {"riccati_tuned", "high_gain_tuned", "adaptive"}
     assert calibration["riccati_tuned"].table["kind"] == "riccati"
     assert calibration["adaptive"].table == spring()["adaptive"].table

@@ -10,7 +10,7 @@ alone does to the estimate is the RMS of the difference between two runs, with i
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from hgogen.reading.door import asks_a_plant
 from hgogen.reading.given import positive
 from hgogen.starting import Scale, Starting, gains_of, scale, two
 from hgogen.system import System
-from hgogen.trial import Trial, try_out
+from hgogen.trial import Trial, Truth, first_memory, simulate, tried
 from hgogen.trials.metrics import metrics
 from hgogen.which_forms import Row
 
@@ -47,19 +47,20 @@ class Tried:
 
 @dataclass(frozen=True)
 class Advised:
-    """Gains of an observer: `first` with form and step; its `theta`, None where it has none; from which theta on it is
-    `certified`, None where no bound is proved; what was `tried`, its own theta among it: of an observer without theta
-    that alone, without a trial nothing."""
+    """Gains of an observer: the `name` of its tuning; `first` with form and step; its `theta`, None where it has
+    none; from which theta on it is `certified`, None where no bound is proved; what was `tried`, its own theta
+    among it: of an observer without theta that alone, without a trial nothing."""
 
+    name: str
     first: First
     theta: float | None
     certified: float | None
     tried: tuple[Tried, ...]
 
     @property
-    def name(self) -> str:
-        """Of the observer."""
-        return self.first.observer
+    def table(self) -> Mapping[str, Any]:
+        """The tuning that makes the same step."""
+        return self.first.table(self.name)
 
     @property
     def own(self) -> Tried | None:
@@ -110,8 +111,8 @@ def advise(
 
     `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
     output, by default 1 % of half its range; `settling`: the time in which a first error should be gone; `trial`: on
-    which values of theta are tried; `rows`: the forms to ask, by default those that the plant is in, those that
-    take seconds if `deep`; `each(what)` is called after every observer.
+    which values of theta are tried, such as `hg.proposed_trial(plant)`; `rows`: the forms to ask, by default those that
+    the plant is in, those that take seconds if `deep`; `each(what)` is called after every observer.
 
     Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
@@ -137,6 +138,7 @@ class _Ask:
     noise: Mapping[str, float] | None
     settling: float | None
     trial: Trial | None
+    truths: dict[float, Truth] = field(default_factory=dict)  # by period: that of every theta is one
 
     def of(self, name: str, rows: Iterable[Row]) -> Advised | str:
         """On the first form that admits the observer, or why there is none."""
@@ -159,15 +161,31 @@ class _Ask:
         observer = getattr(every, first.observer)
         reads = gains_of(observer, replace(base, theta=2 * base.theta)) != first.starting.gains
         values = sorted({base.theta, *thetas(base.theta, base.dt)}) if reads and self.trial else [base.theta]
-        tried = []
+        every_theta = []
         for theta in values:
             try:
                 one = first if theta == base.theta else _first(first.observer, row, replace(base, theta=theta))
             except HgogenError:
                 continue
             if isinstance(one, First) and self.trial is not None:
-                tried.append(_on(one.step, self.trial, theta if reads else 0.0, base.noise))
-        return Advised(first, base.theta if reads else None, _bound(first.step.observer.checks), tuple(tried))
+                every_theta.append(self._on(one.step, self.trial, theta if reads else 0.0, base.noise))
+        return Advised(
+            first.observer, first, base.theta if reads else None, _bound(first.step.observer.checks), tuple(every_theta)
+        )
+
+    def _on(self, step: CallableStep, trial: Trial, theta: float, noise: Mapping[str, float]) -> Tried:
+        if step.dt not in self.truths:
+            self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
+        truth, start = self.truths[step.dt], first_memory(step, trial)
+        clean, noisy = (
+            next(tried(step, replace(trial, noise=each), truth, start, (0,), native.engine()))
+            for each in ({}, {name: OrnsteinUhlenbeck(sigma) for name, sigma in noise.items()})
+        )
+        steady = truth.t >= trial.steady_from - 1e-9
+        with np.errstate(all="ignore"):
+            rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
+        names = [s.name for s in step.states]
+        return Tried(theta, metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True)))
 
 
 def tau(n: int) -> float:
@@ -186,19 +204,6 @@ def _first(name: str, row: Row, numbers: Scale) -> First | str:
     if isinstance(gains, str):
         return gains
     return First(name, row, Starting(gains, numbers.dt), step_of(name, row.form, gains, numbers.dt, {}))
-
-
-def _on(step: CallableStep, trial: Trial, theta: float, noise: Mapping[str, float]) -> Tried:
-    engine = native.engine()
-    clean, noisy = (
-        next(try_out(step, replace(trial, noise=each), engine, (0,)))
-        for each in ({}, {name: OrnsteinUhlenbeck(sigma) for name, sigma in noise.items()})
-    )
-    steady = clean.truth.t >= trial.steady_from - 1e-9
-    with np.errstate(all="ignore"):
-        rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
-    names = [s.name for s in step.states]
-    return Tried(theta, metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True)))
 
 
 def _bound(checks: Iterable[Check]) -> float | None:

@@ -45,8 +45,7 @@ class Tuned:
     @property
     def table(self) -> Mapping[str, Any]:
         """The tuning that makes the same step."""
-        kind = {} if self.name == self.first.observer else {"kind": self.first.observer}
-        return {**kind, **self.first.table, **self.sampling}
+        return {**self.first.table(self.name), **self.sampling}
 
     def innovations(self, records: Iterable[tuple[Log, int]]) -> dict[str, Array]:
         """Innovations over their deviations, e/sqrt(s), by output, in rows of records from a number on; empty without

@@ -220,7 +220,7 @@ def _line(one: First, model: Model) -> str:
         return f"hg.sample(hg.observers.{kind}(hg.forms.{row.kind}(plant{options}), {gains}), dt={one.starting.dt!r})"
     known = kind in model.tuning.tables  # a tuning that accepts a refutation keeps its name
     name = f"{kind}_first" if known else kind
-    table = {**({"kind": kind} if known else {}), **one.table}
+    table = one.table(name)
     if model.path.endswith(".json"):
         return f'"tuning": {json.dumps({name: table})}'
     return f"tuning.{name} = {inline(table)}"

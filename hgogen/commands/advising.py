@@ -9,6 +9,7 @@ from hgogen import observers as kinds
 from hgogen.calibration.advise import Advised, advise
 from hgogen.commands import log_tables, tables
 from hgogen.commands.advice import KNOWN
+from hgogen.commands.calibrating import forms_asked, renamed
 from hgogen.commands.command import (
     Bar,
     Json,
@@ -30,7 +31,7 @@ from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.which_forms import of
+from hgogen.trials.proposed import NoTrial, proposed_trial
 
 
 @command()
@@ -75,10 +76,10 @@ def advise_(
             settling=settling,
             observers=names or None,
             trial=chosen,
-            rows=None if setting.form is None else (of(setting.form, plant),),
-            deep=deep,
+            rows=forms_asked(loaded, deep),
             each=lambda _: bar.tick(),
         )
+    advised = renamed(loaded, advised, "advised")
     rows = [_row(one) for one in advised]
     best = min(advised, key=_rank).name
     notes = [one.sentence for one in advised if one.sentence]
@@ -89,7 +90,7 @@ def advise_(
         "model": loaded.path,
         "equations": equations(plant),
         "take": best,
-        "tuning": {one.name: one.first.table for one in advised},
+        "tuning": {one.name: one.table for one in advised},
         "trial": chosen.name if chosen else None,
         "rows": rows,
         "refused": refused,
@@ -101,10 +102,17 @@ def advise_(
 
 
 def _trial(model: Model, name: str | None) -> Trial | None:
-    if name is None and not model.has("trial"):
-        note(f"{model.path} has no trial, on which values of theta would be tried")
+    if name is not None or model.has("trial"):
+        return one_or_all(model.trials(), name)[0]
+    try:
+        trial = proposed_trial(model.plant)
+    except NoTrial as error:
+        note(f"values of theta are not tried: {error}")
         return None
-    return one_or_all(model.trials(), name)[0]
+    at = ", ".join(f"{state} = {value:g}" for state, value in trial.start.items())
+    span = f"over {trial.duration:.3g} {model.plant.time} from {at}"
+    note(f"{model.path} has no trial; values of theta are tried on one that stays in its ranges, {span}")
+    return trial
 
 
 def _rank(one: Advised) -> tuple[bool, int, int]:

@@ -4,10 +4,11 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
+from hgogen.calibration.advise import Advised
 from hgogen.calibration.judged import Held, Judged, judged
 from hgogen.calibration.tune import tune
 from hgogen.calibration.tuned import Calibration, Tuned
@@ -29,6 +30,8 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
 from hgogen.sentence import because
 from hgogen.which_forms import Row, of
+
+Named = TypeVar("Named", Tuned, Advised)  # a row of gains, which has a name
 
 
 class TunedOn(StrEnum):
@@ -114,10 +117,10 @@ def tune_(
             between=between.value,
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
-            rows=(of(setting.form, plant),) if setting.form else (*_own_forms(loaded), *everywhere(plant, deep=deep)),
+            rows=forms_asked(loaded, deep),
             each=lambda _: bar.tick(),
         )
-    calibration = _beside(loaded, calibration)
+    calibration = replace(calibration, rows=renamed(loaded, calibration.rows, "tuned"))
     held = [
         Held(log, cut if held_out else 0, each) for log, cut, each in zip(logs.whole, logs.cuts, measured, strict=True)
     ]
@@ -148,11 +151,18 @@ def tune_(
     show(as_json, report, *shown, tables.files(paths))
 
 
-def _beside(model: Model, calibration: Calibration) -> Calibration:
-    """With names that the model's own tunings do not have."""
+def renamed(model: Model, rows: Iterable[Named], word: str) -> tuple[Named, ...]:
+    """Rows with names that the model's own tunings do not have: of these one gets a `word` behind."""
     own = replace(model, tables={}).tuning.tables
-    named = (replace(row, name=f"{row.name}_tuned" if row.name in own else row.name) for row in calibration.rows)
-    return replace(calibration, rows=tuple(named))
+    return tuple(replace(row, name=f"{row.name}_{word}" if row.name in own else row.name) for row in rows)
+
+
+def forms_asked(model: Model, deep: bool) -> tuple[Row, ...]:
+    """That which is set, else those of the model's own tunings and those that its plant is in; those that take seconds
+    if `deep`."""
+    if model.setting.form:
+        return (of(model.setting.form, model.plant),)
+    return (*_own_forms(model), *everywhere(model.plant, deep=deep))
 
 
 def _own_forms(model: Model) -> Iterator[Row]:

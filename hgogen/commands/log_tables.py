@@ -189,17 +189,23 @@ def advised(
 ) -> RenderableType:
     """Gains without a record, and what they do on the trial."""
     states = list(dict.fromkeys(state for row in rows for state in row["noise"]))
-    table = headed(
-        "gains from ranges, noise and period; noise: the RMS that it alone makes of an estimate on the trial",
-        *("", "observer", "form", "theta", "certified from", "settles from", f"settles in ({unit})"),
-        *(f"noise of {state}" for state in states),
+    numbers = ("theta", "certified from", "settles from", f"settles in ({unit})")
+    table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))
+    alone = headed(
+        "noise: the RMS that it alone makes of an estimate on the trial",
+        "",
+        "observer",
         "convergence",
+        *states,
+        numbers=len(states),
     )
     for row in rows:
-        numbers = [_cell(row[key]) for key in ("theta", "certified", "settles", "settled")]
-        noise = [_cell(row["noise"].get(state)) for state in states]
-        table.add_row("take" if row["name"] == best else "", row["name"], row["form"], *numbers, *noise, row["known"])
-    return Group(table, "", *map(Text, notes), "", *_without(refused))
+        mark = "take" if row["name"] == best else ""
+        table.add_row(
+            mark, row["name"], row["form"], *(_cell(row[key]) for key in ("theta", "certified", "settles", "settled"))
+        )
+        alone.add_row(mark, row["name"], row["known"], *(_cell(row["noise"].get(state)) for state in states))
+    return Group(table, "", alone, "", *map(Text, notes), "", *_without(refused))
 
 
 def _without(refused: Mapping[str, str]) -> list[RenderableType]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
+from textwrap import wrap
 from typing import Any
 
 import sympy as sp
@@ -29,19 +30,22 @@ from hgogen.trials.response import Response
 from hgogen.which_forms import Survey
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
+_NARROW = 10  # characters, at which words over a column of numbers begin a new line
 _ALIKE = 4  # rows that say the same, before they are one
 _SHORT = 20  # a reason that may be repeated
 _ZEROS, _DIGITS = 20, 15  # of a whole number that is written as digits and a power of ten
 
 
 def headed(title: str, *columns: str, numbers: int = 0) -> Table:
-    """A table whose last `numbers` columns are flushed right."""
+    """A table whose last `numbers` columns are flushed right, and never broken, as the text before them may be."""
     table = Table(
         title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
     )
     table.title_justify, table.title_style = "left", "bold"
-    for index, name in enumerate(columns):
-        table.add_column(name, justify="right" if index >= len(columns) - numbers else "left", overflow="fold")
+    for name in columns[: len(columns) - numbers]:
+        table.add_column(name, overflow="fold")
+    for name in columns[len(columns) - numbers :]:
+        table.add_column("\n".join(wrap(name, _NARROW)), justify="right", overflow="fold", no_wrap=True)
     return table
 
 

@@ -30,11 +30,11 @@ class First:
         observer = self.step.observer
         return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
 
-    @property
-    def table(self) -> Mapping[str, Any]:
-        """The tuning that makes the same step."""
+    def table(self, name: str = "") -> Mapping[str, Any]:
+        """The tuning that makes the same step, of a name, by default the observer's."""
+        kind = {"kind": self.observer} if name not in ("", self.observer) else {}
         form = {"kind": self.row.kind, **self.row.options} if self.row.options else self.row.kind
-        return {"form": form, **self.starting.gains, "dt": self.starting.dt}
+        return {**kind, "form": form, **self.starting.gains, "dt": self.starting.dt}
 
 
 @dataclass(frozen=True)
