@@ -112,6 +112,33 @@ def test_of_two_sensors_of_one_state_the_second_counts_with_the_first() -> None:
     np.testing.assert_allclose(variances[1], variances[0], rtol=0.2)
 
 
+@pytest.mark.parametrize("name", ["continuous_discrete", "cholesky"])
+def test_a_bank_has_the_variances_of_the_member_that_is_selected(name: str) -> None:
+    """Of two members the one that did not restart last: its covariance, which depends on no sample, is P0 just after
+    its restart one period before. The first has never restarted."""
+    every, count = 12, 60
+    y, method = simulated(np.random.default_rng(4), 1, count)[0], getattr(hg.methods, name)
+    member = filtering(plant(1), method).observer
+    bank = hg.observers.bank(member, count=2, period=every * DT, hysteresis=1e-3)
+    run = hg.sample(bank, method, dt=DT).run(y=y)
+
+    def known(k: int, at: int) -> tuple[float, Array]:
+        """s and P in sample k of the member that is selected after sample `at`."""
+        begin, P, s = max(0, (at // every - 1) * every), np.diag(P0), 0.0
+        for j in range(begin, k + 1):
+            P = PHI @ P @ PHI.T + DT * np.diag(Q) if j > begin else P
+            if j > begin or not begin:  # it restarts when the sample is over
+                s = C[0] @ P @ C[0] + R[0] / DT
+                P = P - np.outer(P @ C[0], C[0] @ P) / s
+        return s, P
+
+    variances = [known(k, max(0, k - 1))[0] for k in range(count)]
+    covariance = [known(k, k)[1] for k in range(count)]
+    assert list(run.traces["selected"]) == [float(k // every % 2) for k in range(count)]
+    np.testing.assert_allclose(run.covariance, covariance, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(run.variances[:, 0], variances, rtol=1e-6)
+
+
 def test_the_covariance_is_that_of_the_plants_states() -> None:
     """The phase form's coordinates are z = (2 q, 2 w)."""
     y = simulated(np.random.default_rng(2), 1)[0]

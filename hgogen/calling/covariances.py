@@ -18,8 +18,9 @@ from hgogen.graph import Graph, sx
 from hgogen.kalman.factored import Moved
 from hgogen.kalman.riccati_part import AtSamples, Riccati
 from hgogen.part import Clock
-from hgogen.program import Field, Place, address, lines_of, sym
+from hgogen.program import Field, Group, Place, address, sym
 from hgogen.step import Step
+from hgogen.stepping.parallel import Parallel
 
 Array = np.ndarray
 
@@ -55,7 +56,15 @@ def values_at(step: Step, records: Array, place: Place) -> Array:
     """The numbers (N, size) of a place of the state or the parameters in records (N)."""
     if place.struct in ("plant", "gain", "derived"):
         return _columns(records["params"][place.struct][place.name])
-    return _columns(records["state"][place.name])
+    state = records["state"]
+    own = place.name in (state.dtype.names or ())
+    return _columns((state if own else selected(records))[place.name])
+
+
+def selected(records: Array) -> Array:
+    """What the selected member of a bank remembers in records (N)."""
+    state = records["state"]
+    return np.asarray(state["member"][np.arange(len(state)), state["selected"]])
 
 
 def _columns(values: Array) -> Array:
@@ -64,14 +73,17 @@ def _columns(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """That of a step whose covariance is a Riccati observer's."""
+    """That of a step whose covariance is a Riccati observer's; of a bank, that of the selected member: `members` is
+    then their group."""
 
     step: Step
     part: Riccati
+    members: Group | None = None
 
     def covariance(self, records: Array) -> Array:
         """P (N, n, n) of the form's coordinates."""
-        fields, n = {f.name: f for f in self.step.state}, self.part.dynamics.n
+        holds, n = self.members.fields if self.members else self.step.state, self.part.dynamics.n
+        fields = {f.name: f for f in holds}
         if "P" in fields:
             return _triangle(fields["P"], values_at(self.step, records, Place("state", "P")), n, symmetric=True)
         if "S" in fields:
@@ -101,8 +113,9 @@ class Uncertainty:
         L = np.zeros((len(records), n, n))
         if "L" in fields:
             L = _triangle(fields["L"], values_at(self.step, records, Place("state", "L")), n)
-        elif any(line[-1].name == "column" for line in lines_of(self.step.groups)):
-            L = np.tril(np.asarray(records["state"]["column"]["v"], dtype=float).swapaxes(1, 2), -1)
+        elif any(group.name == "column" for group in (self.members.groups if self.members else self.step.groups)):
+            state = selected(records) if self.members else records["state"]
+            L = np.tril(np.asarray(state["column"]["v"], dtype=float).swapaxes(1, 2), -1)
         return L + np.eye(n)
 
     @property
@@ -146,9 +159,12 @@ def _triangle(field: Field, packed: Array, n: int, symmetric: bool = False) -> A
 def uncertainty(step: Step) -> Uncertainty | None:
     """That of a step; None where no covariance stands alone for the estimate. Of a filter by sigma points s is that of
     the slope of h, which an output linear in the state has as well."""
-    parts = [part.plain if isinstance(part, AtSamples) else part for part in step.observer.parts]
-    filters = [part for part in parts if isinstance(part, Riccati)]
-    return Uncertainty(step, filters[0]) if len(filters) == 1 else None
+    parts, members = step.observer.parts, None
+    if len(parts) == 1 and isinstance(parts[0], Parallel):
+        parts, members = parts[0].member.parts, next(group for group in step.groups if group.name == "member")
+    plain = [part.plain if isinstance(part, AtSamples) else part for part in parts]
+    filters = [part for part in plain if isinstance(part, Riccati)]
+    return Uncertainty(step, filters[0], members) if len(filters) == 1 else None
 
 
 def clock_of(step: Step) -> Clock:
