@@ -205,6 +205,17 @@ def test_cells_of_rows_without_a_time_are_not_counted(tmp_path: Path):
     assert "y (y): samples without a number, in all: 2" in report.sentences()
 
 
+@pytest.mark.parametrize(("period", "first"), [(0.01, 0.0), (0.004, 1.7e9), (1 / 3, 0.0), (1e-7, 5.0)])
+def test_a_period_is_what_was_written(tmp_path: Path, period: float, first: float) -> None:
+    """To the rounding of the times, which is no part of it; a third is cut where that begins."""
+    times = [repr(first + k * period) for k in range(400)]
+    got = read(
+        log(tmp_path, "t,y\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times))), {"y": "y"}, dt=None, time="t"
+    )
+    assert got.report.dt == (pytest.approx(period, rel=1e-12) if period == 1 / 3 else period)
+    assert len(repr(got.report.dt)) <= len(repr(period))
+
+
 @pytest.mark.parametrize(
     ("period", "said"),
     [

@@ -220,6 +220,14 @@ def _averaged(names: Sequence[str]) -> tuple[str, ...]:
     )
 
 
+def _typical(steps: np.ndarray, latest: float) -> float:
+    """The median of the times between rows, with the fewest digits that lie within the rounding of the times, of which
+    `latest` is the largest: 0.01 and no 0.00999999999999979."""
+    middle, rounding = float(np.median(steps)), 2 * float(np.spacing(latest))
+    shorter = (float(f"{middle:.{digits}g}") for digits in range(1, 18))
+    return next(each for each in shorter if abs(each - middle) <= rounding)
+
+
 def _gridded(
     log: Table,
     series: Mapping[str, Column],
@@ -234,7 +242,7 @@ def _gridded(
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
     steps = np.diff(np.unique(times))
-    period = float(np.median(steps)) if len(steps) else step or 0.0
+    period = _typical(steps, float(np.abs(times).max(initial=0.0))) if len(steps) else step or 0.0
     dt = step or period
     if not dt:
         raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
