@@ -33,7 +33,8 @@ Make = TypeVar("Make", bound=Callable[..., Observer])
 @dataclass(frozen=True)
 class Scale:
     """What the rules read: theta, dt and D in the plant's time, S and Q by the names of the form's states (`states`,
-    `process`), Y and sigma by those of the outputs, how many states each chain has."""
+    `process`), Y and sigma by those of the outputs, how many states each chain has; `spread`: how many times faster the
+    fastest pole is than the slowest, of poles about -1; `corner`: how many times theta filters are fast."""
 
     theta: float
     dt: float
@@ -43,6 +44,8 @@ class Scale:
     outputs: Mapping[str, float]
     noise: Mapping[str, float]
     blocks: tuple[int, ...]
+    spread: float = 1
+    corner: float = 3
 
     @property
     def n(self) -> int:
@@ -51,8 +54,8 @@ class Scale:
 
     @property
     def poles(self) -> Any:
-        """All at -1, a tuple for each chain where there are several."""
-        each = tuple((-1,) * size for size in self.blocks)
+        """All at -1, or of that geometric mean, a tuple for each chain where there are several."""
+        each = tuple(tuple(-whole(two(self.spread**k)) for k in evenly(size)) for size in self.blocks)
         return each[0] if len(each) == 1 else each
 
     @property
@@ -208,6 +211,16 @@ def _pace(plant: System) -> Pace:
         return pace(plant)
     except NoSight:  # ranges are missing: a time and a range of 1, as the first lines say
         return Pace(1.0, 1.0, 0.0)
+
+
+def evenly(count: int) -> list[float]:
+    """So many exponents from -1/2 to 1/2, of one alone 0."""
+    return [k / (count - 1) - 0.5 if count > 1 else 0.0 for k in range(count)]
+
+
+def whole(value: float) -> float:
+    """A number, of those that are whole as it is written."""
+    return int(value) if value == int(value) else value
 
 
 def _half(signal: Signal) -> float:

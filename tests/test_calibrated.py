@@ -49,25 +49,35 @@ def test_the_likelihood_of_two_outputs_is_that_of_both_at_once() -> None:
     assert (e**2 / s + np.log(s)).sum(axis=1) == pytest.approx(np.array(expected), abs=1e-9)
 
 
-def test_the_search_is_refined_next_to_the_best() -> None:
-    """Half way, in the logarithm, from the best theta of the grid to its two neighbours."""
+@pytest.mark.parametrize("wanted", [1.0, 4.0])
+def test_the_search_is_refined_next_to_the_best(wanted: float) -> None:
+    """Half way, in the logarithm, from the best theta of the grid to its two neighbours, then with other shapes; where
+    faster poles that differ are better, they are taken."""
     form = hg.forms.triangular(SPRING)
     base = scale(form, 1e-3, {})
     grid = thetas(base.theta, 1e-3)
-    best = len(grid) // 2
+    best = grid[len(grid) // 2]
     task: Any = SimpleNamespace(
         dt=1e-3,
         noises={},
         sampling={},
         each=lambda name: None,
-        step=lambda name, form, gains: gains["theta"],
-        judge=SimpleNamespace(errors=lambda theta: np.full(3, np.log(theta / grid[best]) ** 2)),
+        step=lambda name, form, gains: (gains["theta"], gains["poles"][1] / gains["poles"][0]),
+        judge=SimpleNamespace(
+            errors=lambda step: np.full(3, np.log(step[0] / best) ** 2 + np.log(step[1] / wanted) ** 2)
+        ),
     )
     row: Any = SimpleNamespace(form=form)
     tuned = Search(task, "high_gain", row, base).search()
     assert tuned is not None
-    tried = [numbers.theta for numbers, _ in tuned.tried]
-    assert tried == [*grid, *(two((grid[best] * grid[k]) ** 0.5) for k in (best - 1, best + 1))]
+    scales = [numbers for numbers, _ in tuned.tried]
+    middle = len(grid) // 2
+    beside = [two((best * grid[k]) ** 0.5) for k in (middle - 1, middle + 1)]
+    assert [one.theta for one in scales[:-4]] == [*grid, *beside]
+    assert [(one.spread, one.theta) for one in scales[-4:]] == [
+        (spread, two(factor * best)) for spread in (2, 4) for factor in (1, 1.4)
+    ]
+    assert (tuned.numbers.spread, tuned.numbers.theta) == (wanted, best)
 
 
 def tuned(**over: Any) -> Tuned:

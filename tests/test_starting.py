@@ -1,12 +1,15 @@
 """Starting gains: the rule stands beside its observer, reads ranges, noise and dt, and is taken where no tuning is."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
+from hypothesis import given
+from hypothesis import strategies as st
 from plants import chain, model
 from typer.testing import CliRunner
 
@@ -17,7 +20,7 @@ from hgogen.modelfiles.first import First, NoFirst, first, places
 from hgogen.modelfiles.setting import Setting
 from hgogen.observers import high_gain
 from hgogen.reading.given import BadGain
-from hgogen.starting import Rule, rule
+from hgogen.starting import Rule, gains_of, rule, scale
 
 RULED = [name for name in hg.observers.__all__ if name != "bank"]
 BARE = """
@@ -33,6 +36,9 @@ def oscillator(scale: float = 1.0) -> hg.Form:
     """x1' = x2, x2' = -x1, in +-scale: each state crosses its range in 2, at its fastest; n = 2, theta = 2."""
     x1, x2, y = (hg.Signal(name, low=-scale, high=scale) for name in ("x1", "x2", "y"))
     return hg.forms.triangular(hg.System("o", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[x1]))
+
+
+SCALE = scale(oscillator())
 
 
 @pytest.mark.parametrize("name", hg.observers.__all__)
@@ -55,13 +61,13 @@ def test_each_is_built_with_its_starting_gains_on_a_chain(name: str, n: int) -> 
 
 def test_by_hand() -> None:
     """theta = 2 n/T with T about 2, or 2.1 among points; dt = 1/(20 theta); R = (1 %)^2 dt; Q = S^2/D."""
-    for scale in (1.0, 100.0):
-        start = hg.starting_gains(oscillator(scale), hg.observers.riccati)
+    for half in (1.0, 100.0):
+        start = hg.starting_gains(oscillator(half), hg.observers.riccati)
         assert start.dt == 0.025
-        assert start.gains["R"] == pytest.approx((scale / 100) ** 2 * 0.025, rel=0.05)
-        assert start.gains["Q"]["x1"] == pytest.approx(scale**2 / 2.1, rel=0.06)
-        assert start.gains["covariance"]["x2"] == pytest.approx(scale**2 / 4)
-        assert hg.starting_gains(oscillator(scale), hg.observers.high_gain).gains == {"theta": 2.0, "poles": (-1, -1)}
+        assert start.gains["R"] == pytest.approx((half / 100) ** 2 * 0.025, rel=0.05)
+        assert start.gains["Q"]["x1"] == pytest.approx(half**2 / 2.1, rel=0.06)
+        assert start.gains["covariance"]["x2"] == pytest.approx(half**2 / 4)
+        assert hg.starting_gains(oscillator(half), hg.observers.high_gain).gains == {"theta": 2.0, "poles": (-1, -1)}
 
 
 def test_noise_and_dt_are_taken() -> None:
@@ -149,3 +155,25 @@ def test_what_is_given_wrong_is_refused_by_a_sentence(observer: Any, noise: Any,
 def test_a_plant_in_the_place_of_its_form_is_refused() -> None:
     with pytest.raises(BadGain, match="starting_gains takes a form"):
         hg.starting_gains(oscillator().system, hg.observers.riccati)  # type: ignore[arg-type]
+
+
+@given(st.lists(st.integers(1, 5), min_size=1, max_size=3), st.floats(1, 20))
+def test_poles_that_differ_have_a_mean_of_1_and_a_ratio(blocks: list[int], spread: float) -> None:
+    """To the two digits of each; a chain of one has -1."""
+    chains = replace(SCALE, blocks=tuple(blocks), spread=spread).poles
+    for poles in (chains,) if len(blocks) == 1 else chains:
+        assert np.prod(np.abs(poles)) == pytest.approx(1, rel=0.05 * len(poles) + 1e-9)
+        assert poles[-1] / poles[0] == pytest.approx(spread if len(poles) > 1 else 1, rel=0.1)
+    assert replace(SCALE, blocks=tuple(blocks)).poles == replace(SCALE, blocks=tuple(blocks), spread=1).poles
+
+
+def test_a_filter_keeps_its_gain_at_rest_whatever_its_corner() -> None:
+    """alpha/beta, and of a chain -F^-1 G: a third of what comes before."""
+    for corner in (1.5, 3, 6):
+        numbers = replace(SCALE, corner=corner)
+        pair = gains_of(hg.observers.filtered, numbers)
+        assert pair["beta"] / pair["alpha"] == pytest.approx(1 / 3)
+        chain = gains_of(hg.observers.filtered_injection, numbers)
+        F, G = np.array(chain["F"], dtype=float), np.array(chain["G"], dtype=float)
+        assert -np.linalg.solve(F, G) == pytest.approx([3.0 ** -(k + 1) for k in range(len(G))])
+        assert np.linalg.eigvals(F) == pytest.approx(-corner)

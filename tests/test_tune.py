@@ -300,6 +300,23 @@ def test_float_is_part_of_a_tuning(tmp_path: Path) -> None:
     assert model.set(Setting(tuning=tmp_path / "tuned.json", real="double")).step().real == "double"
 
 
+def test_shapes_of_poles_are_tried_where_a_rule_reads_them() -> None:
+    """Beside the best theta of poles that are equal, and no faster than a step of this period takes."""
+    tried = {name: [numbers for numbers, _ in spring()[name].tried] for name in ("high_gain", "riccati")}
+    assert {one.spread for one in tried["high_gain"]} == {1, 2, 4}
+    assert {one.spread for one in tried["riccati"]} == {1}
+    assert {one.corner for each in tried.values() for one in each} == {3}
+    assert max(one.theta for one in tried["high_gain"]) <= 1 / (2 * DT)
+    row = spring()["high_gain"]
+    assert min(row.tried, key=lambda one: one[1])[0] == row.numbers
+    assert list(row.table["poles"]) == list(row.numbers.poles)
+
+
+def test_corners_of_filters_are_tried() -> None:
+    made = hg.tune(PLANT, log(5, 300, sigma=1.0)[0], observers=["filtered_injection"])
+    assert {numbers.corner for numbers, _ in made.best.tried} == {1.5, 3, 6}
+
+
 def test_its_error_is_near_that_of_the_best_filter() -> None:
     """With the true noise: the innovations' deviation over that of one sample to the next, to 5 %."""
     record, states = log(5)

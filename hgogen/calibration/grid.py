@@ -1,7 +1,8 @@
 """The search for the gains of an observer that predict records best.
 
 What an observer makes of the numbers of a `Scale` is the rule beside it. Here these numbers come from the record: Q and
-R where the likelihood has a maximum, theta and the longest time from a grid, refined once round the best.
+R where the likelihood has a maximum, theta and the longest time from a grid, refined once round the best, and then
+the shape of poles and filters.
 """
 
 import warnings
@@ -33,6 +34,8 @@ Array = np.ndarray
 STEEPEST = 2.0  # 1/(theta dt), at least
 GRID = 9  # values of theta, or of the longest time
 LONG = np.geomspace(1e-2, 1e2, GRID)  # of the longest time
+SHAPES: dict[str, tuple[float, ...]] = {"spread": (2, 4), "corner": (1.5, 6)}  # of poles, and of filters
+FASTER = (1.0, 1.4)  # times theta, with another shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +143,9 @@ class Search:
         """The best scale of the grid, and of those between it and its neighbours; None where none makes a step."""
         errors = self._tried(self._grid())
         if errors:
-            best, _ = chosen(errors)
-            errors |= self._tried(self._between(best, errors))
+            for others in (self._between, self._shaped):
+                best, _ = chosen(errors)
+                errors |= self._tried(others(best, errors))
         if not errors:
             return None
         best, judged = chosen(errors)
@@ -190,6 +194,15 @@ class Search:
                 sorted(o for o in every_value if o < value)[-1:] + sorted(o for o in every_value if o > value)[:1]
             )
             yield from (of(two((value * other) ** 0.5)) for other in neighbours)
+
+    def _shaped(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
+        """Other shapes of poles and filters than the best scale's, with a larger theta too."""
+        middle, largest = self.scales[best], 1 / (STEEPEST * self.task.dt)
+        every_theta = {min(two(factor * middle.theta), max(middle.theta, largest)) for factor in FASTER}
+        for name, values in SHAPES.items():
+            if self._reads(**{name: values[0]}):
+                shapes: Iterable[dict[str, Any]] = ({name: value} for value in values)
+                yield from (replace(middle, theta=theta, **shape) for shape in shapes for theta in sorted(every_theta))
 
     @property
     def _likelihood(self) -> Likelihood:

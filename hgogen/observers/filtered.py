@@ -33,7 +33,7 @@ from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Field, Place, sym
 from hgogen.reading.given import BadGain, positive, reals
-from hgogen.starting import starts
+from hgogen.starting import starts, two, whole
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
@@ -62,7 +62,7 @@ THEOREM = Theorem(
     "the noise is at high frequency: it rolls off faster",
     "a theta some times higher; poles inside a parabola",
     "2n",
-    lambda s: s.high | {"alpha": 3, "beta": 1},
+    lambda s: s.high | {"alpha": s.corner, "beta": whole(two(s.corner / 3))},
 )
 def filtered(
     form: Form,

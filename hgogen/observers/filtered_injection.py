@@ -29,7 +29,7 @@ from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain, reals
-from hgogen.starting import Gains, Scale, starts
+from hgogen.starting import Gains, Scale, starts, two, whole
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
@@ -53,12 +53,12 @@ Matrix = Sequence[Sequence[float]] | np.ndarray
 
 
 def _starting(scale: Scale) -> Gains:
-    """A filter of n states, each behind the one before, that decays three times as fast as the core."""
-    n = scale.n
-    F = -3 * np.eye(n, dtype=int) + np.eye(n, k=-1, dtype=int)
+    """A filter of n states, each a third of the one before and behind it, three times as fast as the core."""
+    n, third = scale.n, two(scale.corner / 3)
+    F = -scale.corner * np.eye(n) + third * np.eye(n, k=-1)
     H = np.diag([math.comb(n, i) for i in range(1, n + 1)])
-    rows: list[Any] = [tuple(tuple(int(v) for v in row) for row in matrix) for matrix in (F, H)]
-    return {"theta": scale.theta, "F": rows[0], "G": (1, *(0,) * (n - 1)), "H": rows[1]}
+    rows: list[Any] = [tuple(tuple(map(whole, row)) for row in matrix.tolist()) for matrix in (F, H)]
+    return {"theta": scale.theta, "F": rows[0], "G": (whole(third), *(0,) * (n - 1)), "H": rows[1]}
 
 
 @starts(
