@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from doc_tables import TABLE, TABLES, TRIED, settled, words, written
+from notebook import PAGE as NOTEBOOK
 from pages import PAGES, README, ROOT, blocks, everywhere, shown, text
 from pinned import differing
 from typer.testing import CliRunner
@@ -32,7 +33,10 @@ CHECKS = shown("hgogen check models/")
 # --- Python -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks("python", text(page))])
+PYTHON = [page for page in PAGES if page != NOTEBOOK and blocks("python", text(page))]  # its cells have their own test
+
+
+@pytest.mark.parametrize("page", PYTHON)
 def test_the_python_lines_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After those of the README, whose names they use."""
     monkeypatch.chdir(tmp_path)
@@ -42,7 +46,7 @@ def test_the_python_lines_run(page: str, tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_pages_with_python_are_there() -> None:
     """So that the test above cannot pass on nothing."""
-    assert {"firmware", "proofs", "python"} <= {page for page in PAGES if blocks("python", text(page))}
+    assert {"firmware", "proofs", "python"} <= set(PYTHON)
 
 
 @pytest.mark.parametrize("name", re.findall(r"`hg\.([a-z_.]+)", " ".join(everywhere().values())))

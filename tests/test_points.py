@@ -62,3 +62,10 @@ def test_a_number_is_not_refuted_for_the_digits_of_nothing() -> None:
     plant = hg.System("p", states=[x1, x2], inputs=[U], outputs=[hg.Signal("y")], flow=flow, output=[x1 + root])
     refuted = [check for check in hg.forms.triangular(plant).checks if check.verdict == "refuted"]
     assert not refuted
+
+
+def test_what_is_made_of_what_is_not_real_is_undefined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without digits of the whole, which took minutes of such a one: atan2 of complex numbers, twice."""
+    inner = sp.atan2(U ** sp.Rational(4, 3), U - sp.Rational(7, 3))
+    monkeypatch.setattr("hgogen.algebra.points._digits", lambda value: pytest.fail("digits of what has none"))
+    assert kind(sp.atan2(inner, inner), {U: sp.Rational(-3, 2)}) == "undefined"

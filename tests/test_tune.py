@@ -21,7 +21,7 @@ from test_cli import hgogen
 import hgogen as hg
 from hgogen.calibration.grid import Task
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
-from hgogen.calibration.likelihood import Likelihood, Noise
+from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
 from hgogen.calibration.score import Ahead, Judge, as_good, chosen
 from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Calibration, Tuned
@@ -118,8 +118,10 @@ def test_the_likelihood_is_that_of_another_filter(missing: int) -> None:
     assert own == pytest.approx(expected, abs=1e-10)
 
 
-def test_known_noise_is_found() -> None:
-    """Of 12 records the means lie within 4 standard errors of what made them, and no maximum is above the best."""
+def test_known_noise_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 12 records the means lie within 4 standard errors of what made them; from the three starts that differ most,
+    since all nine end at one maximum (which the next test asks of one record)."""
+    monkeypatch.setattr("hgogen.calibration.likelihood.STARTS", STARTS[::4])
     ends = [likelihood(log(seed)[0]).maxima[0] for seed in range(12)]
     for values, true in (([n.process["v"] for n in ends], DENSITY), ([n.sample["y"] for n in ends], SIGMA)):
         logs = np.log(values)
@@ -133,6 +135,7 @@ def test_the_maximum_is_one() -> None:
     record = demanded(log(3)[0])
     own = likelihood(record)
     best = own.maxima[0]
+    assert len(own.maxima) == 1
 
     def minus_log(noise: Noise) -> float:
         e, s = own.innovations(noise, record)

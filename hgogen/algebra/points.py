@@ -54,6 +54,8 @@ def _kind(value: sp.Expr) -> str:
         return "= 0"
     if value.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds) or value.is_real is False:
         return "undefined"
+    if any(node.is_real is False for node in value.atoms(*_PARTIAL)):  # digits of what is made of it take minutes
+        return "undefined"
     digits = _digits(value.evalf(15))
     return "?" if digits != "?" and any(_near_an_edge(node) for node in value.atoms(sp.Pow, sp.Function)) else digits
 
