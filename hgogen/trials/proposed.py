@@ -26,7 +26,7 @@ CROSSINGS = 10.0  # times D
 SAMPLES = 2000  # at which a motion is looked at
 SHARES = (0.5, 0.25, 0.1)  # c
 SIGNS = ((1,), (1, -1), (-1,))
-PARTS = tuple(0.5**k for k in range(8))  # of the duration
+PARTS = tuple(0.5**k for k in range(7, -1, -1))  # of the duration
 BEFORE = 0.9  # of the time to leave
 LEAST = 0.1  # of D: a shorter motion is no trial
 
@@ -74,17 +74,20 @@ def _motions(plant: System, longest: float) -> Iterator[Trial]:
 
 
 def _stay(plant: System, trial: Trial) -> float:
-    """How long the plant stays in its ranges; of one that escapes, in the first part that can be integrated."""
+    """How long the plant stays in its ranges: parts that double are integrated until it leaves them, or escapes."""
     low, high = np.array([s.interval for s in plant.states]).T
+    stayed = 0.0
     for part in PARTS:
-        dt = part * trial.duration / SAMPLES
+        duration = part * trial.duration
         try:
-            x = simulate(plant, replace(trial, duration=part * trial.duration), dt).x
+            x = simulate(plant, replace(trial, duration=duration), duration / SAMPLES).x
         except BadTrial:
-            continue
+            return stayed
         outside = np.flatnonzero(((x < low) | (x > high)).any(axis=1))
-        return float(outside[0] * dt) if len(outside) else part * trial.duration
-    return 0.0
+        if len(outside):
+            return float(outside[0] * duration / SAMPLES)
+        stayed = duration
+    return stayed
 
 
 def _middle(signal: Signal) -> float:
