@@ -11,6 +11,7 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.algebra.lookup import Lookup
+from hgogen.algebra.plain import plain
 from hgogen.algebra.tabulated import Table
 from hgogen.errors import HgogenError
 
@@ -83,7 +84,7 @@ def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]
     Raises: `NoGraph`.
     """
     memo: dict[sp.Basic, Graph] = {}
-    return [sx(_convert(expression, expression, symbols, memo)) for expression in expressions]
+    return [sx(_convert(each, each, symbols, memo)) for each in map(plain, expressions)]
 
 
 def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph], memo: dict[sp.Basic, Graph]) -> Graph:

@@ -8,7 +8,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra.cells import Cells
-from hgogen.algebra.reciprocal import without_reciprocals
+from hgogen.algebra.plain import plain
 from hgogen.algebra.tabulated import Stepped, Table
 from hgogen.check import Check
 from hgogen.errors import BadArgument
@@ -149,7 +149,7 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
             raise BadSystem(system, f"{what} {index} is {expression}, which is not a scalar expression")
         if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I) or expression.is_real is False:
             raise BadSystem(system, f"{what} {index}, {expression}, is not finite and real; correct it")
-        result.append(without_reciprocals(expression))
+        result.append(plain(expression))
     return tuple(result)
 
 

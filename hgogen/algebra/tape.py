@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import sympy as sp
 
 from hgogen.algebra.kinks import Direction, Norm
-from hgogen.algebra.reciprocal import without_reciprocals
+from hgogen.algebra.plain import plain
 from hgogen.algebra.tabulated import Table
 from hgogen.errors import HgogenError
 from hgogen.sentence import Reason, because
@@ -89,7 +89,7 @@ def tape(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> Tape:
     """
     symbols = tuple(symbols)
     writer = _Writer(symbols)
-    outputs = tuple(writer.place(without_reciprocals(expression)) for expression in expressions)
+    outputs = tuple(writer.place(plain(expression)) for expression in expressions)
     return Tape(symbols, tuple(writer.places), outputs)
 
 

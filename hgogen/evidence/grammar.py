@@ -9,6 +9,7 @@ from typing import Any
 import sympy as sp
 from sympy.printing.str import StrPrinter
 
+from hgogen.algebra.plain import plain
 from hgogen.algebra.points import exact
 from hgogen.algebra.tabulated import Table
 from hgogen.form import Form
@@ -29,7 +30,7 @@ def text(form: Form, expression: sp.Expr) -> str:
 
 def spelled(expression: sp.Expr, names: set[str]) -> str:
     """An expression of these names."""
-    return str(_Printer(names).doprint(exact(sp.sympify(expression))))
+    return str(_Printer(names).doprint(exact(plain(sp.sympify(expression)))))
 
 
 def exactly(form: Form, value: Any) -> Any:

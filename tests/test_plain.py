@@ -1,0 +1,58 @@
+"""What SymPy brings in unasked, by functions that every reader knows."""
+
+from itertools import product
+
+import casadi as ca
+import numpy as np
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen.algebra.plain import plain
+from hgogen.algebra.pointwise import values
+from hgogen.algebra.tape import tape
+from hgogen.graph import to_casadi
+
+a, b, c = sp.symbols("a b c", real=True)
+SIGNS = [sp.Symbol(name) for name in "pqr"]
+
+
+@pytest.mark.parametrize("kind", [sp.ITE, sp.Xor, sp.Implies, sp.Equivalent])
+def test_a_condition_is_the_same_for_all_truths(kind: type[sp.Basic]) -> None:
+    args = SIGNS[:2] if kind is sp.Implies else SIGNS
+    condition = plain(kind(*args))
+    assert not condition.has(kind)
+    for truths in product((sp.true, sp.false), repeat=len(args)):
+        assert condition.subs(dict(zip(args, truths, strict=True))) == kind(*truths)
+
+
+def nested() -> sp.Expr:
+    """A piecewise expression in the condition of another, which SymPy makes an ITE."""
+    inner = sp.Piecewise((b**2 - a, b > 0), (a, True))
+    outer = sp.Piecewise((a + b, inner > 0), (a - b, True))
+    assert outer.has(sp.ITE)
+    return outer
+
+
+@pytest.mark.parametrize("at", [(-1, 2), (5, 2), (-1, -2), (1, -2)])
+def test_a_choice_in_a_condition_has_its_value_in_every_reading(at: tuple[int, int]) -> None:
+    e, (first, second) = nested(), at
+    inner = second**2 - first if second > 0 else first
+    want = first + second if inner > 0 else first - second
+    graph_symbols = ca.SX.sym("a"), ca.SX.sym("b")
+    graph = ca.Function("f", graph_symbols, to_casadi([e], dict(zip((a, b), graph_symbols, strict=True))))
+    assert float(graph(first, second)) == want
+    assert values(tape([e], [a, b]), list(map(sp.Rational, at)), 64)[0] == want
+
+
+def test_a_plant_with_a_choice_in_a_condition_becomes_a_step() -> None:
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    row = nested().xreplace({a: x, b: v})
+    plant = hg.System("nested", states=(x, v), outputs=(hg.Signal("y"),), flow=[v, -row], output=[x])
+    form = hg.forms.triangular(plant)
+    step = hg.sample(hg.observers.high_gain(form, theta=2, poles=(-1, -1)), hg.methods.euler, dt=1e-2)
+    y = np.random.default_rng(1).uniform(-1, 1, 50)
+    run = step.run(y=y)  # compiled, where there is a compiler
+    step.reset()
+    assert np.array_equal(run.x, [step(y=each).x for each in y])
+    assert run.x[1:].all()
