@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.signal import Signal
     from hgogen.starting import Starting, starting_gains
     from hgogen.step import Step
+    from hgogen.stepping.delays import delayed
     from hgogen.structure.recast import recast
     from hgogen.system import System
     from hgogen.target import write
@@ -67,6 +68,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "tune": "calibration.tune",
     "campaign": "trials.campaign",
     "sample": "call",
+    "delayed": "stepping.delays",
     "from_casadi": "reading.casadi_model",
     "certificate": "certificates.certificate",
     **dict.fromkeys(("Check", "Verdict"), "check"),
@@ -122,6 +124,7 @@ __all__ = [
     "campaign",
     "certificate",
     "consistency",
+    "delayed",
     "design",
     "dissipation",
     "error_system",

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from hgogen import methods
 from hgogen.calling import native
+from hgogen.calling.late import arriving, in_time
 from hgogen.calling.readers import Kept
 from hgogen.calling.replay import Replay
 from hgogen.calling.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
@@ -24,6 +25,7 @@ from hgogen.program import Place, dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, plan
+from hgogen.stepping.delays import arranged
 from hgogen.stepping.sensors import AT, ROUND
 from hgogen.system import System
 
@@ -49,7 +51,7 @@ class CallableStep(Step):
     def __post_init__(self) -> None:
         """Gives the step a memory of its own, as before the first call."""
         memory, u = Kept(self, self.real), len(self.inputs)
-        signals = (*self.inputs, *self.outputs)
+        signals = (*self.inputs, *self.samples)
 
         def to(name: str, first: int, last: int) -> Take:
             return door(name, signals[first:last], memory.signals, first)
@@ -61,13 +63,14 @@ class CallableStep(Step):
             _legend=Legend(states, bits, self.observer.traces, "d" if self.real == "double" else "f"),
             _take_u=to("u", 0, u),
             _take_y=to("y", u, len(signals)),
-            _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.outputs, u)},
+            _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.samples, u)},
             _shown=memory.shown.data.tobytes,
         )
 
     def __call__(self, u: Any = (), y: Any = ()) -> Sample:
         """One sample: `u` (m) the input now, `y` (p) the measurement now (NaN or masked: missing), scalars where there
-        is one, or a mapping by the signals' names.
+        is one, or a mapping by the signals' names; of a step for late samples y is that of `samples`: the newest that
+        came of each output, then the ages of those that may be late.
 
         The first one compiles the C, unless it was compiled before.
 
@@ -91,7 +94,8 @@ class CallableStep(Step):
         return Sample(self._legend, self._shown(), status)
 
     def update(self, at: int | None = None, /, **y: float) -> Sample:
-        """Correct with the named outputs.
+        """Correct with the named outputs; a step for late samples takes `y_age` with y, by default 0, and corrects when
+        `adapt` is called.
 
         `at`: the number of the period in which the samples were taken, counted from 0 at the first call after a reset;
         None: now. A step made with `periods` takes it, and does not use a sample of another period.
@@ -99,13 +103,17 @@ class CallableStep(Step):
         Raises: `BadShape`, `CannotUpdate`.
         """
         self._demand_sections()
-        for name, value in y.items():
+        samples = {age.name: 0.0 for age in self.ages} | y
+        for name, value in samples.items():
             if name not in self._take:
                 raise BadShape(f"update({name}=)", f"names no output; the outputs are {', '.join(self._take)}")
             self._take[name](value)
+        for output, age in zip(self.late, self.ages, strict=True):
+            if age.name in y and output.name not in y:
+                raise BadShape(f"update({age.name}=)", f"tells the age of no sample; give {output.name} with it")
         ending = "" if at is None else self._ending(at)
         status = self._entries["estimate"]() if not y else 0
-        for name in y:
+        for name in (signal.name for signal in self.outputs if signal.name in y):
             status |= self._entries[f"update_{name}{ending}"]()
         return Sample(self._legend, self._shown(), status)
 
@@ -129,14 +137,15 @@ class CallableStep(Step):
 
     def run(self, u: Any = (), y: Any = (), engine: Engine | None = None) -> Run:
         """A whole record from the present state on: `u` (N) or (N, m), `y` (N) or (N, p), or a column (N) for each by
-        name; NaN, or a masked entry, for a missing sample.
+        name; NaN, or a masked entry, for a missing sample. Of a step for late samples y has the columns of `samples`,
+        (N, p + ages), and a row is what came then; `arriving` makes such rows of samples in the order of time.
 
         `engine`: "c" the compiled step in one call, "python" sample by sample; by default the step's own, else C where
         there is a compiler, else Python with a `NoCompilerWarning`.
 
         Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for "c" without a compiler.
         """
-        y = table("y", y, self.outputs, None)
+        y = table("y", y, self.samples, None)
         u = table("u", u, self.inputs, len(y))
         if engine not in (None, "c", "python"):
             raise BadShape(f"engine = {engine!r}", 'must be "c", "python" or None')
@@ -232,6 +241,22 @@ class CallableStep(Step):
         options = self._options | ({"real": real} if real else {})
         return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
 
+    def arriving(self, y: Any) -> np.ndarray:
+        """Samples y (N) or (N, p), or a column for each output by name, in the order of time, as `run` takes them where
+        each comes as late as it may; of a step without delays as they are. Raises: `BadShape`, `BadNames`."""
+        return arriving(self, table("y", y, self.outputs, None))
+
+    def in_time(self, y: Any) -> np.ndarray:
+        """What `run` takes as y, in the order of time (N, p): each sample in the row in which it was taken, NaN where
+        none came in time. Raises: `BadShape`, `BadNames`."""
+        return in_time(self, table("y", y, self.samples, None))
+
+    @cached_property
+    def undelayed(self) -> "CallableStep":
+        """A step of the same observer for samples that come at once; itself without delays."""
+        plain = replace(self.observer, delays=())
+        return _quietly(plain, self.method, self.dt, self._options) if self.ages else self
+
     def flags(self, status: int) -> tuple[str, ...]:
         """The names of the bits that a status holds."""
         return self._legend.flags(status)
@@ -254,7 +279,8 @@ class CallableStep(Step):
     @property
     def _options(self) -> dict[str, Any]:
         """What `sample` takes beside observer, method and dt."""
-        periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if self.timed else None
+        rated = self.timed or any(period != self.dt for period in self.periods)
+        periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if rated else None
         return {"between": self.between, "periods": periods, "engine": self.engine, "real": self.real}
 
     @property
@@ -320,8 +346,8 @@ def sample(
         raise BadStep(f"engine = {engine!r}", 'must be "c", "python" or None')
     if real not in DTYPE:
         raise BadStep(f"real = {real!r}", 'must be "float" or "double"')
-    planned = plan(observer, method, dt, between, periods)
-    for section in planned.sections:
+    planned = arranged(plan(observer, method, dt, between, periods))
+    for section in planned.called:
         if dangling(section.program):
             missing = ", ".join(map(str, sorted(dangling(section.program))))
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")

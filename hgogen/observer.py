@@ -33,7 +33,8 @@ class Observer:
     state worth recording; `notices`: blocks that raise bits of the status at the end of a call; `checks`: the form's
     and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what is claimed of it, under which
     hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`: the error does not tend to 0, so
-    that an estimate may stay outside the ranges of a state at their edge; `made`: the case of `hg.observers` and the
+    that an estimate may stay outside the ranges of a state at their edge; `delays`: by how many samples those of an
+    output may come late, at most, for the outputs that do; `made`: the case of `hg.observers` and the
     arguments that it was made by.
     """
 
@@ -51,6 +52,7 @@ class Observer:
     practical: bool = False
     traces: tuple[str, ...] = ()
     notices: tuple[Block, ...] = ()
+    delays: tuple[tuple[str, int], ...] = ()
     made: "partial[Observer] | None" = None
 
     def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "Observer":

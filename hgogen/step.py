@@ -95,7 +95,9 @@ class Step:
     `tuning`, `sections`, `estimate`: programs. `limit`: the dt above which it is refused. `timed`: the updates of
     `sections` for samples that say when they were taken, of a step for sensors of different rates; `periods`: the time
     between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
-    another; `signs`: what the law of recovery counts, by which an estimate that is lost restarts.
+    another; `signs`: what the law of recovery counts, by which an estimate that is lost restarts. Of a step that takes
+    late samples, `ages`: the signals that tell with a sample how late it comes; `inner`: sections that its own call;
+    `plain`: the step without delays.
     """
 
     name: str
@@ -114,6 +116,9 @@ class Step:
     estimate: Program
     limit: float
     timed: tuple[Section, ...] = ()
+    inner: tuple[Section, ...] = ()
+    ages: tuple[Signal, ...] = ()
+    plain: "Step | None" = None
     periods: tuple[float, ...] = ()
     rule: str = ""
     signs: tuple[Sign, ...] = ()
@@ -130,6 +135,21 @@ class Step:
     def outputs(self) -> tuple[Signal, ...]:
         """The plant's outputs."""
         return self.observer.form.system.outputs
+
+    @property
+    def samples(self) -> tuple[Signal, ...]:
+        """What a call is given of the outputs: a sample of each, then the ages of those that may come late."""
+        return (*self.outputs, *self.ages)
+
+    @property
+    def late(self) -> tuple[Signal, ...]:
+        """The outputs whose samples may come late, in the order of `ages`."""
+        return tuple(output for output in self.outputs if output.name in dict(self.observer.delays))
+
+    @property
+    def called(self) -> tuple[Section, ...]:
+        """Every section, each after those that it calls."""
+        return (*self.inner, *self.sections, *self.timed)
 
     @cached_property
     def states(self) -> tuple[Signal, ...]:
@@ -229,17 +249,20 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
         signs=made.law.signs,
     )
-    return replace(step, bits=_bits(step, flat(piece.bits for piece in pieces)))
+    return replace(step, bits=status_bits(step, flat(piece.bits for piece in pieces)))
 
 
-def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
-    """The status bits that some block raises, in a fixed order; of one name the last, a part's own words for it."""
-    programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
+def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
+    """The status bits that some block raises, in a fixed order; of one name the last, a part's own words for it.
+
+    Raises: `BadStep` for more than a status has.
+    """
+    programs = (*step.tuning, *(s for section in step.called for s in section.program))
     raised = {place.name for place, _ in places(programs) if place.struct == "status"}
     bits = []
     beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
     for signals, kinds in (
-        (step.outputs, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED")),
+        (step.outputs, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")),
         (step.inputs, ("REUSED", "CLAMPED")),
     ):
         for signal in signals:

@@ -306,7 +306,7 @@ def tried(
         for seed, measured in zip(some, noisy(plant, truth, trial, some), strict=True):
             y = _at_their_times(step, measured)
             step.restore(start)
-            run = step.run(u=u, y=y, engine=engine)
+            run = step.run(u=u, y=step.arriving(y), engine=engine)
             yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
 
 

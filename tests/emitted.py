@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import plants
 import pytest
 import sympy as sp
@@ -90,6 +91,13 @@ def bank() -> hg.Step:
     return hg.sample(around, dt=0.01, periods={"v": 0.02})
 
 
+def delayed() -> hg.Step:
+    """Samples that come late, each with its age, and theta that adapts by predictors, which go back with it."""
+    theta = hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.staggered(0.2, predictors=2))
+    observer = hg.observers.riccati(hg.forms.triangular(plants.chain(2)), Q=[0.1, 0.1], R=0.1, theta=theta)
+    return hg.sample(hg.delayed(observer, y=3), dt=0.02)
+
+
 def tunable() -> hg.Step:
     """A parameter of the plant that is tuned and has the name of a gain."""
     a, b, y = signals("a b y")
@@ -161,6 +169,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "integrated": integrated,
     "exponential": exponential,
     "bank": bank,
+    "delayed": delayed,
     "tunable": tunable,
     "sin": lambda: names("sin"),
     "x": lambda: names("x"),
@@ -229,5 +238,5 @@ def elements(step: hg.Step) -> Iterator[Element]:
         for field in fields:
             for i, (low, high) in enumerate(field.box):
                 index = f"[{i}]" if field.size > 1 else ""
-                low = 0.0 if field.kind == "index" else max(low, -1e30)
-                yield Element(f"{start}{field.name}{index}", field, low, min(high, 1e30))
+                low = 0.0 if field.kind == "index" else low if low > -np.inf else -1e30
+                yield Element(f"{start}{field.name}{index}", field, low, high if high < np.inf else 1e30)

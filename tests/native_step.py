@@ -76,7 +76,7 @@ class NativeStep:
     def step_by_step(self, u: np.ndarray, y: np.ndarray) -> Record:
         """As `run`, by a call of NAME_step and of NAME_estimate for each sample."""
         step = self.step
-        kinds = {"input": step.inputs, "output": step.outputs, "plant": step.states}
+        kinds = {"input": step.inputs, "output": step.samples, "plant": step.states}
         records = {k: np.zeros(1, [(s.name, self.number) for s in group]) for k, group in kinds.items()}
         inputs, out, plant = (ctypes.c_void_p(array.ctypes.data) for array in records.values())
         rows = {kind: [] for kind in ("x", "traces", "status")}

@@ -120,7 +120,7 @@ def on_the_board(
     """What the program says on a board in QEMU, and the size of the step's text; `texts`: in place of the step's files;
     `calm`: the samples are those of the state at rest, not a wave."""
     made = step(name)
-    kinds = (("input", "in", made.inputs), ("output", "out", made.outputs))
+    kinds = (("input", "in", made.inputs), ("output", "out", made.samples))
     lines = [f"{made.name}_{kind} {short};" for kind, short, signals in kinds if signals]
     calm_values = calmly(made) if calm else {}
     for _, short, signals in kinds:
@@ -261,9 +261,9 @@ $after
 
 def driver(made: hg.Step) -> tuple[str, int]:
     """A program whose assertions are the induction of `state in its box`, and how many they are."""
-    kinds = [kind for kind, signals in (("in", made.inputs), ("out", made.outputs)) if signals]
+    kinds = [kind for kind, signals in (("in", made.inputs), ("out", made.samples)) if signals]
     types = {"in": "input", "out": "output"}
-    members = {"in": made.inputs, "out": made.outputs}
+    members = {"in": made.inputs, "out": made.samples}
     tuned = [("plant", f) for f in made.plant] + [("gain", f) for f in made.gains]
     parameters = [f"{kind}.{f.name}" + (f"[{i}]" if f.size > 1 else "") for kind, f in tuned for i in range(f.size)]
     state, inside = [], []

@@ -45,7 +45,7 @@ def plausible(made: CallableStep) -> tuple[np.ndarray, np.ndarray]:
     for j, (signal, (low, high)) in enumerate(zip(made.outputs, readings(made.observer.form), strict=True)):
         if not signal.bounded and np.isfinite(high - low):
             y[:, j] = (low + high) / 2 + (high - low) / 2 * y[:, j]  # which was in -0.5 .. 0.5
-    return u, y
+    return u, made.arriving(y)
 
 
 def faulty(made: CallableStep) -> tuple[np.ndarray, np.ndarray]:

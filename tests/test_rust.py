@@ -136,19 +136,19 @@ def driver(made: CallableStep, u: np.ndarray, y: np.ndarray, spoiled: str = "") 
         count=len(rows),
         rows=", ".join(f"[{', '.join(map(str, row))}]" for row in rows.tolist()),
         input=f"let input = Inputs {{ {members(made.inputs, 0)} }};" if made.inputs else "",
-        outputs=members(made.outputs, len(made.inputs)),
+        outputs=members(made.samples, len(made.inputs)),
         arguments="&p, &input, " if made.inputs else "&p, ",
         shown=" ".join("{}" for _ in made.states),
         values=", ".join(f"x.{s.name}.to_bits()" for s in made.states),
     )
 
 
-@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank", "many_states", "no_input"])
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank", "many_states", "no_input", "delayed"])
 def test_no_number_harms_it_and_python_agrees(name: str, tmp_path: Path) -> None:
     """NaN, infinite, huge and tiny samples among good ones; a sum that overflows would end the program."""
     made, rng = step(name), np.random.default_rng(5)
     values = np.array([np.nan, np.inf, -np.inf, 1e30, -1e30, 1e308, 1e-308])
-    u, y = (rng.uniform(-1, 1, (400, len(named))) for named in (made.inputs, made.outputs))
+    u, y = (rng.uniform(-1, 1, (400, len(named))) for named in (made.inputs, made.samples))
     for table in (u, y):
         hit = rng.random(table.shape) < 0.2
         table[hit] = rng.choice(values, hit.sum())
@@ -161,11 +161,11 @@ def test_no_number_harms_it_and_python_agrees(name: str, tmp_path: Path) -> None
     assert (printed[:, 1:] == np.ascontiguousarray(done.x).view(np.uint64)).all()
 
 
-@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank", "window_held"])
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank", "window_held", "delayed"])
 def test_no_counter_harms_it(name: str, tmp_path: Path) -> None:
     """Whatever the state was restored from, no index is beyond its array, which would end the program."""
     made, rng = step(name), np.random.default_rng(5)
-    u, y = (rng.uniform(-1, 1, (100, len(named))) for named in (made.inputs, made.outputs))
+    u, y = (rng.uniform(-1, 1, (100, len(named))) for named in (made.inputs, made.samples))
     counters = [each.text for each in emitted.elements(made) if each.field.kind == "index"]
     assert counters
     for value in ("u32::MAX", "u32::MAX - 1"):

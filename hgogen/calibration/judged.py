@@ -85,6 +85,7 @@ def _of_step(
 ) -> tuple[dict[int, dict[str, float]], dict[str, float]]:
     squares: dict[int, list[Array]] = {h: [] for h in ahead}
     hidden: dict[str, list[Array]] = {}
+    step = step.undelayed
     for held in records:
         step.reset()
         run = step.run(u=held.log.u, y=held.log.y, engine=engine)

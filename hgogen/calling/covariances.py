@@ -170,7 +170,7 @@ def uncertainty(step: Step) -> Uncertainty | None:
 def clock_of(step: Step) -> Clock:
     """The clock by which a step was assembled."""
     every = tuple(round(period / step.dt) for period in step.periods)
-    return Clock(step.dt, step.between, len(step.inputs), len(step.outputs), every if step.timed else ())
+    return Clock(step.dt, step.between, len(step.inputs), len(step.outputs), every)
 
 
 def motion(step: Step, known: Uncertainty | None) -> Graph:
@@ -193,5 +193,6 @@ def shown(step: Step) -> Graph:
 def used(step: Step, status: Array, signals: Sequence[str]) -> Array:
     """Whether a step used the sample of each output (N, p), by its status (N)."""
     names = [bit.name for bit in step.bits]
-    masks = [sum(1 << names.index(bit) for bit in (f"MISSING_{s}", f"REJECTED_{s}") if bit in names) for s in signals]
+    unused = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")
+    masks = [sum(1 << names.index(f"{bit}_{s}") for bit in unused if f"{bit}_{s}" in names) for s in signals]
     return np.asarray(status[:, None] & np.array(masks, np.uint32) == 0)

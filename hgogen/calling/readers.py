@@ -33,7 +33,7 @@ class Kept:
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
         self.state = self.whole[: layout.state_type(step, real).itemsize]
-        shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.outputs)
+        shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.samples)
         self.signals, self.shown = np.split(self.record.view(DTYPE[real])[-signals - shown :], [signals])
         for kind, fields in (("plant", step.plant), ("gain", step.gains), ("state", step.state)):
             self._fill(kind, fields)

@@ -2,7 +2,8 @@
 
     e_j = y_j - h_j(z),   s_j = c P c' + r        z, P as they are just before y_j corrects them
 
-so that an output counts with those before it in the same sample. An observer that integrates with the measurement has
+so that an output counts with those before it in the same sample; of a step for late samples, as the prediction left
+them of the period in which the sample was taken, when it came. An observer that integrates with the measurement has
 no such moment: there z and P are those of the last sample, moved on by the model, z by classical Runge-Kutta and
 P <- Phi P Phi' + h Q_theta, and corrected by the outputs before it.
 """
@@ -14,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from hgogen.calling.covariances import Evaluated, Uncertainty, clock_of, motion, shown, uncertainty, used, values_at
+from hgogen.calling.late import remembered
 from hgogen.calling.readers import Kept
 from hgogen.calling.samples import Engine
 from hgogen.emit.pygraph import DTYPE
@@ -38,7 +40,8 @@ class Innovations:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """The samples u (N, m), y (N, p) of a run that gave `status` (N), and the memory before the first of them."""
+    """The samples u (N, m), y (N, p) of a run that gave `status` (N), and the memory before the first of them; with y
+    go the ages of samples that may be late."""
 
     step: Step
     memory: bytes
@@ -58,7 +61,7 @@ class Replay:
         """What it shows."""
         parts = list(self._parts())
         e = np.concatenate([one.e for one in parts]) if parts else np.zeros((0, len(self.step.outputs)))
-        taken = used(self.step, self.status, self.outputs) & np.isfinite(self.y)
+        taken = used(self.step, self.status, self.outputs) & np.isfinite(self.y[:, : len(self.outputs)])
 
         def whole(arrays: list[Array | None]) -> Array | None:
             there = [array for array in arrays if array is not None]
@@ -81,7 +84,7 @@ class Replay:
             u, y = self.u[first : first + CHUNK], self.y[first : first + CHUNK]
             with np.errstate(all="ignore"):
                 yield (
-                    look.apart(y, *self._sections(memory, u, y))
+                    look.apart(y[:, : len(self.outputs)], *self._sections(memory, u, y))
                     if self.step.apart
                     else look.moved(y, *self._calls(memory, u, y))
                 )
@@ -104,7 +107,7 @@ class Replay:
                     before[number[section.corrects]][k] = memory.record[0]
                 entries[section.name]()
             after[k] = memory.record[0]
-        return before, after
+        return [remembered(self.step, records, j) for j, records in enumerate(before)], after
 
     def _calls(self, memory: Kept, u: Array, y: Array) -> tuple[Array, Array]:
         """The memory before and after each sample."""

@@ -213,5 +213,6 @@ def _step(model: Model, observer: str | None, dt: float) -> CallableStep:
 
 def _predicted(step: CallableStep, record: Record, cut: int) -> tuple[Prediction, ...]:
     u, y = record.of(step.inputs), record.of(step.outputs)
+    step = step.undelayed
     done = step.run(u=u, y=y, engine=engine_here())
     return predictions(step, done.since(cut), u[cut:], y[cut:], _AHEAD)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
@@ -109,28 +110,32 @@ def run_(
     folder.demand(f"{name}_report.json")
     step = loaded.step(observer)
     true = truth_of(loaded.plant, truth or ())
-    record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs), dict(true.values()))
+    record = _record(step, data, time, period, map_, (*step.inputs, *step.samples), dict(true.values()))
     shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
-    record = record.shifted(shifts)
-    u, y = record.of(step.inputs), record.of(step.outputs)
+    record = record.shifted(
+        shifts | {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
+    )
+    u, samples = record.of(step.inputs), record.of(step.samples)
+    y = step.in_time(samples)
     engine = engine_here()
     step, begins = _begun(step, y, initial)
-    done = step.run(u=u, y=y, engine=engine)
+    done = step.run(u=u, y=samples, engine=engine)
     counted = _counted(step, burn_in, len(y))
-    errors = predictions(step, done.since(counted), u[counted:], y[counted:], ahead)
+    judge, judged = _judged(step, done, u, y, engine)
+    errors = predictions(judge, judged.since(counted), u[counted:], y[counted:], ahead)
     measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
     sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
-    wrong = rejections(step, done, u, y, record.operands, engine)
-    single = _from_double(step, done, u, y, engine)
-    other = None if wrong else better(step, u, y, counted, engine)
+    wrong = rejections(judge, judged, u, y, record.operands, engine)
+    single = _from_double(step, done, u, samples, engine)
+    other = None if wrong else better(judge, u, y, counted, engine)
     notes = [*clamped(step, u, record.operands), *no_better(errors), *sure.sentences(), *coarse(single, step.time)]
     if other:
         notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
     status = jobs.flagged(step, done.status)
     files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
     files |= {f"{name}_innovations.csv": jobs.innovations(step, record, done)}
-    files |= rendered(jobs.record_figures(step, name, record, done, measured))
+    files |= rendered(jobs.record_figures(step, name, _drawn(step, record, y), done, measured))
     paths = folder.demand(*files, f"{name}_report.json")
     report = {
         "model": loaded.path,
@@ -164,11 +169,28 @@ def run_(
         raise MostlyRejected(wrong)
 
 
-def _from_double(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[Difference, ...]:
+def _judged(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[CallableStep, Run]:
+    """The step and its run by which the record is judged in the order of time: of a step for late samples that without
+    delays, with the estimates of the run."""
+    if not step.ages:
+        return step, done
+    return step.undelayed, replace(done, status=step.undelayed.run(u=u, y=y, engine=engine).status)
+
+
+def _drawn(step: CallableStep, record: Record, y: np.ndarray) -> Record:
+    """The record with its samples y (N, p) in the order of time, beside the estimates of which figures show them."""
+    values = record.values.copy()
+    values[:, [record.names.index(signal.name) for signal in step.outputs]] = y
+    return replace(record, values=values)
+
+
+def _from_double(
+    step: CallableStep, done: Run, u: np.ndarray, samples: np.ndarray, engine: Engine
+) -> tuple[Difference, ...]:
     """How far a run in float is from the same in double; nothing of one in double."""
     if step.real == "double":
         return ()
-    return differences(step.states, done, step.made_again(real="double").run(u=u, y=y, engine=engine))
+    return differences(step.states, done, step.made_again(real="double").run(u=u, y=samples, engine=engine))
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
@@ -216,7 +238,7 @@ def _record(
     signals: tuple[Signal, ...],
     beside: Mapping[str, str] = MappingProxyType({}),
 ) -> Record:
-    columns = mapping(str(data), pairs or (), step.inputs, step.outputs)
+    columns = mapping(str(data), pairs or (), step.inputs, step.samples)
     wanted = {**{s.name: columns[s.name] for s in signals}, **beside}
     inputs = {s.name: WINDOWS[step.between] for s in step.inputs}
     units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}

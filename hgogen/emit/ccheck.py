@@ -115,7 +115,7 @@ int main(void)
 def check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
     vectors, seen = record(step, real), list(map(_seen, places(step)))
-    inputs, outputs = [f"in.{c_name(s.name)}" for s in step.inputs], [f"out.{c_name(s.name)}" for s in step.outputs]
+    inputs, outputs = [f"in.{c_name(s.name)}" for s in step.inputs], [f"out.{c_name(s.name)}" for s in step.samples]
     text = _TEXT.substitute(
         name=step.name,
         upper=step.name.upper(),

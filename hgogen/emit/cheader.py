@@ -14,7 +14,7 @@ from hgogen.emit.cstruct import Member, member, members, named, struct
 from hgogen.emit.csyntax import comment, harmless
 from hgogen.emit.described import of_signal, parameters
 from hgogen.emit.interface import of_section
-from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, own, rates, recovery
+from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, late, own, rates, recovery
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
 from hgogen.reading.time_unit import pace
@@ -27,7 +27,14 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     """The header's lines."""
     guard = f"{step.name.upper()}_H"
     names = f"In C {says(step)}" if renamed(step) else ""
-    lines = [*_comment(banner(step, command, names)), f"#ifndef {guard}", f"#define {guard}", "", *_manual(step), ""]
+    lines = [
+        *_comment(banner(step, command, names)),
+        f"#ifndef {guard}",
+        f"#define {guard}",
+        "",
+        *_manual(step, real),
+        "",
+    ]
     lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
     lines += [*_status(step), "", *_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for each in (each for each in prototypes(step).values() if each.public):
@@ -53,7 +60,7 @@ The call at t_k uses the samples of t_k and leaves the estimate at t_k; the firs
 $missing
 $faults $recovery
 The status is 0 for ok, else an or of the bits below.
-$parts$timed
+$parts$timed$late
 Change gains in p.gain, then call ${name}_tune,
 $ranges
 The state may be copied, saved and restored, by the same version of this file. To start from an estimate of
@@ -103,7 +110,7 @@ def _body(step: Step) -> list[str]:
     assigned = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
     status = f"{status_type(step)} status"
     if not step.timed:
-        assigned += [f"out.{c_name(s.name)} = ...;" for s in step.outputs]
+        assigned += [f"out.{c_name(s.name)} = ...;" for s in step.samples]
         return [" ".join(assigned), f"{status} = {prototypes(step)['step'].call(address)};"]
     first, *rest = step.sections
     lines = [*assigned, f"{status} = {_call(step, first)};"]
@@ -118,7 +125,7 @@ def _call(step: Step, section: Section) -> str:
     return prototype(step, of_section(step, section)).call(address)
 
 
-def _manual(step: Step) -> list[str]:
+def _manual(step: Step, real: Real) -> list[str]:
     parts = ", ".join(section.name for section in step.sections)
     text = _MANUAL.substitute(
         name=step.name,
@@ -134,6 +141,7 @@ def _manual(step: Step) -> list[str]:
         changes=" that changes" * bool(step.observer.form.system.tables),
         parts=_PARTS.substitute(name=step.name, parts=parts, order=ORDER) if step.apart else "",
         timed=_timed(step) if step.timed else "",
+        late=f"\n{late(step, real)}\n" if step.ages else "",
     )
     flowing = re.sub(r"(?<=\S)\n(?=\S)", " ", text.strip("\n"))  # a paragraph is one line, which is filled later
     return _comment(flowing.split("\n"))
@@ -166,7 +174,7 @@ _KIND = {
 
 def _structs(step: Step, real: Real) -> list[str]:
     name, lines = step.name, list[str]()
-    for kind, signals in (("input", step.inputs), ("output", step.outputs), ("plant", step.states)):
+    for kind, signals in (("input", step.inputs), ("output", step.samples), ("plant", step.states)):
         if signals:
             inner = members(_signal(step, real, signal) for signal in signals)
             lines += [comment(_KIND[kind]), *struct(f"{name}_{kind}", inner), ""]

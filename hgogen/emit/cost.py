@@ -18,7 +18,7 @@ from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit.layout import params_type, state_type
 from hgogen.emit.printer import CALLS
 from hgogen.emit.syntax import Real
-from hgogen.program import Block, Kernel, Loop, Statement, When
+from hgogen.program import Block, Call, Kernel, Loop, Statement, When
 from hgogen.step import Step
 
 _FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
@@ -58,6 +58,8 @@ def _statement(statement: Statement) -> Pair:
         return statement.count * operations, statement.count * functions
     if isinstance(statement, When):
         return max(_program(statement.body), _program(statement.otherwise))
+    if isinstance(statement, Call):
+        return _program(statement.section.program)
     return _kernel(statement) if isinstance(statement, Kernel) else (0, 0)
 
 

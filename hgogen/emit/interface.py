@@ -50,7 +50,7 @@ def entries(step: Step) -> dict[str, Entry]:
         Entry("step", _parameters(step, {"in", "out"}), ("s",), whole),
         Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False),
     )
-    parts = (*step.sections, *step.timed) if len(step.sections) > 1 else ()
+    parts = step.called if len(step.sections) > 1 else ()
     return {entry.name: entry for entry in (*every, *(of_section(step, section) for section in parts))}
 
 
@@ -58,8 +58,8 @@ def of_section(step: Step, section: Section) -> Entry:
     """The function of a section."""
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
-    meaning = f"part of a step: {section.meaning}"
-    return Entry(section.name, _parameters(step, used), ("s",), meaning, public=step.apart)
+    meaning, public = f"part of a step: {section.meaning}", step.apart and section not in step.inner
+    return Entry(section.name, _parameters(step, used), ("s",), meaning, public=public)
 
 
 def reached(places: Iterable[Place]) -> set[str]:

@@ -42,6 +42,15 @@ class Kinds:
         return counters
 
     @cached_property
+    def members(self) -> dict[Place, int]:
+        """Work places that are the number of a member that a loop is at, and nothing else: how many members there
+        are."""
+        written = {place for s in walk(self._all) if isinstance(s, Block) for place in s.writes}
+        loops = [s for s in walk(self._all) if isinstance(s, Loop) and s.index]
+        counts = [(s.index, self.groups[s.group][-1].count) for s in loops if s.index]
+        return {p: max(n for q, n in counts if q == p) for p, _ in counts if p.struct == "work" and p not in written}
+
+    @cached_property
     def work(self) -> set[Place]:
         """All work places."""
         return {place for place, _ in places(self._all) if place.struct == "work"}
@@ -71,5 +80,5 @@ class Kinds:
 
     @cached_property
     def _all(self) -> Program:
-        timed = (s for section in self.step.timed for s in section.program)
-        return (*self.step.program, *self.step.tuning, *timed)
+        sections = (s for section in self.step.called for s in section.program)
+        return (*sections, *self.step.estimate, *self.step.tuning)

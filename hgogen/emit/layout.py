@@ -32,7 +32,7 @@ def params_type(step: Step, real: Real = "double") -> np.dtype:
 
 def kept_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_kept of `targets.record`."""
-    signals = {"input": step.inputs, "output": step.outputs, "estimate": step.states}
+    signals = {"input": step.inputs, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
     members += [("at", np.dtype(np.uint32))] if step.timed else []
     members += [(kind, np.dtype(_scalars(each, real), align=True)) for kind, each in signals.items() if each]
@@ -45,7 +45,7 @@ def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
     views = state_places(step, record["state"])
     for kind, fields in _parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
-    for kind, signals in (("input", step.inputs), ("output", step.outputs), ("estimate", step.states)):
+    for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
         views |= {Place(kind, signal.name): record[kind][signal.name] for signal in signals}
     return views | ({AT: record["at"]} if step.timed else {})
 

@@ -5,12 +5,15 @@ from importlib.metadata import version
 
 from hgogen.certificates.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
+from hgogen.emit.cost import cost
+from hgogen.emit.syntax import Real
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer
 from hgogen.reading.named import written
 from hgogen.reading.time_unit import pace
 from hgogen.recheck.file import SHOWN
 from hgogen.step import Step
+from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.members import read_fields
 from hgogen.theorem import rows
 
@@ -54,6 +57,28 @@ def banner(step: Step, command: str, names: str = "") -> list[str]:
     lines += [f"  {_claimed(check, observer.accepted)}" for check in observer.checks]
     lines += [names] * bool(names)
     return [*lines, *_assumed(observer)]
+
+
+def late(step: Step, real: Real) -> str:
+    """How samples that come late are given, and what the worst of it costs; "" of a step without."""
+    if step.plain is None:
+        return ""
+    pairs = list(zip(step.late, step.ages, strict=True))
+    ages = ", ".join(f"with a sample of {y.name} goes {age.name}" for y, age in pairs)
+    most = ", ".join(f"{age.name} up to {age.interval[1]:g}" for _, age in pairs)
+    slots = next(group.count for group in step.groups if group.name == MEMORY)
+    once, worst = cost(step.plain, real), cost(step, real)
+    return (
+        f"Late samples: {ages}, the number of periods ago in which it was taken, 0 for now, {most}. It is fused in "
+        "that period, and what follows is run again, so that the estimate becomes what it would be had the sample come "
+        "in time, with the gains of now. Samples may come in any order, one of an output for each period; an older "
+        "one, a second one of its period, and one whose age is no whole number are not used, and the status says so. "
+        "Where several of an output come in one period, call its update for each, and then adapt, once: it does what "
+        "the samples ask for. MISSING is said of the call, any other bit of every period that the call ran, those that "
+        f"it ran again among them. A period takes {once.operations} operations and {once.functions} functions (root, "
+        f"sine, table, ..), a call that runs all of the {slots} that are remembered no more than {worst.operations} "
+        f"and {worst.functions}. The state has {worst.state} bytes with them, {once.state} without delays."
+    )
 
 
 def recovery(step: Step) -> str:

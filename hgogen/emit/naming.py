@@ -47,4 +47,4 @@ def demand_distinct(step: Step, name: Callable[[str], str], language: str, why: 
 def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:
     """The signals of each struct."""
     parameters = tuple(p for p in step.observer.form.system.parameters if p.bounded)
-    return step.inputs, step.outputs, step.states, parameters
+    return step.inputs, step.samples, step.states, parameters

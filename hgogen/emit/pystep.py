@@ -4,7 +4,7 @@ The text is made and compiled once. It works on a record (`emit.layout`), as the
 turns on one state; and it computes the same bits, by `emit.pygraph`. Names of the user's do not occur in it:
 
     D, I, B    the record as numbers, as counters, as bytes          V    numpy's views of places, for matrix kernels
-    w, t       work values of a section, values of a block           m    number of the member that a loop is at
+    w, t       work values of a section, values of a block           m    number of the member of a group at hand
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,6 +22,7 @@ from hgogen.program import (
     Block,
     Call,
     Copy,
+    Group,
     Kernel,
     Loop,
     Place,
@@ -53,6 +54,7 @@ class _Writer:
         self.size = {"D": DTYPE[real]().itemsize, "I": 4}
         self.places = layout.places(step, record)
         self.groups = {line[-1].name: line for line in lines_of(step.groups)}
+        self.numbers = {name: number for number, name in enumerate(self.groups)}
         self.bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
         self.address = record.ctypes.data
         whole = record.view(np.uint8)
@@ -71,7 +73,7 @@ class _Writer:
         step, text = self.step, list[str]()
         shown = self._function("shown", step.estimate, self._traces())
         text += self._function("tune", step.tuning)
-        for section in (*step.sections, *step.timed):
+        for section in step.called:
             self.sections[section.name] = len(self.sections)
             text += self._function(self._called(section), section.program)
         calls = {section.name: [section] for section in (*step.sections, *step.timed)}
@@ -143,10 +145,13 @@ class _Writer:
         kind = "I" if array.dtype == np.uint32 else "D"
         offset = (array.ctypes.data - self.address) // self.size[kind] + element
         steps = (
-            f"{stride // self.size[kind]}*m{depth}"
-            for depth, stride in zip(range(len(line)), array.strides, strict=False)
+            f"{stride // self.size[kind]}*{self._at(group)}" for group, stride in zip(line, array.strides, strict=False)
         )
         return f"{kind}[{' + '.join((*steps, str(offset)))}]"
+
+    def _at(self, group: Group) -> str:
+        """The name of the number of the member of a group that a loop is at."""
+        return f"m{self.numbers[group.name]}"
 
     def _read(self, place: Place, element: int, kind: Number) -> str:
         """The text of one element as a number."""
@@ -165,25 +170,25 @@ class _Writer:
     # --- statements
 
     def _loop(self, loop: Loop) -> list[str]:
-        line = self.groups[loop.group]
-        depth, total = len(line) - 1, line[-1].count
+        group = self.groups[loop.group][-1]
+        number, member, total = self.numbers[group.name], self._at(group), group.count
         body = self._statements(loop.body)
         if loop.index:
-            body = [f"{self._text(loop.index, 0)} = m{depth}", *body]
+            body = [f"{self._text(loop.index, 0)} = {member}", *body]
         if loop.active:
-            body = [f"if k{depth} >= {self._read(loop.active, 0, 'unsigned')}:", "    break", *body]
+            body = [f"if k{number} >= {self._read(loop.active, 0, 'unsigned')}:", "    break", *body]
         if loop.start is None:
-            return [f"for k{depth} in range({loop.count}):", *indented([f"m{depth} = k{depth}", *body])]
-        start = [f"n{depth} = {self._member(loop.start, total)}"]
-        wrapped = [f"m{depth} = (n{depth} + k{depth}) % {total}", *body]
-        return [*start, f"for k{depth} in range({loop.count}):", *indented(wrapped)]
+            return [f"for k{number} in range({loop.count}):", *indented([f"{member} = k{number}", *body])]
+        start = [f"n{number} = {self._member(loop.start, total)}"]
+        wrapped = [f"{member} = (n{number} + k{number}) % {total}", *body]
+        return [*start, f"for k{number} in range({loop.count}):", *indented(wrapped)]
 
     def _copy(self, copy: Copy) -> list[str]:
         line = self.groups[copy.group]
         arrays = [array for place, array in self.places.items() if place.struct == copy.group]
         stride = arrays[0].strides[len(line) - 1]
         first = min(array.ctypes.data for array in arrays) - self.address
-        above = "".join(f" + {s}*m{depth}" for depth, s in enumerate(arrays[0].strides[: len(line) - 1]))
+        above = "".join(f" + {s}*{self._at(group)}" for group, s in zip(line[:-1], arrays[0].strides, strict=False))
         text = [
             f"{name} = {first} + {stride}*({self._member(place, line[-1].count)}){above}"
             for name, place in (("source", copy.source), ("target", copy.target))
@@ -207,8 +212,8 @@ class _Writer:
 
     def _view(self, place: Place, dimensions: int) -> str:
         """The text of a place as numpy's view of it, in the members that the loops around it are at."""
-        above = self.places[place].ndim - dimensions
-        return f"V[{list(self.places).index(place)}]{''.join(f'[m{depth}]' for depth in range(above))}"
+        above = self.groups.get(place.struct, ())[: self.places[place].ndim - dimensions]
+        return f"V[{list(self.places).index(place)}]{''.join(f'[{self._at(group)}]' for group in above)}"
 
     def _block(self, block: Block) -> list[str]:
         kind: Number = "unsigned" if self.kinds.counts(block) else self.real

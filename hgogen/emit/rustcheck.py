@@ -71,9 +71,9 @@ fn main() {
 def check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
     vectors, kind = record(step, real), RUST.types[real]
-    width = len(step.inputs) + len(step.outputs)
+    width = len(step.inputs) + len(step.samples)
     fill = _fill("input", "Inputs", step.inputs, 0, LOST_INPUT, kind) if step.inputs else []
-    fill += _fill("output", "Outputs", step.outputs, len(step.inputs), MISSING, kind)
+    fill += _fill("output", "Outputs", step.samples, len(step.inputs), MISSING, kind)
     text = _TEXT.substitute(
         name=step.name,
         structs="Inputs, " if step.inputs else "",
@@ -81,7 +81,7 @@ def check(step: Step, real: Real) -> list[str]:
         count=SAMPLES,
         width=width,
         results=len(places(step)),
-        signals=", ".join(signal.name for signal in (*step.inputs, *step.outputs)),
+        signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
         seen=", ".join(map(_seen, places(step))),
         given=_rows(([*u, *y] for u, y in zip(vectors.u, vectors.y, strict=True)), real),
         wanted=_rows(vectors.seen, real),

@@ -2,9 +2,10 @@
 
 from hgogen.emit import naming
 from hgogen.emit.code import indented
-from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, own, rates, recovery
+from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, late, own, rates, recovery
 from hgogen.emit.ruststruct import doc
 from hgogen.emit.rustsyntax import line, rust_name
+from hgogen.emit.syntax import Real
 from hgogen.reading.time_unit import pace
 from hgogen.step import Step
 from hgogen.stepping.sensors import OLDEST, ROUND
@@ -25,11 +26,18 @@ _STATE = (
 _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C of the same model; no fused operation."
 
 
-def documentation(step: Step, command: str, why: str) -> list[str]:
+def documentation(step: Step, real: Real, command: str, why: str) -> list[str]:
     """The lines at the head of the crate; `why`: a name is another in Rust."""
     names = naming.says(step, rust_name)
     title, *said = banner(step, command, f"In Rust {names}, for {why} has the name" if names else "")
-    text = [title, "", "```text", *said, "```", *(part for paragraph in _manual(step) for part in ("", paragraph))]
+    text = [
+        title,
+        "",
+        "```text",
+        *said,
+        "```",
+        *(part for paragraph in _manual(step, real) for part in ("", paragraph)),
+    ]
     return [f"//! {line(part)}".rstrip() for part in text]
 
 
@@ -48,7 +56,7 @@ def status(step: Step) -> list[str]:
     return [*doc("Status bits: what happened, and what it asks of you."), "pub mod status {", *indented(bits), "}"]
 
 
-def _manual(step: Step) -> list[str]:
+def _manual(step: Step, real: Real) -> list[str]:
     """Its paragraphs."""
     every = pace(step.dt, step.time)
     begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
@@ -56,6 +64,7 @@ def _manual(step: Step) -> list[str]:
     parts = [f"`step` is {sections}: {ORDER}"] if step.apart else []
     if step.timed:
         parts += [_TIMED.format(rates=rates(step), function=step.timed[-1].name, round=ROUND, oldest=OLDEST)]
+    parts += [late(step, real)] if step.ages else []
     return [
         f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
         "The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time. The "

@@ -30,7 +30,7 @@ _PARAMETERS = {
 
 def structs(step: Step, real: Real) -> list[str]:
     """All structs of a step."""
-    signals = {"Inputs": step.inputs, "Outputs": step.outputs, "Estimate": step.states}
+    signals = {"Inputs": step.inputs, "Outputs": step.samples, "Estimate": step.states}
     made = [
         _struct(name, _SIGNALS[name], (_signal(step, real, signal) for signal in named))
         for name, named in signals.items()

@@ -131,7 +131,9 @@ class Writer:
             return braced(head, before + inner)
         start = self.whole(loop.start)
         if loop.count == 1:
-            return braced("{", Code((self._member(group, array, self.within(start, total)),), uses) + inner)
+            bounded = self.kinds.members.get(loop.start, total + 1) <= total
+            member = self._member(group, array, start if bounded else self.within(start, total))
+            return braced("{", Code((member,), uses) + inner)
         zero = self.literal(0, "unsigned")
         wrap = (self.syntax.condition.format(f"{i} >= {self.literal(total, 'unsigned')}"), f"    {i} = {zero};", "}")
         before = Code((*first, *wrap, self._member(group, array, i), *number), uses)

@@ -1,8 +1,8 @@
 """Recorded vectors for the self-check of emitted code: what goes in, and what must come out, bit for bit.
 
 The inputs are triangle waves over the declared ranges, with a missing, an absurd, a lost and an excessive sample among
-them, so that guards, correction and adaptation all run; they use no function of this machine. The outputs are those of
-`emit.exact`.
+them, so that guards, correction and adaptation all run; late samples come with ages of every kind. They use no function
+of this machine. The outputs are those of `emit.exact`.
 
 The tolerance is for other roundings, of libm or of contracted operations. These touch a part of the operations by about
 a rounding unit each, as going from float to double touches them all; so the tolerance is 16 times that distance, and in
@@ -23,7 +23,7 @@ from hgogen.signal import Signal
 from hgogen.step import Step
 
 SAMPLES = 64
-MISSING, ABSURD, LOST_INPUT, EXCESSIVE = 20, 30, 40, 50  # samples at which a guard is exercised
+MISSING, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 30, 35, 40, 50  # samples at which a guard is exercised
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,7 @@ def record(step: Step, real: Real) -> Vectors:
     y = np.array([[_wave(k / 23, s) for s in step.outputs] for k in range(SAMPLES)])
     y[MISSING], y[ABSURD], u[LOST_INPUT] = np.nan, 1e30, np.nan
     u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
+    y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
     seen, status = runs[real]
@@ -88,13 +89,20 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     results = [reader.memory[place] for place in places(step)]
     seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
     samples = [reader.memory[Place("input", s.name)] for s in step.inputs]
-    samples += [reader.memory[Place("output", s.name)] for s in step.outputs]
+    samples += [reader.memory[Place("output", s.name)] for s in step.samples]
     for k in range(SAMPLES):
         for array, value in zip(samples, (*u[k], *y[k]), strict=True):
             array[0] = value
         status[k] = reader.call()
         seen[k] = [result[0] for result in results]
     return seen, status
+
+
+def _ages(step: Step) -> np.ndarray:
+    """Those of samples that may come late (N, ages): in time, too late, twice in a period, and one that is none."""
+    ages = np.array([[k * k % (age.interval[1] + 1) for age in step.ages] for k in range(SAMPLES)], dtype=float)
+    ages[UNDATED] = 0.5
+    return ages.reshape(SAMPLES, -1)
 
 
 def _wave(cycles: float, signal: Signal) -> float:

@@ -12,6 +12,7 @@
     between = "line"                  # or "hold"
     real = "double"                   # or "float", the precision in which samples are taken
     periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
+    delays = {y = 5}                  # samples of dt by which one of y may come late, see hg.delayed
 
     [tuning.filter]                   # kind: one of hg.observers, where the name is none
     kind = "riccati"
@@ -42,15 +43,16 @@ from hgogen.modelfiles.arguments import faults, poles, value
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.observer import STARTS, Observer
 from hgogen.reading import filename
-from hgogen.reading.text_model import NUMBER, READERS, TEXT, BadModelFile, demand_keys
+from hgogen.reading.text_model import NUMBER, READERS, TABLE, TEXT, BadModelFile, demand_keys
 from hgogen.reading.time_unit import plural
+from hgogen.stepping.delays import delayed
 from hgogen.system import System
 
 _OPTIONS = ("between", "periods", "real")  # what `sample` takes beside method and dt
-_SAMPLING = ("method", "dt", *_OPTIONS)
+_SAMPLING = ("method", "dt", "delays", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
 Start = Callable[[Form], Mapping[str, float]]
-_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "real": TEXT}
+_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "real": TEXT, "delays": TABLE}
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,9 @@ class Tuning:
         where, table = self.where(name), self._sampling(name)
         asked = self.setting.method or table.get("method", "continuous_discrete")
         method = self._case(f"{where}.method", methods, asked)
-        observer = self.observer(name, start=start)
+        observer, delays = self.observer(name, start=start), table.get("delays", {})
+        if delays:
+            observer = self._refusals(f"{where}.delays", lambda: delayed(observer, **delays))
         periods = (dt, self.setting.dt, table.get("dt"))
         period = next((each for each in periods if each is not None), None)
         period = default() if period is None else period

@@ -72,6 +72,8 @@ def bank(
         raise BadGain("bank", f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
     if any(isinstance(part, Parallel) for part in member.parts):
         raise BadGain("bank", "goes around one observer, not around another bank; give it more members")
+    if member.delays:
+        raise BadGain("bank", "goes around an observer whose samples come at once, not around hg.delayed(..)")
     if real("count", count) not in range(2, MOST + 1):
         reason = f"must be a whole number of members, from 2 (one runs while another restarts) to {MOST}"
         raise BadGain(f"count = {count!r}", reason)

@@ -1,1 +1,1 @@
-"""What a step is made of besides its method: guards, sensors, members of a bank, matrix loops, and its reading."""
+"""What a step is made of besides its method: guards, sensors, late samples, members of a bank, loops, its reading."""

@@ -19,7 +19,7 @@ from hgogen.part import Clock, Ode
 from hgogen.program import Block, Field, Place, Program, lines_of, sym
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.stepping.discretise import equation, tuned
+from hgogen.stepping.discretise import NoEquation, equation, tuned
 from hgogen.stepping.entries import Entry, Vector, distinct, of_field, of_line, of_signals
 from hgogen.stepping.guards import LARGEST_NUMBER, limit_parameters
 from hgogen.stepping.members import read_fields
@@ -58,7 +58,7 @@ class Graphs:
         step = self.made
         gains = [entry for field in step.gains for entry in self._of(field)]
         plant = distinct((e for f in step.plant for e in self._of(f)), (g.name for g in step.gains), "plant")
-        signals = of_signals("inputs", step.inputs), of_signals("outputs", step.outputs)
+        signals = of_signals("inputs", step.inputs), of_signals("outputs", step.samples)
         return *signals, Vector("parameters", (*gains, *plant))
 
     @cached_property
@@ -70,7 +70,7 @@ class Graphs:
         """One call."""
         step, state, lies = self.made, ca.MX.sym("state", len(self.memory)), shapes(self.made.state, self.made.groups)
         memory = {**self._tuned(step.tuning), **_parts(state, lies)}
-        memory |= _scalars("input", step.inputs, self._u) | _scalars("output", step.outputs, self._y)
+        memory |= _scalars("input", step.inputs, self._u) | _scalars("output", step.samples, self._y)
         for section in step.sections:
             memory = self._symbolic.section(section.program, memory)
         x = self._estimated(memory)
@@ -84,6 +84,8 @@ class Graphs:
 
     def flow(self) -> Flow:
         """The continuous observer. Raises: `NoEquation`."""
+        if self.made.ages:
+            raise NoEquation("a delayed observer", "it goes back to samples of the past")
         name, fields = self.made.name, self._moving
         state = ca.MX.sym("state", sum(field.size for field in fields))
         memory = {**self._tuned(self._tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}

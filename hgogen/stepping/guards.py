@@ -37,11 +37,15 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
     ),
     "LATE": (
         "the sample of {} was taken in a period before this one: not used",
-        "none if rare; a sensor that is always late needs its delay in the model",
+        "none if rare; a sensor that is always late is one for hg.delayed",
     ),
     "EARLY": (
         "the sample of {} is of a period to come, or comes before the first predict: not used",
         "call predict first; check the count of periods",
+    ),
+    "UNDATED": (
+        "the age of the sample of {} is no whole number of periods, 0 or more: not used",
+        "give the age in periods, 0 for a sample of now",
     ),
     "REPEATED": ("a second sample of {} in one period: not used", "give each sample once"),
     "REUSED": (

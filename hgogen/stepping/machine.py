@@ -191,7 +191,8 @@ class Machine(Reading):
         bind: Callable[[Block, list[np.ndarray]], Bound] = casadi_block,
         dtype: Any = np.float64,
     ) -> None:
-        programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
+        sections = (s for section in step.called for s in section.program)
+        programs = (*sections, *step.estimate, *step.tuning)
         super().__init__(programs, step.groups, step.bits, bind, dtype)
         self.step = step
         for kind, fields in (
@@ -205,8 +206,8 @@ class Machine(Reading):
         for kind, fields in (("plant", step.plant), ("gain", step.gains)):
             self._fill(kind, fields)
         self._tune = self.action(step.tuning)
-        self._sections |= {section.name: self.action(section.program) for section in step.sections}
-        self._timed = {section.name: self.action(section.program) for section in step.timed}
+        for section in step.called:
+            self._sections[section.name] = self.action(section.program)
         self._estimate = self.action(step.estimate)
         self.tune()
         self.reset()
@@ -224,13 +225,13 @@ class Machine(Reading):
 
     def section(self, name: str) -> int:
         """Run one section; returns its status."""
-        return self._run((self._sections | self._timed)[name])
+        return self._run(self._sections[name])
 
     def call(self) -> int:
         """All sections, then the estimate; returns the status."""
         status = 0
-        for actions in self._sections.values():
-            status |= self._run(actions)
+        for section in self.step.sections:
+            status |= self._run(self._sections[section.name])
         self._run(self._estimate)
         return status
 
@@ -241,7 +242,7 @@ class Machine(Reading):
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The estimates (N, n), the traces (N, number of them) and the statuses (N) of samples u (N, m), y (N, p)."""
         step, memory = self.step, self.memory
-        kinds = (("input", step.inputs), ("output", step.outputs))
+        kinds = (("input", step.inputs), ("output", step.samples))
         slots = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]
         results = [memory[Place("estimate", s.name)] for s in step.states]
         scalars = [memory[Place("state", name)] for name in step.observer.traces]

@@ -97,10 +97,11 @@ class Symbolic:
         first, memory = _number(memory[loop.start], total) if loop.start else None, dict(memory)
         for k in range(loop.count):
             member = k if first is None else ca.fmod(first + k, total)
+            runs = memory[loop.active] > k if loop.active else ca.MX(1)
             if loop.index:
-                memory[loop.index] = ca.MX(member)
+                memory[loop.index] = ca.if_else(runs, member, memory[loop.index])
             now = {**memory, **{place: ca.reshape(_column(memory[place], member), *rows[place]) for place in rows}}
-            then = body.at(memory[loop.active] > k if loop.active else ca.MX(1), now)
+            then = body.at(runs, now)
             memory |= {p: _with_column(memory[p], member, value) if p in rows else value for p, value in then.items()}
         return memory
 

@@ -70,7 +70,7 @@ def _source(step: Step, real: Real) -> list[str]:
 def _bodies(step: Step, real: Real) -> dict[str, Code]:
     """The statements of each function."""
     writer = Writer(C, step, real)
-    bodies = {section.name: writer.function(section.program) for section in step.sections}
+    bodies = {section.name: writer.function(section.program) for section in (*step.inner, *step.sections)}
     if len(step.sections) > 1:
         bodies["step"] = joined(called(C, step, section) for section in step.sections)
     else:

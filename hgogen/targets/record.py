@@ -38,11 +38,11 @@ def _runner(step: Step, real: Real) -> Prototype:
 
 def _run(step: Step, traces: list[str]) -> list[str]:
     """A step for each row."""
-    name, declared, m, p, n = step.name, prototypes(step), len(step.inputs), len(step.outputs), len(step.states)
+    name, declared, m, p, n = step.name, prototypes(step), len(step.inputs), len(step.samples), len(step.states)
     arguments = {"s": "s", "p": "p", "in": "&in", "out": "&out", "x": "&plant"}
     steps, shown = (declared[key].call(lambda each: arguments[each.name]) for key in ("step", "estimate"))
     inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
-    inner += [f"out.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.outputs)]
+    inner += [f"out.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.samples)]
     inner += [f"status[k] = {steps};", f"{shown};"]
     inner += [f"x[{n}u*k + {i}u] = plant.{c_name(s.name)};" for i, s in enumerate(step.states)]
     inner += [f"traces[{len(traces)}u*k + {j}u] = {value};" for j, value in enumerate(traces)]

@@ -83,7 +83,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
     private = functions(RUST, step.name, real, used.helpers) + tables(RUST, step.name, real, used.lookups)
     private += kernels(RUST, step.name, real, used.kernels)
     return [
-        *documentation(step, command, _REASON),
+        *documentation(step, real, command, _REASON),
         *_ATTRIBUTES,
         "",
         *status(step),
@@ -103,7 +103,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
 def _methods(step: Step, real: Real) -> tuple[Code, Code]:
     """Those of the state, and those of the parameters."""
     writer, known = Writer(RUST, step, real), entries(step)
-    bodies = {section.name: writer.function(section.program) for section in (*step.sections, *step.timed)}
+    bodies = {section.name: writer.function(section.program) for section in step.called}
     if len(step.sections) > 1:
         bodies["step"] = joined(called(RUST, step, section) for section in step.sections)
     else:

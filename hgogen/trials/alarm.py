@@ -41,7 +41,8 @@ def ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
     means = []
     for seed in seeds[:SEEDS]:
         pinned.restore(start)
-        innovation = pinned.run(truth.u, noisy(plant, truth, quiet, [seed])[0], engine).traces["innovation"]
+        y = pinned.arriving(noisy(plant, truth, quiet, [seed])[0])
+        innovation = pinned.run(truth.u, y, engine).traces["innovation"]
         means.append(np.mean(innovation[len(innovation) // 2 :]))
     return float(np.median(means)) / threshold
 

@@ -187,7 +187,7 @@ class Ready:
         self._memory = first_memory(step, trial)
         self._truth = None if campaign.draws.moves else self._plant.truth(trial.start)
         if campaign.engine == "c":
-            step.run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.outputs))), engine="c")
+            step.run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
 
     def outcomes(self, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
         """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made

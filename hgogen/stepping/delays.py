@@ -1,0 +1,355 @@
+"""Samples that come late: a step that goes back to the period in which a sample was taken, and runs to now again.
+
+A ring of K + 1 periods, of which `state.period_at` is now, holds of each the input that was given, the samples that
+were taken in it, and all memory of the step without delays, as its `predict` left it there.
+
+    predict     the next period takes the place of the oldest; predict, and remember the memory
+    update_y    the sample goes to the period in which it was taken, `age` periods ago
+    adapt       the memory becomes that of the oldest period that is not complete; each period from there on to now:
+                predict (but for the first, which was), update with its samples, adapt
+
+So what is estimated is, bit for bit, what the step without delays makes of the samples in the order of time, with the
+gains and parameters of now. What is no number is held as `NONE`, which every guard takes for that too. The status
+tells what happened in any period that a call ran. Whatever a step remembers is carried back and on: counts of the law
+of recovery, theta, predictors. A restart behind a late sample comes again, or does not, as that sample has it.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+
+from hgogen.check import Verdict
+from hgogen.graph import Graph
+from hgogen.observer import Observer, remembered
+from hgogen.program import (
+    Bit,
+    Block,
+    Call,
+    Field,
+    Group,
+    Loop,
+    Place,
+    Program,
+    Section,
+    Statement,
+    When,
+    column,
+    pruned,
+    scalar,
+    sym,
+)
+from hgogen.reading.given import BadGain, count
+from hgogen.signal import Signal
+from hgogen.step import CannotUpdate, Step, status_bits
+from hgogen.stepping.guards import LARGEST_NUMBER
+from hgogen.stepping.members import Moved
+from hgogen.stepping.parallel import Parallel
+from hgogen.theorem import Hypothesis
+
+NONE = 3.2e38  # a finite float beyond the largest number that counts as one
+PERIOD, MEMORY = "period", "memory"  # the two rings
+AT, FILLED, DUE = (Place("state", name) for name in ("period_at", "period_filled", "period_due"))
+DATED, SLOT, VACANT = (Place("work", name) for name in ("dated", "slot", "vacant"))
+RUNS, AGAIN, LATER = (Place("work", name) for name in ("runs", "again", "later"))
+MOST = 1000  # samples by which one may be late
+IN_TIME = Hypothesis(
+    "the model foretells the state over the time by which samples come late",
+    verdict=Verdict.UNKNOWN,
+    reason="the theorem is of the estimate at the newest sample; from there to now the model runs on without one",
+)
+
+
+def delayed(observer: Observer, /, **steps: int) -> Observer:
+    """The observer for samples that come late, by up to `steps` samples of the named outputs: `delayed(observer, y=5)`.
+
+    A step of it is given with each sample of such an output its age, a signal y_age of the step's samples: how many
+    periods ago it was taken, 0 for now. It fuses the sample as if it had come then. The step has to predict and correct
+    at samples; it remembers its memory of as many periods, and runs at most so many again.
+
+    Args: `steps` by output, from 1 to 1000; an output that is not named comes at once.
+
+    Raises: `BadGain`; `CannotUpdate` from `sample` for an observer that integrates with the measurement.
+    """
+    if not isinstance(observer, Observer):
+        kind = type(observer).__name__
+        raise BadGain("delayed", f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
+    if any(isinstance(part, Parallel) for part in observer.parts):
+        raise BadGain("delayed", "goes around one observer, not around a bank; delay what would be its member")
+    if observer.delays:
+        raise BadGain("delayed", "goes around an observer without delays; name all late outputs in one call")
+    outputs = [output.name for output in observer.form.system.outputs]
+    if strangers := steps.keys() - set(outputs):
+        raise BadGain(f"delayed({min(strangers)}=)", f"names no output; the outputs are {', '.join(outputs)}")
+    if not steps:
+        raise BadGain("delayed", f"delays nothing; name an output, such as {outputs[0]}=5 samples")
+    late = tuple((name, count(name, steps[name], 1, MOST)) for name in outputs if name in steps)
+    taken = {signal.name for signal in observer.form.system.signals}
+    for name, _ in late:
+        if _age(name) in taken:
+            raise BadGain(f"delayed({name}=)", f"adds a signal {_age(name)}, which the plant has already; rename that")
+    return remembered(_delayed)(observer, late=late)
+
+
+def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observer:
+    says = ", ".join(f"{name} up to {most}" for name, most in late)
+    line = f"samples come late, of {says} periods: fused in the period in which they were taken, then run to now again"
+    return replace(
+        observer,
+        theorem=observer.theorem.under(IN_TIME),
+        equations=(*observer.equations, line),
+        delays=late,
+    )
+
+
+def _age(name: str) -> str:
+    """The name of the signal that tells how old a sample of an output is; two underscores are for C++."""
+    return f"{name.rstrip('_')}_age"
+
+
+def _age_of(output: Signal, most: int) -> Signal:
+    """What tells with a sample of an output how many periods ago it was taken."""
+    meaning = f"periods ago in which {output.name} was taken, a whole number"
+    return Signal(_age(output.name), "", meaning, nominal=0, low=0, high=most)
+
+
+def arranged(step: Step) -> Step:
+    """The step that takes late samples of the outputs that its observer's `delays` name; without any, the step.
+
+    Raises: `CannotUpdate` for one that integrates with the measurement, `BadStep` for a status of more than 32 bits.
+    """
+    return _Delayed(step).step if step.observer.delays else step
+
+
+@dataclass(frozen=True, eq=False)
+class _Delayed:
+    """What is made of a step without delays, `plain`."""
+
+    plain: Step
+
+    @property
+    def step(self) -> Step:
+        plain = self.plain
+        if not plain.apart:
+            raise CannotUpdate(plain.observer.name, plain.rule)
+        made = replace(
+            plain,
+            state=(*plain.state, *self._fields),
+            groups=(*plain.groups, *self._rings),
+            sections=tuple(map(_pruned, (self._predict, *map(self._update, plain.outputs), self._adapt))),
+            timed=(),
+            inner=tuple(map(_pruned, (*self._sections, self._remember, self._go_back))),
+            ages=tuple(self._ages.values()),
+            plain=plain,
+        )
+        return replace(made, bits=status_bits(made, (*plain.bits, *self._bits)))
+
+    @cached_property
+    def _ages(self) -> Mapping[Signal, Signal]:
+        """By output, those of samples that may come late."""
+        outputs = {output.name: output for output in self.plain.outputs}
+        return {outputs[name]: _age_of(outputs[name], most) for name, most in self.plain.observer.delays}
+
+    @property
+    def _count(self) -> int:
+        """The periods of the ring, that of now among them."""
+        return 1 + max(most for _, most in self.plain.observer.delays)
+
+    # --- memory
+
+    @property
+    def _fields(self) -> tuple[Field, ...]:
+        """The clock of the ring, and what is given to the period that runs."""
+        periods = self._count
+        return (
+            scalar(AT.name, 0, kind="index", high=periods - 1, meaning="index of the period of now"),
+            scalar(FILLED.name, 0, kind="index", high=periods, meaning="periods remembered since the last reset"),
+            scalar(DUE.name, 0, kind="index", high=periods, meaning="periods, the last this one, that adapt completes"),
+            *self._signals,
+        )
+
+    @cached_property
+    def _signals(self) -> tuple[Field, ...]:
+        """The input and the samples of a period, as they were given."""
+        named = (("u_given", self.plain.inputs, "input"), ("y_given", self.plain.outputs, "samples"))
+        return tuple(_signals(name, signals, what) for name, signals, what in named if signals)
+
+    @cached_property
+    def _rings(self) -> tuple[Group, Group]:
+        groups = tuple(replace(group, name=f"{MEMORY}_{group.name}") for group in self.plain.groups)
+        period = Group(PERIOD, self._count, self._signals, "a period: the input and the samples of it")
+        meaning = "what the step remembered in a period after its prediction"
+        return period, Group(MEMORY, self._count, self.plain.state, meaning, groups)
+
+    # --- the step without delays, on what a period was given
+
+    @cached_property
+    def _sections(self) -> tuple[Section, ...]:
+        """Its sections, which read the input and the samples of a period from the state. What it says of a missing
+        sample is said where a sample is given."""
+        signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
+        reads: dict[Place, Graph] = {
+            Place(struct, signal.name): sym("state", field, len(each))[k]
+            for struct, (each, field) in signals.items()
+            for k, signal in enumerate(each)
+        }
+        missing = {f"MISSING_{output}" for output in self.plain.outputs}
+        silent = {Place("status", name): Place("work", f"silent_{name}") for name in missing}
+        moved = Moved({**reads, **silent}, {})
+        return tuple(
+            Section(f"then_{each.name}", f"{each.meaning}, of a period", moved.program(each.program))
+            for each in self.plain.sections
+        )
+
+    @cached_property
+    def _remember(self) -> Section:
+        return Section("remember", "keep the memory of a period", self._copied("state", MEMORY))
+
+    @cached_property
+    def _go_back(self) -> Section:
+        """The first call, which advances no time, is behind all that was remembered, also of a memory that was spoiled:
+        the next prediction then finds what was lost."""
+        calls = sym("state", "calls")
+        begun = Block("it was predicted", {Place("state", "calls"): ca.if_else(calls >= 1, calls, 1)})
+        return Section("go_back", "take the memory of a period up again", (*self._copied(MEMORY, "state"), begun))
+
+    def _copied(self, source: str, target: str) -> Program:
+        """The fields and the groups of the step between the state and the period `at`."""
+        plain, inner = self.plain, list[Statement](_copies(source, target, self.plain.state))
+        for group in plain.groups:
+            ends = {"state": group.name, MEMORY: f"{MEMORY}_{group.name}"}
+            which = Place("work", f"which_{group.name}")
+            copies = _copies(ends[source], ends[target], group.fields)
+            there = Loop(ends[MEMORY], 1, copies, start=which)
+            inner.append(Loop(group.name, group.count, (there,), index=which))
+        return (Loop(MEMORY, 1, tuple(inner), start=AT),)
+
+    # --- the sections of a caller
+
+    @property
+    def _predict(self) -> Section:
+        plain, (predict, *_) = self.plain, self._sections
+        (at, filled, due), most = self._clock, self._count
+        after = {
+            AT: ca.if_else(at >= most - 1, 0, at + 1),
+            FILLED: ca.if_else(filled < most, filled + 1, most),
+            DUE: ca.if_else(due < most, due + 1, most),
+        }
+        nothing = {Place(PERIOD, "y_given"): ca.SX(column([NONE] * len(plain.outputs)))}
+        raw = (sym("input", signal.name) for signal in plain.inputs)
+        input = column(ca.if_else(ca.fabs(u) <= LARGEST_NUMBER, u, NONE) for u in raw)
+        begin = {Place("state", "u_given"): input} if plain.inputs else {}
+        writes = {Place(PERIOD, "u_given"): sym("state", "u_given", len(plain.inputs))} if plain.inputs else {}
+        program: Program = (
+            Block("the next period takes the place of the oldest", after),
+            *((Block("the input of this period", begin),) if begin else ()),
+            Loop(PERIOD, 1, (Block("a period without samples", {**nothing, **writes}),), start=AT),
+            Call(predict),
+            Call(self._remember),
+        )
+        return Section("predict", "begin a period, and advance the estimate to it", program)
+
+    def _update(self, output: Signal) -> Section:
+        """The sample goes to its period, where it is the first one."""
+        j, size = self.plain.outputs.index(output), len(self.plain.outputs)
+        there, raw = sym(PERIOD, "y_given", size), sym("output", output.name)
+        vacant = ca.fabs(there[j]) > LARGEST_NUMBER
+        first = {VACANT: vacant, Place("status", f"REPEATED_{output}"): ca.logic_not(vacant)}
+        taken = {Place(PERIOD, "y_given"): column(raw if k == j else there[k] for k in range(size))}
+        dated, slot, due = self._dated(output, raw)
+        put = (Block(f"one sample of {output} a period", first), When(VACANT, (Block("it is taken", taken), due)))
+        program = (dated, When(DATED, (slot, Loop(PERIOD, 1, put, start=SLOT))))
+        return Section(f"update_{output}", f"take a sample of {output}", program, output.name)
+
+    def _dated(self, output: Signal, raw: Graph) -> tuple[Block, Block, Block]:
+        """Whether the ring has the period of a sample; where, if it has; and how many periods are due with it."""
+        at, filled, due = self._clock
+        number, begun = ca.fabs(raw) <= LARGEST_NUMBER, filled >= 1
+        status, known, age, slot = {Place("status", f"EARLY_{output}"): ca.logic_not(begun)}, begun, ca.SX(0), at
+        if output in self._ages:
+            age = sym("output", self._ages[output].name)
+            slot, most = self._before(at, age), self._ages[output].interval[1]
+            whole = ca.logic_and(age >= 0, ca.floor(age) >= age)
+            recent = ca.logic_and(age <= most, age < filled)
+            old = ca.logic_and(begun, ca.logic_and(whole, ca.logic_not(recent)))
+            status |= {Place("status", f"LATE_{output}"): ca.logic_and(number, old)}
+            status |= {Place("status", f"UNDATED_{output}"): ca.logic_and(number, ca.logic_not(whole))}
+            known = ca.logic_and(whole, recent)
+        status |= {Place("status", f"MISSING_{output}"): ca.logic_not(number)}
+        runs = ca.if_else(due > age, due, age + 1)
+        return (
+            Block(f"in which period was {output} taken?", {DATED: ca.logic_and(number, known), **status}),
+            Block("there", {SLOT: slot}),
+            Block("that one is run again, and each after it", {DUE: runs}),
+        )
+
+    @property
+    def _adapt(self) -> Section:
+        at, _, due = self._clock
+        predict, *rest = self._sections
+        signals = {Place("state", field.name): sym(PERIOD, field.name, field.size) for field in self._signals}
+        again = (Call(predict), Call(self._remember))
+        run: Program = (
+            Block("what the period was given", signals),
+            When(LATER, again),
+            *map(Call, rest),
+            Block("a later period begins with its prediction", {LATER: ca.SX(1)}),
+        )
+        back = ca.if_else(due >= 1, due - 1, 0)
+        first = {RUNS: due, AT: self._before(at, back), AGAIN: due >= 1}
+        complete: Program = (
+            Call(self._go_back),
+            Block("the first period has its prediction", {LATER: ca.SX(0)}),
+            Loop(PERIOD, self._count, run, start=AT, active=RUNS, index=AT),
+            Block("every period is complete", {DUE: ca.SX(0)}),
+        )
+        program: Program = (Block("the first period that is not complete", first), When(AGAIN, complete))
+        return Section("adapt", "go back to the first period with a new sample, and run to now again", program)
+
+    # --- the clock
+
+    @property
+    def _clock(self) -> tuple[Graph, Graph, Graph]:
+        """`at`, `filled` and `due`, 0 where the memory was spoiled and one is out of its range."""
+        most = self._count
+        at, filled, due = (sym(*place) for place in (AT, FILLED, DUE))
+        ends = ((at, most), (filled, most + 1), (due, most + 1))
+        return tuple(ca.if_else(value < end, value, 0) for value, end in ends)
+
+    def _before(self, at: Graph, age: Graph) -> Graph:
+        """The index of the period `age` periods before that at the index `at`."""
+        return ca.if_else(at >= age, at - age, at + self._count - age)
+
+    @property
+    def _bits(self) -> tuple[Bit, ...]:
+        """Its words for the status of samples that may be late."""
+        bits = []
+        for output, age in self._ages.items():
+            most = f"{age.interval[1]:g}"
+            late = (
+                f"the sample of {output.name} is more than {most} periods old, or older than the last reset: not used"
+            )
+            fix = f"none if rare; else let it come later: hg.delayed(.., {output.name}=..) of more than {most}"
+            bits.append(Bit(f"LATE_{output.name}", late, fix))
+        return tuple(bits)
+
+
+def _signals(name: str, signals: tuple[Signal, ...], what: str) -> Field:
+    ends, names = (NONE,) * len(signals), tuple(map(str, signals))
+    meaning = f"{what} of a period, {NONE:g} for none"
+    low = tuple(-end for end in ends)
+    return Field(name, (0.0,) * len(signals), low=low, high=ends, labels=names, meaning=meaning)
+
+
+def _copies(source: str, target: str, fields: Iterable[Field]) -> Program:
+    """The fields of one struct as those of another; counters in a block of their own."""
+    blocks = []
+    for kind, title in (("real", "memory"), ("index", "counters")):
+        writes = {Place(target, f.name): sym(source, f.name, f.size) for f in fields if f.kind == kind}
+        blocks += [Block(title, writes)] if writes else []
+    return tuple(blocks)
+
+
+def _pruned(section: Section) -> Section:
+    return replace(section, program=pruned(section.program))
