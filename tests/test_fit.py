@@ -19,9 +19,10 @@ from hgogen.commands.fitting import _verdicts
 from hgogen.identification import lag as lag_module
 from hgogen.identification import robust as robust_module
 from hgogen.identification.fit import CannotFit
-from hgogen.identification.information import alike, information
+from hgogen.identification.information import information
 from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
+from hgogen.identification.whiteness import alike
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.parameters import read
 from hgogen.reading.text_model import read as read_model

@@ -1,5 +1,4 @@
-"""What a record tells of parameters: the Fisher information beside the states of the segments, and how residuals follow
-each other.
+"""What a record tells of parameters: the Fisher information beside the states of the segments.
 
 With J and A the Jacobians of the residuals and of the gaps in (parameters and offsets p, states s),
 
@@ -7,8 +6,7 @@ With J and A the Jacobians of the residuals and of the gaps in (parameters and o
 
 is the information on p that is left when s fits best beside each p with the gaps closed, all in units of ranges. To
 J_s'J_s 1e-10 is added: a state that no output shows is known to lie somewhere in its range. M^-1 sigma^2 is the
-covariance of p where residuals are white. Where they follow each other, as those of a model that is too simple do, tau
-of them tell as much as one, tau = 1 + 2 sum_k r_k of their autocorrelation r_k up to the first that is not positive.
+covariance of p where residuals are white.
 
 T. Soederstroem, P. Stoica, System Identification (1989), chapters 7 and 11.
 """
@@ -68,14 +66,3 @@ def _tables(problem: Shooting, residuals: Array) -> Iterator[Array]:
         made[there] = residuals[begin : begin + int(there.sum())]
         begin += int(there.sum())
         yield made * problem.scale
-
-
-def alike(residuals: Array) -> float:
-    """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
-    N, centred = len(residuals), residuals - residuals.mean()
-    power = float(centred @ centred)
-    if not power:
-        return 1.0
-    r = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * N)) ** 2)[:N] / power
-    first = int(np.argmax(r <= 0)) or N
-    return max(1.0, 1.0 + 2.0 * float(r[1:first].sum()))
