@@ -108,7 +108,7 @@ class Likelihood:
         return Innovations(
             ca.Function("move", [z, now, then, g], [model.move(z, now, then)]),
             ca.Function("read", [z, now, g], [model.read(z, now)]),
-            ca.Function("process", [g], [self._process(g)]),
+            ca.Function("process", [g, ca.SX.sym("Phi", n, n)], [ca.diag(self._process(g))]),
             ca.Function("sensor", [g], [ca.vertcat(*samples)]),
             np.array([[-np.inf] * n, [np.inf] * n]),  # its dynamics are taken in the box
         )

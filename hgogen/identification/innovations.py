@@ -1,7 +1,7 @@
 """The innovations of an extended Kalman filter along a record, as a graph with exact derivatives.
 
     e_j = y_j - h_j(x-),   s_j = H_j P- H_j' + r_j,   x = x- + K e,   P = P- - K s K'      outputs one after the other
-    x- = F(x, u),   P- = Phi P Phi' + q,   Phi = dF/dx                                     a sample on
+    x- = F(x, u),   P- = Phi P Phi' + q(Phi),   Phi = dF/dx                                a sample on
 
 A missing sample is left out. An innovation costs (e^2/s + log s)/2, so that the sum is -log of the likelihood of the
 record; with a corner c it is pulled to psi(e/sqrt(s)) sqrt(s), psi(r) = r/sqrt(1 + (r/c)^2), before it corrects, and
@@ -41,8 +41,8 @@ def moved_by_noise(names: Sequence[str], states: Sequence[sp.Symbol], flow: Iter
 @dataclass(frozen=True, eq=False)
 class Innovations:
     """The filter, by CasADi functions of theta (q), what it depends on: `move` (x, u now, u then, theta) -> x a sample
-    on, `read` (x, u, theta) -> y, `process` theta -> q (n), `sensor` theta -> r (p); `ends` (2, n), maybe infinite:
-    within them a correction stays; `corner`: c, infinite for squares."""
+    on, `read` (x, u, theta) -> y, `process` (theta, Phi) -> q (n, n), `sensor` theta -> r (p); `ends` (2, n), maybe
+    infinite: within them a correction stays; `corner`: c, infinite for squares."""
 
     move: Any
     read: Any
@@ -77,7 +77,7 @@ class Innovations:
         entries = (memory, now, then, y, valid, theta)
         x, P, *rest = self._corrected(memory[:n], ca.reshape(memory[n:], n, n), now, y, valid, theta)
         moved, Phi = self._linear(x, now, then, theta)
-        P = Phi @ P @ Phi.T + ca.diag(self.process(theta))
+        P = Phi @ P @ Phi.T + self.process(theta, Phi)
         return ca.Function("filter", list(entries), [ca.vertcat(moved, ca.vec(P)), *rest])
 
     @cached_property
