@@ -22,6 +22,7 @@ from hgogen.identification.fit import CannotFit
 from hgogen.identification.progress import Progress
 from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
+from hgogen.identification.structural import parted
 from hgogen.identification.whiteness import alike
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.parameters import read
@@ -200,6 +201,7 @@ def test_samples_may_be_missing_and_an_output_have_an_offset() -> None:
     assert offset.value == pytest.approx(0.3, abs=5 * offset.deviation)
     assert np.isnan(fit.fitted[0][50:80]).all()
     assert np.isfinite(fit.fitted[0]).sum() == N - 30
+    assert fit.error["y"] == pytest.approx(0.01, rel=0.15)  # in its unit: of 370 draws known to 4 %
 
 
 def test_what_a_record_does_not_tell_is_said() -> None:
@@ -231,6 +233,16 @@ def test_what_no_record_tells_is_parted_from_what_this_one_does_not() -> None:
     assert "the records do not, though others would, tell +1 g, in units of ranges" in notes
     assert "no record of these outputs would tell" in notes
     assert fit.as_dict()["joint"]["unseen"]
+
+
+def test_directions_are_turned_to_what_is_hidden() -> None:
+    """Of two that mix p q with g, one is of p and q alone."""
+    product, other = np.array([0.6, -0.8, 0.0]), np.array([0.0, 0.0, 1.0])
+    mixed = np.column_stack([product + other, product - other]) / np.sqrt(2)
+    turned = parted(mixed, np.array([True, True, False]))
+    assert np.abs(turned[:, 0]) == pytest.approx(other, abs=1e-12)
+    assert np.abs(turned[:, 1]) == pytest.approx(np.abs(product), abs=1e-12)
+    assert parted(mixed, np.zeros(3, bool)) is mixed
 
 
 def test_a_parameter_in_no_equation_is_told_by_no_record() -> None:
@@ -671,15 +683,22 @@ def test_a_value_has_its_place() -> None:
 # --- a measured record ------------------------------------------------------------------------------------------
 
 
+NAMES = ("k1", "k2", "k3", "k4")
+PATTERNS = [  # ten of the sixteen of signs
+    tuple(1 if k >> i & 1 else -1 for i in range(4)) for k in (10, 0, 1, 3, 4, 5, 6, 9, 12, 15)
+]
+
+
 @pytest.mark.skipif(not (DATA / "cascaded_tanks.csv").is_file(), reason="no measured records")
-def test_from_wrong_constants_the_tanks_are_predicted_five_samples_ahead() -> None:
+@pytest.mark.parametrize("signs", [PATTERNS[0], *(pytest.param(p, marks=pytest.mark.slow) for p in PATTERNS[1:])])
+def test_from_wrong_constants_the_tanks_are_predicted_five_samples_ahead(signs: tuple[int, ...]) -> None:
     """Fitted on one half of the benchmark with every constant off by 30 %, judged on the other: at most 0.20."""
     rows = np.genfromtxt(DATA / "cascaded_tanks.csv", delimiter=",", skip_header=1, usecols=range(4))
     u, u_other, y, y_other = rows.T
     model = hg.load(FOLDER / "cascaded_tanks.py")
-    signs = dict(zip(("k1", "k2", "k3", "k4"), (-1, 1, -1, 1), strict=True))
-    off = valued(model.plant, {p.name: p.nominal * (1 + 0.3 * signs[p.name]) for p in model.plant.parameters})
-    fit = hg.fit(off, hg.Log(u, y, 4.0), free=signs)
+    sign = dict(zip(NAMES, signs, strict=True))
+    off = valued(model.plant, {p.name: p.nominal * (1 + 0.3 * sign[p.name]) for p in model.plant.parameters})
+    fit = hg.fit(off, hg.Log(u, y, 4.0), free=NAMES, starts=1)
     step = model.valued({one.name: one.value for one in fit.parameters}).step()
     errors = predictions(step, step.run(u=u_other, y=y_other), u_other[:, None], y_other[:, None], (5,))
     assert errors[0].model <= 0.20 < 0.45 <= errors[0].copying
