@@ -82,6 +82,7 @@ def test_what_no_fit_left_is_refused(table: dict[str, Any]) -> None:
 def test_the_command_goes_on_after_a_stop(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     """The file is there after Ctrl-C, serves once, and is gone at the end."""
     words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
+    words = (*words, "--held-out", "0")
     _, said = hgogen(*words, "--resume", status=2)
     assert "there is no fit to go on with" in " ".join(said.replace("│", " ").split())
     whole = fitting.fit
@@ -113,7 +114,10 @@ def test_the_command_goes_on_after_a_stop(here: Path, monkeypatch: pytest.Monkey
 
 def test_the_command_fits_by_prediction_error(here: Path) -> None:  # noqa: F811
     words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
-    hgogen(*words, "--by", "prediction", "--held-out", "0.7")
+    stdout, _ = hgogen(*words, "--by", "prediction", "--held-out", "0.7")
+    assert "RMS error of predictions one sample ahead" in stdout
+    assert "process noise of v" in stdout
+    assert "process noise of x" not in stdout  # x' = v is a definition
     result = json.loads((here / "out" / "fitted.json").read_text())
     assert result["by"] == "prediction"
     assert result["noise"]["sample"]["y"] == pytest.approx(0.01, rel=0.4)  # of 120 samples

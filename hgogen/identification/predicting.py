@@ -5,11 +5,11 @@
 
 with the innovations e of an extended Kalman filter and their variances s (`innovations`). The filter takes up what
 moves the plant beside its inputs, and errors that an unstable plant would let grow: without Q this is the error of a
-simulation, which such noise biases. What w adds to the covariance in a sample is Simpson's rule of
+simulation, which such noise biases under feedback. What w adds to the covariance in a sample is Simpson's rule of
 
     integral over a sample of  Phi(t) Q Phi(t)',   Phi(1/2) = I + D/2 - D^2/8,   D = Phi(1) - I
 
-The solver has for the curvature the Fisher information, the sum over k and j of de de'/s + ds ds'/(2 s^2).
+The Fisher information is the sum over k and j of de de'/s + ds ds'/(2 s^2).
 
 Sources: K. J. Astroem, "Maximum likelihood and prediction error methods", Automatica 16 (1980); N. R. Kristensen, H.
 Madsen, S. B. Joergensen, "Parameter estimation in stochastic grey-box models", Automatica 40 (2004).
@@ -52,12 +52,13 @@ class Predicting(Problem):
         return (*[PROCESS] * len(self.noisy), *[SAMPLE] * len(self.plant.outputs))
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
-        """Q_i, by state, and the deviation of a sample, by output."""
+        """Q_i, by state that has noise of its own, and the deviation of a sample, by output."""
         logs = np.asarray(unknowns)[self.size - len(self.levels) :]
         process = self._density(ca.DM(logs)).full().ravel()
         samples = self.scale * np.exp(logs[len(self.noisy) :] / 2)
-        names = [[s.name for s in each] for each in (self.plant.states, self.plant.outputs)]
-        return dict(zip(names[0], process.tolist(), strict=True)), dict(zip(names[1], samples.tolist(), strict=True))
+        density = dict(zip([x.name for x in self.plant.states], process.tolist(), strict=True))
+        deviation = zip([y.name for y in self.plant.outputs], samples.tolist(), strict=True)
+        return {name: density[name] for name in self.noisy}, dict(deviation)
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:
@@ -78,13 +79,6 @@ class Predicting(Problem):
             tell = tuple(influence(each, self.corner) for each in tell)
         units = self._outputs(self._at(unknowns)[0])
         return Information(eliminated(F, ca.DM(0, self.size), self.constants), tables(self.records, units), tell)
-
-    def curvature(self, unit: Array) -> Any:
-        """(unknowns over their units) -> the Fisher information in these units."""
-        v, _, e, s = self._series
-        w = ca.MX.sym("w", self.size)
-        F = ca.Function("fisher", [v], [self._fisher(v, e, s)])(w * unit)
-        return ca.Function("curvature", [w], [F * ca.DM(np.outer(unit, unit))])
 
     def _fisher(self, v: Any, e: Any, s: Any) -> Any:
         J = ca.jacobian(ca.vertcat(e, s), v)  # in one pass

@@ -56,11 +56,6 @@ class Problem:
         """The unknowns (MX), what is minimised, and what must be 0."""
         raise NotImplementedError
 
-    def curvature(self, unit: Array) -> Any:
-        """(unknowns over their units) -> what a solver takes for the second derivatives of what is minimised in these
-        units (v, v); None for the exact ones."""
-        return None
-
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
         """The density of process noise by state, and the deviation of a sample by output, where they are fitted."""
         return {}, {}

@@ -167,7 +167,7 @@ class Fit:
 
 _COLOURED = {
     "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
-    "moves the plant, --by prediction (by=) has no bias",
+    "moves the plant, --by prediction (by=) fits it along",
     "prediction": "they can be predicted, so that the model, or the time of an input or sensor, is off",
 }
 _HIGHER: Mapping[str, Callable[[float], str]] = {

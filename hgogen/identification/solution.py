@@ -55,7 +55,7 @@ class Solver:
         watch = _Watch(len(begin), gaps.numel(), lambda k, w: each(k, w * self.unit))
         quiet = _QUIET if at is None else _QUIET | _THERE
         options: Any = {"print_time": False, "ipopt": quiet, "iteration_callback": watch, "show_eval_warnings": False}
-        solver = ca.nlpsol("fit", "ipopt", self._nlp, options | self._curvature)
+        solver = ca.nlpsol("fit", "ipopt", self._nlp, options)
         bounds = {"lbx": self.low / self.unit, "ubx": self.high / self.unit, "lbg": 0, "ubg": 0}
         with heard() as watch.interrupts:
             result = solver(x0=first, p=begin[: self._free], **bounds)
@@ -77,18 +77,6 @@ class Solver:
         w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._free)
         least, jumps = ca.Function("problem", [v], [cost, gaps])(w * self.unit)
         return {"x": w, "p": p, "f": least + ca.sumsqr(PULL * (w[: self._free] - p)) / 2, "g": jumps}
-
-    @cached_property
-    def _curvature(self) -> dict[str, Any]:
-        """That of the problem, where it has one in the place of second derivatives."""
-        known = self.problem.curvature(self.unit)
-        if known is None:
-            return {}
-        w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._free)
-        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", self.problem.graph[2].numel())
-        H = ca.triu(sigma * (known(w) + ca.diag([PULL**2] * self._free + [0] * (self.problem.size - self._free))))
-        names = ["x", "p", "lam:f", "lam:g"], ["triu:hess:gamma:x:x"]
-        return {"hess_lag": ca.Function("nlp_hess_l", [w, p, sigma, lam], [H], *names)}
 
 
 class _Watch(ca.Callback):
