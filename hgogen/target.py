@@ -95,6 +95,15 @@ def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
     return paths
 
 
+def remove(name: str, folder: str | Path) -> None:
+    """Remove a file of `folder`, if it is there. Raises: `CannotWrite`."""
+    (path,) = demand([name], folder)
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise _failed(error, Path(folder)) from error
+
+
 @contextmanager
 def lines_of(name: str, folder: str | Path) -> Iterator[tuple[str, Callable[[str], None]]]:
     """The whole lines of a file in `folder`, which are there already, and a function that adds one, ended by a new

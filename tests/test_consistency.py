@@ -9,8 +9,9 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.calling.samples import BadShape
+from hgogen.identification.whiteness import quantile, whiteness
 from hgogen.trials import consistency as consistency_module
-from hgogen.trials.consistency import no_better, quantile, whiteness
+from hgogen.trials.consistency import no_better
 from hgogen.trials.prediction import Prediction
 
 Array = np.ndarray

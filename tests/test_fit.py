@@ -19,9 +19,11 @@ from hgogen.commands.fitting import _verdicts
 from hgogen.identification import lag as lag_module
 from hgogen.identification import robust as robust_module
 from hgogen.identification.fit import CannotFit
-from hgogen.identification.information import alike, information
+from hgogen.identification.progress import Progress
 from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
+from hgogen.identification.structural import parted
+from hgogen.identification.whiteness import alike
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.parameters import read
 from hgogen.reading.text_model import read as read_model
@@ -153,7 +155,7 @@ def test_no_lag_is_claimed_that_the_records_do_not_tell() -> None:
     fit = hg.fit(plant, hg.Log(known.u, y, DT), free=("k", "c", "g"), lag=["still"], starts=1)
     assert fit.lags[0].deviation == math.inf
     assert not any("the sensor of still lags" in note for note in fit.notes())
-    assert any("the records do not tell +1 lag_of_still" in note for note in fit.notes())
+    assert any("tell +1 lag_of_still" in note for note in fit.notes())
 
 
 def test_a_robust_fit_is_not_moved_by_samples_that_are_wrong() -> None:
@@ -199,6 +201,7 @@ def test_samples_may_be_missing_and_an_output_have_an_offset() -> None:
     assert offset.value == pytest.approx(0.3, abs=5 * offset.deviation)
     assert np.isnan(fit.fitted[0][50:80]).all()
     assert np.isfinite(fit.fitted[0]).sum() == N - 30
+    assert fit.error["y"] == pytest.approx(0.01, rel=0.15)  # in its unit: of 370 draws known to 4 %
 
 
 def test_what_a_record_does_not_tell_is_said() -> None:
@@ -212,7 +215,64 @@ def test_what_a_record_does_not_tell_is_said() -> None:
     (direction,) = fit.untold  # p q stays, so that 0 = q dp + p dq, with dp, dq in units of the nominal 2 and 0.5
     assert values[1] * 2 * direction["p"] + values[0] * 0.5 * direction["q"] == pytest.approx(0, abs=1e-3)
     assert all(one.deviation == float("inf") for one in fit.parameters)
-    assert "the records do not tell" in " ".join(fit.notes())
+    assert "no record of these outputs would tell" in " ".join(fit.notes())
+    assert (fit.joint.rank, fit.joint.count, fit.joint.hidden) == (1, 2, ("p", "q"))
+
+
+def test_what_no_record_tells_is_parted_from_what_this_one_does_not() -> None:
+    """Of p q x the product alone is seen, by any record; g moves x with an input that here is 0."""
+    p, q = hg.Signal("p", nominal=2), hg.Signal("q", nominal=0.5)
+    plant = hg.System(
+        "three", states=(X,), inputs=(U,), outputs=(Y,), parameters=(p, q, G), flow=[-p * q * X + G * U], output=[X]
+    )
+    y = 2 * np.exp(-0.7 * 0.1 * np.arange(60))
+    fit = hg.fit(plant, hg.Log(np.zeros(60), y, 0.1), free=["p", "q", "g"], starts=1)
+    assert sorted(map(sorted, fit.untold)) == [["g"], ["p", "q"]]
+    assert (fit.joint.rank, fit.joint.count, fit.joint.hidden) == (2, 3, ("p", "q"))
+    notes = " ".join(fit.notes())
+    assert "the records do not, though others would, tell +1 g, in units of ranges" in notes
+    assert "no record of these outputs would tell" in notes
+    assert fit.as_dict()["joint"]["unseen"]
+
+
+def test_directions_are_turned_to_what_is_hidden() -> None:
+    """Of two that mix p q with g, one is of p and q alone."""
+    product, other = np.array([0.6, -0.8, 0.0]), np.array([0.0, 0.0, 1.0])
+    mixed = np.column_stack([product + other, product - other]) / np.sqrt(2)
+    turned = parted(mixed, np.array([True, True, False]))
+    assert np.abs(turned[:, 0]) == pytest.approx(other, abs=1e-12)
+    assert np.abs(turned[:, 1]) == pytest.approx(np.abs(product), abs=1e-12)
+    assert parted(mixed, np.zeros(3, bool)) is mixed
+
+
+def test_a_parameter_in_no_equation_is_told_by_no_record() -> None:
+    idle = hg.Signal("idle", nominal=1, low=0, high=2)
+    plant = hg.System("idle", states=(X,), outputs=(Y,), parameters=(K, idle), flow=[-K * X], output=[X])
+    y = np.exp(-3 * 0.05 * np.arange(60))
+    fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), starts=1)
+    sentence = "no record of these outputs would tell +1 idle, in units of ranges: it stays near its start; fix it"
+    assert sentence in fit.notes()
+    assert fit.parameters[0].deviation < 0.1 < fit.parameters[1].deviation == math.inf
+
+
+def test_a_record_that_stands_still_is_said() -> None:
+    fit = hg.fit(PLANT, hg.Log(np.zeros(40), np.zeros(40), DT), free=["k", "c", "g"], starts=1)
+    sentence = "y stands still in the records, so that it tells little; give a record in which the plant moves"
+    assert sentence in fit.notes()
+    assert fit.whiteness == {"y": None}
+
+
+def test_residuals_are_tested_for_whiteness() -> None:
+    """White noise passes; what a model without the cube leaves does not, and the way out is named."""
+    assert hg.fit(PLANT, log(2), free=["k", "c", "g"], starts=1).whiteness["y"].white
+    flow = [row.subs(X**3, 0) for row in PLANT.flow]
+    plant = hg.System("linear", states=(X, V), inputs=(U,), outputs=(Y,), parameters=(K, C, G), flow=flow, output=[X])
+    fit = hg.fit(plant, log(2), free=["k", "c", "g"], starts=1)
+    assert not fit.whiteness["y"].white
+    (note,) = (note for note in fit.notes() if "not white" in note)
+    assert "residuals of y are not white (Ljung-Box" in note
+    assert "the plant does more than the model" in note
+    assert fit.as_dict()["whiteness"]["y"]["white"] is False
 
 
 def test_a_value_far_above_its_nominal_one_is_told() -> None:
@@ -299,7 +359,7 @@ def test_the_information_is_the_same_however_long_the_segments_are(length: int) 
     unknowns = np.array([0.7, *(3 * e[::length])])
     s = -3 * t * e
     fisher = s @ s - (s @ e) ** 2 / (e @ e)
-    (M,) = information(problem, unknowns, np.ones(len(unknowns))).M.ravel()
+    (M,) = problem.information(unknowns, np.ones(len(unknowns))).M.ravel()
     assert pytest.approx(fisher, rel=1e-5) == M
 
 
@@ -391,6 +451,7 @@ def test_what_is_followed_no_better_than_by_its_mean_is_said() -> None:
 BAD = {
     "between": ({"between": "zoh"}, "between='zoh' is none of hold, line"),
     "starts": ({"starts": 0}, "starts=0 must be at least 1"),
+    "by": ({"by": "guess"}, "by='guess' is none of simulation, prediction"),
     "no such": ({"free": ["kk"]}, "parameter 'kk' is unknown; did you mean k?"),
     "offset": ({"offset": ["x"]}, "offset 'x' is unknown"),
 }
@@ -421,8 +482,8 @@ def test_an_interrupt_ends_it() -> None:
     """CasADi would take it for a model that has no value, and go on."""
     calls = []
 
-    def each(start: int, iteration: int) -> None:
-        calls.append((start, iteration))
+    def each(progress: Progress) -> None:
+        calls.append((progress.start, progress.iteration))
         os.kill(os.getpid(), signal.SIGINT)
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -622,15 +683,22 @@ def test_a_value_has_its_place() -> None:
 # --- a measured record ------------------------------------------------------------------------------------------
 
 
+NAMES = ("k1", "k2", "k3", "k4")
+PATTERNS = [  # ten of the sixteen of signs
+    tuple(1 if k >> i & 1 else -1 for i in range(4)) for k in (10, 0, 1, 3, 4, 5, 6, 9, 12, 15)
+]
+
+
 @pytest.mark.skipif(not (DATA / "cascaded_tanks.csv").is_file(), reason="no measured records")
-def test_from_wrong_constants_the_tanks_are_predicted_five_samples_ahead() -> None:
+@pytest.mark.parametrize("signs", [PATTERNS[0], *(pytest.param(p, marks=pytest.mark.slow) for p in PATTERNS[1:])])
+def test_from_wrong_constants_the_tanks_are_predicted_five_samples_ahead(signs: tuple[int, ...]) -> None:
     """Fitted on one half of the benchmark with every constant off by 30 %, judged on the other: at most 0.20."""
     rows = np.genfromtxt(DATA / "cascaded_tanks.csv", delimiter=",", skip_header=1, usecols=range(4))
     u, u_other, y, y_other = rows.T
     model = hg.load(FOLDER / "cascaded_tanks.py")
-    signs = dict(zip(("k1", "k2", "k3", "k4"), (-1, 1, -1, 1), strict=True))
-    off = valued(model.plant, {p.name: p.nominal * (1 + 0.3 * signs[p.name]) for p in model.plant.parameters})
-    fit = hg.fit(off, hg.Log(u, y, 4.0), free=signs)
+    sign = dict(zip(NAMES, signs, strict=True))
+    off = valued(model.plant, {p.name: p.nominal * (1 + 0.3 * sign[p.name]) for p in model.plant.parameters})
+    fit = hg.fit(off, hg.Log(u, y, 4.0), free=NAMES, starts=1)
     step = model.valued({one.name: one.value for one in fit.parameters}).step()
     errors = predictions(step, step.run(u=u_other, y=y_other), u_other[:, None], y_other[:, None], (5,))
     assert errors[0].model <= 0.20 < 0.45 <= errors[0].copying

@@ -142,14 +142,15 @@ class Observability:
 
 @asks_a_plant
 @remembers
-def observability(plant: System) -> Observability:
-    """The generic observability of a plant, whose parameters without a range stand at their nominal values.
+def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> Observability:
+    """The generic observability of a plant; `unknown`: the parameters of the joint question, by default those with a
+    range. The others stand at their nominal values.
 
     Raises: `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a function without a rule.
     """
-    fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
+    loose = tuple(p for p in plant.parameters if (p.bounded if unknown is None else p.name in unknown))
+    fixed = {p: value for p, value in plant.nominal.items() if p not in loose}
     flow, output = (at_values(part, fixed) for part in within_tables(plant))
-    loose = tuple(p for p in plant.parameters if p.bounded)
     generic = ranks(flow, output, plant.states, plant.inputs, loose)
     parts = (flow, output, plant.states, plant.inputs)
     known = _answer(generic.known, generic.local, *parts, ())

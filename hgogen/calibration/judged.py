@@ -17,8 +17,8 @@ from hgogen.calibration.tuned import Calibration
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, held_last
 from hgogen.identification.records import Log
+from hgogen.identification.whiteness import LAGS, correlations
 from hgogen.system import System
-from hgogen.trials.consistency import LAGS, correlations
 from hgogen.trials.prediction import forecasts, rms
 
 Array = np.ndarray

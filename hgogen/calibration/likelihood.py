@@ -1,15 +1,7 @@
 """The noise of a plant from a record, by the likelihood of the innovations of an extended Kalman filter.
 
-    z-  = F(z, u),   P- = Phi P Phi' + Q dt,   Phi = dF/dz,   e_j = y_j - h_j(z-),   s_j = H_j P- H_j' + sigma_j^2
-    -log L = 1/2 sum over samples and outputs of (e_j^2/s_j + log s_j)
-
-F by classical Runge-Kutta, a sample on, outputs one after the other, a missing sample left out; Q diagonal. It is
-maximised over log Q_i and log sigma_j^2 by IPOPT with exact gradients, from several starts: it has several maxima. A
-coordinate whose rate is by definition another one (z_i' = +-z_j) has no noise of its own: noise there would say that
-the definition is wrong, and buys likelihood on the record with errors beyond it.
-
-Source: F. C. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE Transactions on Information
-Theory 11 (1965).
+F by classical Runge-Kutta, a sample on, Q diagonal. It is maximised over log Q_i and log sigma_j^2 by IPOPT with exact
+gradients (identification/innovations.py), from several starts: it has several maxima.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,6 +15,7 @@ import numpy as np
 
 from hgogen.discretisation.open_loop import open_loop
 from hgogen.form import Form
+from hgogen.identification.innovations import SURE, Innovations, moved_by_noise
 from hgogen.identification.records import Log
 from hgogen.signal import resting
 from hgogen.starting import Scale
@@ -30,8 +23,6 @@ from hgogen.starting import Scale
 Array = np.ndarray
 STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process noise and of samples, in their units
 BOUND = 32.0  # of these logarithms
-SURE = 1e-10  # of S_i^2/D: the process noise of a coordinate that has none
-AT_ONCE = 50  # samples that derivatives go back over without a second way there
 SAME = 0.1  # of a logarithm: maxima no farther apart are one
 _OPTIONS: Any = {
     "print_time": False,
@@ -85,13 +76,13 @@ class Likelihood:
         finite = [one for one in ended if np.isfinite(one[0])]
         return tuple(self._noise(*one) for one in _distinct(sorted(finite, key=lambda one: (not one[2], -one[0]))))
 
-    def innovations(self, noise: Noise, record: Log) -> tuple[Array, Array]:
+    def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
         """e (N - 1, p) and its variances s, NaN where nothing was measured."""
         logs = [np.log(noise.process[name] / unit) for name, unit in self._noisy.items()]
         logs += [2 * np.log(noise.sample[name] / unit) for name, unit in self.scale.outputs.items()]
-        _, _, e, s = self._over(record, ca.DM(logs))
+        _, e, s = self._over(record, ca.DM(logs))
         there = np.isfinite(record.y[1:])
-        return np.where(there, np.array(e).T, np.nan), np.where(there, np.array(s).T, np.nan)
+        return tuple(np.where(there, np.array(each).T[1:], np.nan) for each in (e, s))
 
     def _noise(self, likelihood: float, logs: Array, settled: bool) -> Noise:
         count = len(self._noisy)
@@ -103,44 +94,24 @@ class Likelihood:
     @cached_property
     def _noisy(self) -> dict[str, float]:
         """The coordinates with noise of their own, with its unit S^2/D."""
-        names = dict(zip(self.form.states, self.form.names, strict=True))
-        by_definition = {*names, *(-z for z in names)}
-        rows = zip(self.form.names, self.form.flow, strict=True)
-        noisy = [name for name, row in rows if row.expand() not in by_definition]
-        return {name: self.scale.process[name] for name in noisy or self.form.names}
+        names = moved_by_noise(self.form.names, self.form.states, self.form.flow)
+        return {name: self.scale.process[name] for name in names}
 
     @cached_property
-    def _filter(self) -> Any:
-        """(z and P, u now, u then, y, valid, logarithms) -> (z and P, -log L, e, s)."""
+    def _filter(self) -> Innovations:
+        """On the form, of the logarithms."""
         n, p = self.form.n, len(self.form.output)
         model = open_loop(self.form, self.records[0].dt, self.between, self.steps)
-        z, P, g = ca.SX.sym("z", n), ca.SX.sym("P", n, n), ca.SX.sym("g", len(self._noisy) + p)
+        z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p)
         now, then = (ca.SX.sym(name, len(self.form.system.inputs)) for name in ("now", "then"))
-        y, valid = ca.SX.sym("y", p), ca.SX.sym("valid", p)
-        moved = model.move(z, now, then)
-        Phi = ca.jacobian(moved, z)
-        predicted = model.read(moved, then)
-        at = ca.SX.sym("at", n)
-        H = ca.substitute(ca.jacobian(model.read(at, then), at), at, moved)
-        x, V, cost = moved, Phi @ P @ Phi.T + ca.diag(self._process(g)), ca.SX(0)
-        errors, variances = [], []
-        for j, unit in enumerate(self.scale.outputs.values()):
-            row = H[j, :]
-            s = row @ V @ row.T + unit**2 * ca.exp(g[len(self._noisy) + j])
-            e = y[j] - predicted[j] - row @ (x - moved)
-            gain = valid[j] * V @ row.T / s
-            x, V = x + gain * e, V - gain @ (row @ V)
-            cost += valid[j] * (e * e / s + ca.log(s)) / 2
-            errors.append(e)
-            variances.append(s)
-        memory = ca.vertcat(z, ca.vec(P))
-        after = ca.vertcat(x, ca.vec((V + V.T) / 2))
-        step = ca.Function(
-            "step", [z, P, now, then, y, valid, g], [after, cost, ca.vertcat(*errors), ca.vertcat(*variances)]
+        samples = [unit**2 * ca.exp(g[len(self._noisy) + j]) for j, unit in enumerate(self.scale.outputs.values())]
+        return Innovations(
+            ca.Function("move", [z, now, then, g], [model.move(z, now, then)]),
+            ca.Function("read", [z, now, g], [model.read(z, now)]),
+            ca.Function("process", [g, ca.SX.sym("Phi", n, n)], [ca.diag(self._process(g))]),
+            ca.Function("sensor", [g], [ca.vertcat(*samples)]),
+            np.array([[-np.inf] * n, [np.inf] * n]),  # its dynamics are taken in the box
         )
-        whole = ca.SX.sym("memory", memory.numel())
-        parts = whole[:n], ca.reshape(whole[n:], n, n)
-        return ca.Function("filter", [whole, now, then, y, valid, g], list(step(*parts, now, then, y, valid, g)))
 
     def _process(self, g: Any) -> Any:
         """Q dt, of the coordinates in their order."""
@@ -152,16 +123,12 @@ class Likelihood:
             )
         )
 
-    def _over(self, record: Log, g: Any) -> Any:
-        count = len(record.y) - 1
-        there = np.isfinite(record.y[1:])
-        columns = (record.u[:-1].T, record.u[1:].T, np.where(there, record.y[1:], 0.0).T, there.astype(float).T)
-        return self._filter.mapaccum("over", count, {"base": AT_ONCE})(
-            self._start(record), *columns, ca.repmat(g, 1, count)
-        )
+    def _over(self, record: Log, g: Any) -> tuple[Any, Any, Any]:
+        """The start holds the first sample, which so corrects nothing."""
+        return self._filter.along(record, self._start(record), g, first=False)
 
     def _start(self, record: Log) -> Array:
-        """z and P before the first sample: what an output shows of the plant's states, the others at rest."""
+        """z and P at the first sample: what an output shows of the plant's states, the others at rest."""
         system = self.form.system
         shown = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]
@@ -174,7 +141,7 @@ class Likelihood:
     @cached_property
     def _solver(self) -> Any:
         g = ca.MX.sym("g", len(self._noisy) + len(self.form.output))
-        total = sum(ca.sum2(self._over(record, g)[1]) for record in self.records)
+        total = sum(ca.sum2(self._over(record, g)[0]) for record in self.records)
         return ca.nlpsol(
             "likelihood", "ipopt", {"x": g, "f": total / sum(len(r.y) - 1 for r in self.records)}, _OPTIONS
         )

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from hgogen.calibration.judged import COPYING, DIFFERENCING, Judged
 from hgogen.calibration.tuned import Calibration, Tuned
-from hgogen.trials.consistency import LAGS
+from hgogen.identification.whiteness import LAGS
 
 AS_WELL = 1.05  # times an error: as well
 HELD_OUT, ALL = "in the rows held out", "in all rows"

@@ -28,7 +28,7 @@ from hgogen.modelfiles.scenario import SEEDS
 from hgogen.modelfiles.setting import Setting
 from hgogen.recheck.errors import RecheckError
 from hgogen.recheck.verification import NothingVerified, NotVerified
-from hgogen.target import demand, write
+from hgogen.target import demand, remove, write
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
 from hgogen.trials.rejected import MostlyRejected
@@ -304,6 +304,10 @@ class Folder:
     def write(self, files: Mapping[str, str | bytes]) -> list[Path]:
         """Write all files by name, or none; returns their paths. Raises: `CannotWrite`."""
         return write({self._within(name): content for name, content in files.items()}, self.root)
+
+    def remove(self, name: str) -> None:
+        """Remove a file, if it is there. Raises: `CannotWrite`."""
+        remove(self._within(name), self.root)
 
     def _within(self, name: str) -> str:
         return f"{self.below}/{name}" if self.below else name

@@ -2,9 +2,12 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
+from time import monotonic
 from typing import Annotated, Any
 
 import typer
@@ -29,11 +32,12 @@ from hgogen.commands.logs import Data, HeldOut, Shift, logs_of, names_in
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
-from hgogen.identification.fit import fit
+from hgogen.identification.fit import AGAIN, fit
+from hgogen.identification.progress import Progress, progress_of
 from hgogen.identification.result import Fit
 from hgogen.identification.solution import ITERATIONS
 from hgogen.model import Model, load
-from hgogen.modelfiles.json_file import equations
+from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.measured import Record
@@ -41,8 +45,17 @@ from hgogen.reading.text_model import BESIDE, read, to_text
 from hgogen.trials.consistency import WORSE
 from hgogen.trials.prediction import Prediction, predictions
 
+BEGUN = "fit_begun.json"  # the file of a fit that is not done
+EVERY = 1.0  # seconds, or more, between two writings of it
 _AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
 _JUDGE = "riccati"  # the observer that starts predictions where the model has none
+
+
+class By(StrEnum):
+    """The error that a fit makes least."""
+
+    SIMULATION = "simulation"
+    PREDICTION = "prediction"
 
 
 @command()
@@ -64,6 +77,10 @@ def fit_(
     lag: Annotated[
         str | None, typer.Option("--lag", help="The outputs whose sensor follows by an unknown first-order lag.")
     ] = None,
+    by: Annotated[
+        By,
+        typer.Option(help="The error that is least; prediction for a plant that is unstable or that noise moves."),
+    ] = By.SIMULATION,
     held_out: HeldOut = 0.3,
     starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
@@ -73,22 +90,28 @@ def fit_(
     write: Annotated[
         Path | None, typer.Option("--write", metavar="FILE.toml", help="A new plain-text model with the fitted values.")
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the last iterate of the same command, which was stopped.")
+    ] = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Fit parameters of a model to measured records, by multiple shooting. The file `fitted.json` that it writes is
-    what `--parameters` of every command that makes a step takes.
+    """Fit parameters of a model to measured records, by multiple shooting or by prediction error. The file
+    `fitted.json` that it writes is what `--parameters` of every command that makes a step takes.
 
-    JSON keys: model, equations (of its plant), records (as in `run`), parameters (by name), deviation (standard errors,
-    null where the records do not tell), nominal, at_end (low or high end of its range), lags, offsets, first (states at
-    the first row of each record), error, spread, unfitted (by output, RMS: of the residual, about the mean, with the
-    values before), alike (residuals that tell as much as one), untold (directions), confined (states), outlying (share
-    by output), starts (cost, status, iterations), predictions (of the rows held out: record, output, ahead, fitted,
-    unfitted, copying), unjudged (why there are none, or empty), notes, files.
+    JSON keys: model, equations (of its plant), records (as in `run`), by, parameters (by name), deviation (standard
+    errors, null where the records do not tell), nominal, at_end (low or high end of its range), lags, offsets, first
+    (states at the first row of each record), error, spread, unfitted (by output, RMS: of the residual, about the mean,
+    with the values before), alike (residuals that tell as much as one), untold (directions), joint (null, or of count
+    parameters and offsets how many sums the outputs tell, hidden, unseen, repairs), confined (states), outlying (share
+    by output), whiteness (by output: test, statistic, limit, lags, white), noise (by prediction: process, the density
+    by state, sample, the deviation by output), starts (cost, status, iterations), predictions (of the rows held out:
+    record, output, ahead, fitted, unfitted, copying), unjudged (why there are none, or empty), notes, files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
-    folder.demand("fitted.json")
+    folder.demand("fitted.json", BEGUN)
+    begun = progress_of(_begun(folder)) if resume else None
     if write is not None:
         _demand_new(write, loaded)
     from hgogen.trials import figures  # which takes a while to import
@@ -97,7 +120,7 @@ def fit_(
     held = WINDOWS["forward"]  # the fit holds an input from its sample to the next
     logs = logs_of(plant, data, held_out, time=time, period=period, pairs=map_ or (), shift=shift or (), window=held)
     records, cuts = logs.records, logs.cuts
-    with Bar("iterations", starts * ITERATIONS) as bar:
+    with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, _writing(folder, bar) as each:
         result = fit(
             plant,
             *logs.learned,
@@ -107,7 +130,9 @@ def fit_(
             starts=starts,
             seed=seed,
             robust=robust,
-            each=lambda start, k: bar.reach(start * ITERATIONS + k),
+            by=by.value,
+            each=each,
+            resume=begun,
         )
     judged, unjudged = (
         _judgement(loaded, observer, result, records, cuts) if held_out else ([], "no rows were held out")
@@ -132,6 +157,7 @@ def fit_(
     if write is not None:
         report["files"] = [*report["files"], str(write)]
     folder.write({**files, "fitted.json": json_text(report) + "\n"})  # before what may still fail
+    folder.remove(BEGUN)
     if write is not None:
         paths += Folder(write.parent).write({write.name: to_text(result.plant, _beside(loaded))})
     shown = (
@@ -140,6 +166,41 @@ def fit_(
         log_tables.judged(judged, verdicts, unjudged),
     )
     show(as_json, report, *shown, tables.files(paths))
+
+
+def _begun(folder: Folder) -> dict[str, Any]:
+    """What a fit that was stopped left. Raises: `BadParameter` where there is nothing; `BadFile`."""
+    (path,) = folder.demand(BEGUN)
+    if not path.exists():
+        raise typer.BadParameter(f"there is no fit to go on with, {path}; leave it out", param_hint="--resume")
+    return table_of(path, "hgogen fit")
+
+
+@contextmanager
+def _writing(folder: Folder, bar: Bar) -> Iterator[Callable[[Progress], None]]:
+    """A function that shows the progress that it is called with, and writes it, no more often than every `EVERY`
+    seconds; the last one is written at a Ctrl-C."""
+    last: list[Progress] = []
+    written = [-math.inf]
+
+    def each(progress: Progress) -> None:
+        last[:] = [progress]
+        bar.reach(progress.start * ITERATIONS + progress.iteration)
+        if monotonic() - written[0] > EVERY:
+            write()
+
+    def write() -> None:
+        folder.write({BEGUN: json_text(last[0].as_dict(), indent=0) + "\n"})
+        written[0] = monotonic()
+
+    try:
+        yield each
+    except KeyboardInterrupt:
+        if last:
+            write()
+            where = f"iteration {last[0].iteration} of search {last[0].start + 1}"
+            note(f"the fit was stopped; the same command with --resume goes on from {where}")
+        raise
 
 
 def _demand_new(path: Path, model: Model) -> None:

@@ -42,11 +42,21 @@ def fitted(result: Fit, notes: Iterable[str]) -> RenderableType:
         parts.add_row(f"lag of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "", Text(one.unit))
     for one in result.offsets:
         parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
-    along = "RMS error of the outputs along the record, from its first state"
-    follows = headed(along, "output", "fitted", "before", numbers=3)
+    for what, levels in zip(("process noise of", "noise of a sample of"), result.noise, strict=True):
+        for name, level in levels.items():
+            parts.add_row(f"{what} {name}", f"{level:.3g}", "", "", "density" if levels is result.noise[0] else "")
+    follows = headed(_ALONG[result.by], "output", "fitted", "before", "Ljung-Box", "limit", numbers=5)
     for name, error in result.error.items():
-        follows.add_row(name, f"{error:.4g}", f"{result.unfitted[name]:.4g}")
+        test = result.whiteness[name]
+        white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
+        follows.add_row(name, f"{error:.4g}", f"{result.unfitted[name]:.4g}", *white)
     return Group(parts, "", follows, *map(Text, (*notes, *result.notes())), "")
+
+
+_ALONG = {
+    "simulation": "RMS error of the outputs along the record, from its first state; Ljung-Box tests whiteness",
+    "prediction": "RMS error of predictions one sample ahead along the record; Ljung-Box tests whiteness",
+}
 
 
 def _spread(deviation: float) -> str:

@@ -1,1 +1,1 @@
-"""Parameters of a plant from measured records: multiple shooting, and what the records tell of them."""
+"""Parameters of a plant from measured records: multiple shooting, prediction error, and what the records tell."""

@@ -1,25 +1,24 @@
-"""What a record tells of parameters: the Fisher information beside the states of the segments, and how residuals follow
-each other.
+"""What a record tells of parameters: the Fisher information that is left beside other unknowns.
 
-With J and A the Jacobians of the residuals and of the gaps in (parameters and offsets p, states s),
+With F the information on (parameters and offsets p, the others s), and A the Jacobian of what must be 0, of which the
+columns of p and s are A_p and A_s,
 
-    M = J_p'J_p - [J_p'J_s  A_p'] [[J_s'J_s, A_s'], [A_s, 0]]^-1 [[J_s'J_p], [A_p]]
+    M = F_pp - [F_ps  A_p'] [[F_ss, A_s'], [A_s, 0]]^-1 [[F_sp], [A_p]]
 
-is the information on p that is left when s fits best beside each p with the gaps closed, all in units of ranges. To
-J_s'J_s 1e-10 is added: a state that no output shows is known to lie somewhere in its range. M^-1 sigma^2 is the
-covariance of p where residuals are white. Where they follow each other, as those of a model that is too simple do, tau
-of them tell as much as one, tau = 1 + 2 sum_k r_k of their autocorrelation r_k up to the first that is not positive.
+is what is left on p when s fits best beside each p, all in units of ranges. To F_ss 1e-10 is added: a state that no
+output shows is known to lie somewhere in its range. M^-1 sigma^2 is the covariance of p where residuals are white.
 
 T. Soederstroem, P. Stoica, System Identification (1989), chapters 7 and 11.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from hgogen.identification.shooting import Shooting
+from hgogen.identification.records import Log
 
 Array = np.ndarray
 SOMEWHERE = 1e-10
@@ -28,10 +27,12 @@ SOMEWHERE = 1e-10
 @dataclass(frozen=True, eq=False)
 class Information:
     """`M` (q, q) of the parameters and offsets in their units, as above with sigma = 1; `residuals` (N, p) of each
-    record, in the units of the outputs, NaN where nothing was measured."""
+    record, in the units of the outputs, NaN where nothing was measured; `tell`: of each output what its residuals tell,
+    record after record, in the units of M."""
 
     M: Array
     residuals: tuple[Array, ...]
+    tell: tuple[Array, ...]
 
     @property
     def outputs(self) -> tuple[Array, ...]:
@@ -39,43 +40,26 @@ class Information:
         return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
 
 
-def residuals(problem: Shooting, unknowns: Array) -> tuple[Array, ...]:
-    """Those of each output, record after record, at the unknowns (v), over the problem's scale."""
-    v, every, _ = problem.graph
-    values = ca.Function("residuals", [v], [every])(unknowns).full().ravel()
-    return tuple(values[problem.output == j] for j in range(len(problem.plant.outputs)))
+def eliminated(F: Any, A: Any, q: int) -> Array:
+    """M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
+    F, A = ca.DM(F), ca.DM(A)
+    A_p, A_s = A[:, :q], A[:, q:]
+    rest = F[q:, q:] + SOMEWHERE * ca.DM.eye(F.shape[0] - q)
+    K = ca.blockcat([[rest, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
+    side = ca.vertcat(F[q:, :q], A_p)
+    M = (F[:q, :q] - side.T @ ca.solve(K, side, "qr")).full()
+    return np.asarray((M + M.T) / 2)
 
 
-def information(problem: Shooting, unknowns: Array, unit: Array) -> Information:
-    """At the unknowns (v), whose sizes are `unit` (v); the scale of the residuals is the problem's."""
-    v, residuals, gaps = problem.graph
-    at = ca.Function("at", [v], [residuals, ca.jacobian(residuals, v), ca.jacobian(gaps, v)])
-    r, *slopes = at(unknowns)
-    J, A = (table @ ca.diag(unit) for table in slopes)
-    q = len(problem.free) + len(problem.offset)
-    J_p, J_s, A_p, A_s = J[:, :q], J[:, q:], A[:, :q], A[:, q:]
-    states = J_s.T @ J_s + SOMEWHERE * ca.DM.eye(J_s.shape[1])
-    K = ca.blockcat([[states, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
-    side = ca.vertcat(J_s.T @ J_p, A_p)
-    M = (J_p.T @ J_p - side.T @ ca.solve(K, side, "qr")).full()
-    return Information((M + M.T) / 2, tuple(_tables(problem, r.full().ravel())))
+def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
+    """Values of each output where it was measured, record after record, as tables (N, p) of the records."""
+    return tuple(_tables(records, [iter(values) for values in outputs]))
 
 
-def _tables(problem: Shooting, residuals: Array) -> Iterator[Array]:
-    begin = 0
-    for record in problem.records:
-        made, there = np.full(record.y.shape, np.nan), np.isfinite(record.y)
-        made[there] = residuals[begin : begin + int(there.sum())]
-        begin += int(there.sum())
-        yield made * problem.scale
-
-
-def alike(residuals: Array) -> float:
-    """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
-    N, centred = len(residuals), residuals - residuals.mean()
-    power = float(centred @ centred)
-    if not power:
-        return 1.0
-    r = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * N)) ** 2)[:N] / power
-    first = int(np.argmax(r <= 0)) or N
-    return max(1.0, 1.0 + 2.0 * float(r[1:first].sum()))
+def _tables(records: Sequence[Log], outputs: Sequence[Iterator[float]]) -> Iterator[Array]:
+    for record in records:
+        made = np.full(record.y.shape, np.nan)
+        for j, values in enumerate(outputs):
+            rows = np.flatnonzero(np.isfinite(record.y[:, j]))
+            made[rows, j] = [next(values) for _ in rows]
+        yield made

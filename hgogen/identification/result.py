@@ -1,19 +1,21 @@
 """What a fit found, and what it is worth."""
 
 import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from hgogen.identification.solution import Solution
+from hgogen.identification.structural import Structure
+from hgogen.identification.whiteness import Whiteness
 from hgogen.system import System
 
 Array = np.ndarray
 Place = Literal["", "low", "high"]
-FOLLOWING = 5.0  # residuals that tell as much as one, of which a note is made
 FINE = 1e-4  # of the spread of an output: smaller residuals are those of the method
-SAME = 1e-2  # of the cost, by which starts may differ that ended at one minimum
+SAME = 1e-2  # of the cost, or of its logarithm where it is one, by which starts may differ that ended at one minimum
 
 
 @dataclass(frozen=True)
@@ -34,16 +36,20 @@ class Estimate:
 class Fit:
     """What `fit` found.
 
-    `plant`: with the fitted values; `parameters`, `offsets` and `lags` of outputs: their estimates; `first`: the state
-    of each record at its first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`:
-    RMS of each output's residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the
-    residual of the plant as it was given, its states fitted alone; `alike`: how many residuals of each output tell as
-    much as one that is independent of the others; `untold`: directions of parameters that the records do not tell, each
-    by its parts in units of ranges; `confined`: the states that lie at an end of their range; `starts`: how each ended,
-    of a robust fit its last pass; `outlying`: of each output the share of the residuals beyond 5 deviations, these by
-    their median.
+    `by`: "simulation" or "prediction", the error that is least, of which the residuals are; `plant`: with the fitted
+    values; `parameters`, `offsets` and `lags` of outputs: their estimates; `first`: the state of each record at its
+    first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`: RMS of each output's
+    residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the residual of the plant as
+    it was given, its states fitted alone; `alike`: how many residuals of each output tell as much as one that is
+    independent of the others; `untold`: directions of parameters that the records do not tell, each by its parts in
+    units of ranges; `joint`: where there are some, what no record tells; `confined`: the states that lie at an end of
+    their range; `starts`: how each ended, of a robust fit its last pass; `outlying`: of each output the share of the
+    residuals beyond 5 deviations, these by their median; `whiteness`: Ljung and Box's test of each output's residuals,
+    of innovations over their deviations; `noise`: by prediction, the density of process noise by state and the
+    deviation of a sample by output.
     """
 
+    by: str
     plant: System
     parameters: tuple[Estimate, ...]
     lags: tuple[Estimate, ...]
@@ -55,13 +61,17 @@ class Fit:
     unfitted: dict[str, float]
     alike: dict[str, float]
     untold: tuple[dict[str, float], ...]
+    joint: Structure | None
     confined: tuple[str, ...]
     starts: tuple[Solution, ...]
     outlying: dict[str, float]
+    whiteness: dict[str, Whiteness | None]
+    noise: tuple[dict[str, float], dict[str, float]]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
+            "by": self.by,
             "parameters": {one.name: one.value for one in self.parameters},
             "deviation": {one.name: one.deviation for one in self.parameters},
             "nominal": {one.name: one.nominal for one in self.parameters},
@@ -74,8 +84,11 @@ class Fit:
             "unfitted": self.unfitted,
             "alike": self.alike,
             "untold": list(self.untold),
+            "joint": self.joint.as_dict() if self.joint else None,
             "confined": list(self.confined),
             "outlying": self.outlying,
+            "whiteness": {name: test.as_dict() if test else None for name, test in self.whiteness.items()},
+            "noise": dict(zip(("process", "sample"), self.noise, strict=True)),
             "starts": [{"cost": s.cost, "status": s.status, "iterations": s.iterations} for s in self.starts],
         }
 
@@ -98,27 +111,70 @@ class Fit:
         lines += [
             f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
         ]
-        for parts in self.untold:
-            total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
-            fix = "fix one of them" if len(parts) > 1 else "fix it, or move the plant more"
-            lines.append(f"the records do not tell {total}, in units of ranges: it stays near its start; {fix}")
-        for name, tau in self.alike.items():
-            if self.error[name] >= self.spread[name] > 0:
-                lines.append(f"{name} is followed no better than by its mean; are its unit, sign and offset right?")
-            if tau > FOLLOWING and self.error[name] > FINE * self.spread[name]:
-                share = f"{tau:.3g} of them tell as much as one, which the standard errors count"
-                lines.append(
-                    f"residuals of {name} follow each other, {share}: the plant does more than the model, or "
-                    "the noise is slow, as that of a coarse encoder"
-                )
+        lines += [self._not_told(parts) for parts in self.untold]
+        lines += [line for name in self.alike for line in self._followed(name)]
         for name, part in self.outlying.items():
             if part and self.error[name] > FINE * self.spread[name]:
                 lines.append(f"{part:.2g} of the residuals of {name} lie beyond 5 times their typical size")
+        return (*lines, *self._searched())
+
+    def _not_told(self, parts: Mapping[str, float]) -> str:
+        """Of a direction of parameters, whether another record would tell it, as far as that is known."""
+        total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
+        what, fix = f"tell {total}, in units of ranges: it stays near its start", "fix one of them"
+        joint, hidden = self.joint, set(self.joint.hidden if self.joint else ())
+        inside = [set(each) <= hidden for each in self.untold]
+        if joint is not None and set(parts) <= hidden and sum(inside) <= joint.count - joint.rank:
+            measured = " or ".join(name for name in joint.repairs if name not in parts)
+            more = f", or measure {measured} as well" if measured else ""
+            return f"no record of these outputs would {what}; {fix if len(parts) > 1 else 'fix it'}{more}"
+        others = ", though others would," if joint is not None and not hidden & set(parts) else ""
+        more = "" if len(parts) > 1 and not others else ", or move the plant more"
+        return f"the records do not{others} {what}; {fix if len(parts) > 1 else 'fix it'}{more}"
+
+    def _followed(self, name: str) -> Iterator[str]:
+        """How well an output is followed."""
+        if not self.spread[name]:
+            yield f"{name} stands still in the records, so that it tells little; give a record in which the plant moves"
+        if self.error[name] >= self.spread[name] > 0:
+            yield f"{name} is followed no better than by its mean; are its unit, sign and offset right?"
+        test, tau = self.whiteness[name], self.alike[name]
+        if test is None or test.white or self.error[name] <= FINE * self.spread[name]:
+            return
+        what = "residuals" if self.by == "simulation" else "innovations"
+        yield (
+            f"{what} of {name} are not white (Ljung-Box {test.statistic:.3g}, limit {test.limit:.3g}), "
+            f"{tau:.3g} of them tell as much as one, which the standard errors count: {_COLOURED[self.by]}"
+        )
+
+    def _searched(self) -> Iterator[str]:
+        """How the starts ended."""
         best = min(one.cost for one in self.starts)
-        higher = [one.cost / best for one in self.starts if one.cost > best * (1 + SAME)] if best else []
+        above = [self._above(one.cost, best) for one in self.starts]
+        higher = [more for more in above if more > SAME]
         if len(self.starts) > 1:
-            ended = f"{len(self.starts) - len(higher)} of {len(self.starts)} starts ended at this minimum"
-            lines.append(f"{ended}, the others at {min(higher):.3g} times its cost or more" if higher else ended)
-        if not any(one.settled and one.cost <= best * (1 + SAME) for one in self.starts):
-            lines.append("the search did not settle; take more starts, or narrower ranges")
-        return tuple(lines)
+            ended = f"{len(above) - len(higher)} of {len(above)} starts ended at this minimum"
+            yield f"{ended}, the others {_HIGHER[self.by](min(higher))} or more" if higher else ended
+        if not any(one.settled and more <= SAME for one, more in zip(self.starts, above, strict=True)):
+            yield f"the search did not settle; take more starts, {_UNSETTLED[self.by]}"
+
+    def _above(self, cost: float, best: float) -> float:
+        """A share of squares, a difference of logarithms."""
+        if self.by == "prediction":
+            return cost - best
+        return cost / best - 1 if best else 0.0
+
+
+_COLOURED = {
+    "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
+    "moves the plant, --by prediction (by=) fits it along",
+    "prediction": "they can be predicted, so that the model, or the time of an input or sensor, is off",
+}
+_HIGHER: Mapping[str, Callable[[float], str]] = {
+    "simulation": lambda more: f"at {1 + more:.3g} times its cost",
+    "prediction": lambda more: f"less likely by a factor exp({more:.3g})",
+}
+_UNSETTLED = {
+    "simulation": "narrower ranges, or, of a plant that is unstable or that noise moves, --by prediction",
+    "prediction": "or narrower ranges",
+}

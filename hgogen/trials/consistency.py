@@ -5,13 +5,8 @@
 
 e the innovation, s the variance that the observer takes it to have; x~ the error of the n states whose truth is known,
 P their covariance, tau how many errors tell as much as one, since errors follow each other also where all is right.
-Whiteness is Ljung and Box's test of the first K correlations r_k of e/sqrt(s):
-
-    N (N + 2) sum_k r_k^2/(N - k)   is chi-square with K degrees of freedom
-
-Quantiles of chi-square are Wilson and Hilferty's (1931), within 4 % from 5 degrees of freedom on. Sources: Y.
-Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to tracking and navigation" (2001), 5.4; G. M.
-Ljung, G. E. P. Box, Biometrika 65 (1978).
+Whiteness is tested of e/sqrt(s). Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to
+tracking and navigation" (2001), 5.4.
 """
 
 import math
@@ -22,29 +17,12 @@ from typing import Any
 import numpy as np
 
 from hgogen.calling.samples import BadShape, Run
-from hgogen.identification.information import alike
+from hgogen.identification.whiteness import Whiteness, alike, quantile, whiteness
 from hgogen.trials.prediction import Prediction, rms
 
 Array = np.ndarray
-LAGS = 20  # correlations that a test of whiteness asks at most
-LEAST = 3  # samples for each of them
-NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantiles of the normal distribution
 NOMINAL = 0.0455  # of samples beyond 2 sigma, of normal ones
 WORSE = 1.05  # times the error of another prediction: worse
-
-
-@dataclass(frozen=True)
-class Whiteness:
-    """Ljung and Box's `statistic` of `lags` correlations, and the `limit` that one in 20 white sequences exceeds."""
-
-    statistic: float
-    limit: float
-    lags: int
-
-    @property
-    def white(self) -> bool:
-        """Whether the limit is kept."""
-        return self.statistic <= self.limit
 
 
 @dataclass(frozen=True)
@@ -62,9 +40,7 @@ class OfOutput:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        test = self.whiteness
-        tested = {"test": "Ljung-Box", **asdict(test), "white": test.white} if test else None
-        return {**asdict(self), "whiteness": tested}
+        return {**asdict(self), "whiteness": self.whiteness.as_dict() if self.whiteness else None}
 
 
 @dataclass(frozen=True)
@@ -137,32 +113,6 @@ def _of_states(run: Run, truth: Mapping[str, Array]) -> OfStates | None:
     freedom = n * len(values) / tau
     low, high = (n * quantile(p, freedom) / freedom for p in (0.025, 0.975))
     return OfStates(names, len(values), tau, float(values.mean()), (low, high))
-
-
-def whiteness(e: Array) -> Whiteness | None:
-    """Ljung and Box's test of a sequence (N,); None where it is too short, or stands still."""
-    N = len(e)
-    lags = min(LAGS, N // LEAST)
-    r = correlations(e, lags)
-    if not lags or r is None:
-        return None
-    statistic = N * (N + 2) * float(np.sum(r**2 / (N - np.arange(1, lags + 1))))
-    return Whiteness(statistic, quantile(0.95, lags), lags)
-
-
-def correlations(e: Array, lags: int) -> Array | None:
-    """The first autocorrelations of a sequence (N,); None where it stands still."""
-    centred = e - e.mean() if len(e) else e
-    power = float(centred @ centred)
-    if not power > 0:
-        return None
-    return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
-
-
-def quantile(p: float, freedom: float) -> float:
-    """That of chi-square with so many degrees of freedom, p one of `NORMAL`."""
-    spread = 2 / (9 * freedom)
-    return float(freedom * max(0.0, 1 - spread + NORMAL[p] * math.sqrt(spread)) ** 3)
 
 
 def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:

@@ -1,0 +1,77 @@
+"""What no record tells of parameters, beside what these records do not.
+
+    rank d(y, y', ..)/d(x, p) - rank d(y, y', ..)/dx
+
+sums of the parameters and offsets p are told by the outputs at most, of almost every motion (`analysis/observability`).
+Where the Fisher information tells fewer, another record may tell the rest: one that moves the plant more.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.algebra.rank import NothingMeasured, NowhereDefined
+from hgogen.algebra.tape import NoTape
+from hgogen.analysis.observability import observability
+from hgogen.signal import Signal
+from hgogen.system import System
+
+Array = np.ndarray
+NONE = 1e-6  # of a direction: less of it is rounding
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Of `count` parameters, lags and offsets the outputs tell `rank` sums at most, and none of the `hidden` ones by
+    itself; `unseen`: what hides them, in words; `repairs`: states and parameters, of which measuring one as well would
+    show all."""
+
+    rank: int
+    count: int
+    hidden: tuple[str, ...]
+    unseen: tuple[str, ...]
+    repairs: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
+
+
+def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:
+    """Of these parameters and the offsets of these outputs; None where derivatives of the outputs say nothing."""
+    added = {y: Signal(f"offset_of_{y.name}", y.unit, nominal=0) for y in offset}
+    asked = System(
+        plant.name,
+        states=plant.states,
+        inputs=plant.inputs,
+        outputs=plant.outputs,
+        parameters=(*plant.parameters, *added.values()),
+        flow=plant.flow,
+        output=[h + added.get(y, 0) for y, h in zip(plant.outputs, plant.output, strict=True)],
+        time=plant.time,
+    )
+    try:
+        whole = observability(asked, unknown=(*(p.name for p in free), *(o.name for o in added.values())))
+    except (NothingMeasured, NowhereDefined, NoTape):
+        return None
+    names = {p.name: p.name for p in free} | {o.name: f"offset of {y.name}" for y, o in added.items()}
+    joint = whole.joint
+    if joint is None:
+        return None
+    return Structure(
+        joint.rank.rank - whole.rank,
+        len(names),
+        tuple(names[s.name] for s in joint.rank.unobservable if s.name in names),
+        tuple(map(str, joint.symmetries)),
+        tuple(s.name for s in joint.repairs),
+    )
+
+
+def parted(V: Array, hidden: Array) -> Array:
+    """The directions V (q, k), orthonormal, turned so that as many as can be have parts of the `hidden` (q) alone."""
+    if hidden.all() or not hidden.any():
+        return V
+    turned = V @ np.linalg.svd(V[~hidden])[2].T
+    return np.where(np.abs(turned) > NONE, turned, 0.0)

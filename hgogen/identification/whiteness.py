@@ -1,0 +1,76 @@
+"""How numbers of a sequence follow each other: a test of whether they do, and how many tell as much as one.
+
+    N (N + 2) sum_k r_k^2/(N - k)   is chi-square with K degrees of freedom
+
+of the first K autocorrelations r_k of N numbers that are white (Ljung and Box). Those of a model that is too simple
+follow each other: then tau of them tell as much as one, tau = 1 + 2 sum_k r_k up to the first that is not positive.
+
+Quantiles of chi-square are Wilson and Hilferty's (1931), within 4 % from 5 degrees of freedom on. Sources: G. M. Ljung,
+G. E. P. Box, Biometrika 65 (1978); T. Soederstroem, P. Stoica, System Identification (1989), chapter 11.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+LAGS = 20  # correlations that a test of whiteness asks at most
+LEAST = 3  # samples for each of them
+NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantiles of the normal distribution
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Ljung and Box's `statistic` of `lags` correlations, and the `limit` that one in 20 white sequences exceeds."""
+
+    statistic: float
+    limit: float
+    lags: int
+
+    @property
+    def white(self) -> bool:
+        """Whether the limit is kept."""
+        return self.statistic <= self.limit
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"test": "Ljung-Box", **asdict(self), "white": self.white}
+
+
+def whiteness(e: Array) -> Whiteness | None:
+    """Ljung and Box's test of a sequence (N,); None where it is too short, or stands still."""
+    N = len(e)
+    lags = min(LAGS, N // LEAST)
+    r = correlations(e, lags)
+    if not lags or r is None:
+        return None
+    statistic = N * (N + 2) * float(np.sum(r**2 / (N - np.arange(1, lags + 1))))
+    return Whiteness(statistic, quantile(0.95, lags), lags)
+
+
+def correlations(e: Array, lags: int) -> Array | None:
+    """The first autocorrelations of a sequence (N,); None where it stands still."""
+    centred = e - e.mean() if len(e) else e
+    power = float(centred @ centred)
+    if not power > 0:
+        return None
+    return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+
+
+def quantile(p: float, freedom: float) -> float:
+    """That of chi-square with so many degrees of freedom, p one of `NORMAL`."""
+    spread = 2 / (9 * freedom)
+    return float(freedom * max(0.0, 1 - spread + NORMAL[p] * math.sqrt(spread)) ** 3)
+
+
+def alike(residuals: Array) -> float:
+    """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
+    N, centred = len(residuals), residuals - residuals.mean()
+    power = float(centred @ centred)
+    if not power:
+        return 1.0
+    r = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * N)) ** 2)[:N] / power
+    first = int(np.argmax(r <= 0)) or N
+    return max(1.0, 1.0 + 2.0 * float(r[1:first].sum()))

@@ -1,0 +1,126 @@
+"""A fit that was stopped goes on from its last iterate, and from that of the same fit only."""
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_cli import hgogen
+from test_fit import PLANT, TRUE, here, log  # noqa: F401, the fixture
+
+import hgogen as hg
+from hgogen.commands import fitting
+from hgogen.identification.progress import CannotGoOn, Progress, progress_of
+from hgogen.structure.valued import valued
+
+
+class Stopped(Exception):
+    """By a test."""
+
+
+def stopped(at: tuple[int, int], **options: Any) -> Progress:
+    """The progress of a fit that ended at an iteration of a search."""
+    seen: list[Progress] = []
+
+    def each(progress: Progress) -> None:
+        seen.append(progress)
+        if (progress.start, progress.iteration) == at:
+            raise Stopped
+
+    with pytest.raises(Stopped):  # CasADi would have taken it for a model that has no value
+        hg.fit(PLANT, log(1, count=60), each=each, **options)
+    return progress_of(json.loads(json.dumps(seen[-1].as_dict())))
+
+
+@pytest.mark.parametrize(
+    ("at", "options"),
+    [
+        ((0, 3), {"starts": 1}),
+        ((1, 2), {"starts": 2}),
+        ((2, 1), {"starts": 1, "robust": True}),
+        ((0, 5), {"starts": 1, "by": "prediction"}),
+    ],
+)
+def test_it_ends_where_it_would_have(at: tuple[int, int], options: dict[str, Any]) -> None:
+    """Searches that had ended are not done again; of the one that was stopped the last iterate is the first."""
+    whole = hg.fit(PLANT, log(1, count=60), **options)
+    progress = stopped(at, **options)
+    assert (progress.start, progress.iteration) == at
+    later: list[Progress] = []
+    resumed = hg.fit(PLANT, log(1, count=60), each=later.append, resume=progress, **options)
+    assert later[0].start == at[0]
+    assert later[0].at == pytest.approx(progress.at, abs=1e-6)
+    for one, other in zip(resumed.parameters, whole.parameters, strict=True):
+        assert one.value == pytest.approx(other.value, rel=1e-5)
+        assert one.deviation == pytest.approx(other.deviation, rel=1e-3)
+
+
+OTHERS: dict[str, tuple[Callable[[], Any], dict[str, Any], str]] = {
+    "records": (lambda: (PLANT, log(2, count=60)), {}, "is of other records"),
+    "plant": (lambda: (valued(PLANT, {"k": 7}), log(1, count=60)), {}, "is of another plant"),
+    "options": (lambda: (PLANT, log(1, count=60)), {"between": "line"}, "is of other options"),
+}
+
+
+@pytest.mark.parametrize("what", OTHERS)
+def test_it_does_not_go_on_with_something_else(what: str) -> None:
+    made, options, sentence = OTHERS[what]
+    progress = stopped((0, 1), starts=1)
+    with pytest.raises(CannotGoOn, match=f"{sentence}; give it what it was begun with, or fit anew"):
+        hg.fit(*made(), starts=1, resume=progress, **options)
+
+
+@pytest.mark.parametrize("table", [{}, {"task": 1, "ended": [], "iteration": 0, "at": []}, {"ended": [{}]}])
+def test_what_no_fit_left_is_refused(table: dict[str, Any]) -> None:
+    with pytest.raises(CannotGoOn, match="is not as a fit leaves it; fit anew"):
+        progress_of(table)
+
+
+def test_the_command_goes_on_after_a_stop(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    """The file is there after Ctrl-C, serves once, and is gone at the end."""
+    words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
+    words = (*words, "--held-out", "0")
+    _, said = hgogen(*words, "--resume", status=2)
+    assert "there is no fit to go on with" in " ".join(said.replace("│", " ").split())
+    whole = fitting.fit
+
+    def cut(*records: Any, each: Callable[[Progress], None], **options: Any) -> Any:
+        def then(progress: Progress) -> None:
+            each(progress)
+            if progress.iteration == 3:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        return whole(*records, each=then, **options)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with monkeypatch.context() as patched:
+            patched.setattr(fitting, "fit", cut)
+            _, said = hgogen(*words, status=2)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert "the same command with --resume goes on from iteration 3 of search 1" in " ".join(said.split())
+    begun = here / "out" / "fit_begun.json"
+    assert progress_of(json.loads(begun.read_text())).iteration == 3
+    _, said = hgogen(*words, "--resume", "--robust", status=2)
+    assert "the stopped fit is of other options" in " ".join(said.split())
+    hgogen(*words, "--resume")
+    assert json.loads((here / "out" / "fitted.json").read_text())["parameters"] == pytest.approx(TRUE, rel=0.05)
+    assert not begun.exists()
+
+
+def test_the_command_fits_by_prediction_error(here: Path) -> None:  # noqa: F811
+    words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
+    stdout, _ = hgogen(*words, "--by", "prediction", "--held-out", "0.7")
+    assert "RMS error of predictions one sample ahead" in stdout
+    assert "process noise of v" in stdout
+    assert "process noise of x" not in stdout  # x' = v is a definition
+    result = json.loads((here / "out" / "fitted.json").read_text())
+    assert result["by"] == "prediction"
+    assert result["noise"]["sample"]["y"] == pytest.approx(0.01, rel=0.4)  # of 120 samples
+    assert result["whiteness"]["y"]["test"] == "Ljung-Box"
+    for name, value in result["parameters"].items():
+        assert abs(value - TRUE[name]) < 4 * result["deviation"][name]
