@@ -29,6 +29,7 @@ from hgogen.trials import campaign as campaign_module
 from hgogen.trials import varied as varied_module
 from hgogen.trials.campaign import BadCampaign, Outcome, Spread, earlier, head, line, outcome, spreads
 from hgogen.trials.metrics import Metrics, Response, metrics
+from hgogen.trials.spread import NoScheduler
 from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
 
 NAN = float("nan")
@@ -248,8 +249,8 @@ def test_a_cluster_gives_the_same_numbers() -> None:
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("hgogen.trials.campaign.PATIENCE", "1s")
-    with pytest.raises(BadCampaign, match=f"scheduler {address} does not answer"):
+    monkeypatch.setattr("hgogen.trials.spread.PATIENCE", "1s")
+    with pytest.raises(NoScheduler, match=f"scheduler {address} does not answer"):
         list(hg.campaign(step(), TRIAL, 2).run(scheduler=address))
 
 

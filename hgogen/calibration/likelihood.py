@@ -12,7 +12,7 @@ Source: F. C. Schweppe, "Evaluation of likelihood functions for Gaussian signals
 Theory 11 (1965).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -28,6 +28,7 @@ from hgogen.signal import resting
 from hgogen.starting import Scale
 
 Array = np.ndarray
+Ended = tuple[float, Array, bool]  # log L a sample, logarithms, whether it settled
 STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process noise and of samples, in their units
 BOUND = 32.0  # of these logarithms
 SURE = 1e-10  # of S_i^2/D: the process noise of a coordinate that has none
@@ -64,24 +65,23 @@ class Noise:
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """The likelihood of records on a form; `scale`: the units; `between`: how inputs go on, "line" or "hold"; `steps`:
-    Runge-Kutta steps a sample; `each` is called after every start of the search."""
+    Runge-Kutta steps a sample."""
 
     form: Form
     records: Sequence[Log]
     scale: Scale
     between: str
     steps: int
-    each: Callable[[], None] = lambda: None
 
-    @cached_property
-    def maxima(self) -> tuple[Noise, ...]:
-        """The maxima found from `STARTS`, the most likely first."""
-        ended: list[tuple[float, Array, bool]] = []
-        for process, sample in STARTS:
-            start = [process] * len(self._noisy) + [sample] * len(self.form.output)
-            end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
-            ended.append((-float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])))
-            self.each()
+    def ended(self, number: int) -> Ended:
+        """Where the search from a start, of `STARTS`, ends."""
+        process, sample = STARTS[number]
+        start = [process] * len(self._noisy) + [sample] * len(self.form.output)
+        end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
+        return -float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])
+
+    def maxima(self, ended: Iterable[Ended]) -> tuple[Noise, ...]:
+        """The maxima at which searches ended, the most likely first."""
         finite = [one for one in ended if np.isfinite(one[0])]
         return tuple(self._noise(*one) for one in _distinct(sorted(finite, key=lambda one: (not one[2], -one[0]))))
 
@@ -184,7 +184,7 @@ def _first(values: Array) -> float:
     return float(values[np.flatnonzero(np.isfinite(values))[0]])
 
 
-def _distinct(ended: Sequence[tuple[float, Array, bool]]) -> Iterator[tuple[float, Array, bool]]:
+def _distinct(ended: Sequence[Ended]) -> Iterator[Ended]:
     """Each maximum once; noise at its lower bound is none, however small."""
     seen: list[Array] = []
     for one in ended:

@@ -1,15 +1,13 @@
 """A campaign: one step on one trial, many times, each with noise, first states and parameters of its own.
 
 Run k has the noise of seed k and draw k of the Latin hypercube of all runs (`trials/varied.py`): its numbers are the
-same whoever computes it, and after whatever was computed before. Runs go out in batches to processes of this machine,
-or of a Dask cluster, by joblib; what comes back are numbers only.
+same whoever computes it, and after whatever was computed before. Runs go out in batches (`trials/spread.py`); what
+comes back are numbers only.
 """
 
 import json
-import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from hashlib import sha256
 from typing import Any
 
@@ -22,14 +20,13 @@ from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.errors import BadArgument
 from hgogen.reading.given import count
-from hgogen.reading.optional import library
 from hgogen.system import System
 from hgogen.trial import BadTrial, Plant, Trial, Truth, first_memory, tried
 from hgogen.trials.metrics import Metrics, Response, metrics
+from hgogen.trials.spread import Workers
 from hgogen.trials.varied import Draws, hypercube, varied
 
-MOST, MOST_JOBS = 10_000_000, 1000  # runs; processes
-PATIENCE = "10s"  # until a scheduler answers
+MOST = 10_000_000  # runs
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
 
 
@@ -92,12 +89,12 @@ class Campaign:
         `jobs`: processes, by default one for each core, 1 for none but this; `scheduler`: the address of a Dask
         cluster.
 
-        Raises: `BadGain` for a number that is none; `BadTrial` of a trial that does not fit its plant; `BadCampaign`
-        where no scheduler answers; `NotInstalled` without the package of a cluster.
+        Raises: `BadGain` for a number that is none; `BadTrial` of a trial that does not fit its plant; `NoScheduler`
+        where none answers; `NotInstalled` without the package of a cluster.
         """
         last = len(self.draws) - 1
         wanted = range(last + 1) if numbers is None else [count("run", number, 0, last) for number in numbers]
-        return _outcomes(self, wanted, None if jobs is None else count("jobs", jobs, 1, MOST_JOBS), scheduler)
+        return _outcomes(self, wanted, jobs, scheduler)
 
     def drawn(self, numbers: Sequence[int]) -> Draws:
         """The draws of runs."""
@@ -126,51 +123,16 @@ def campaign(
 
 
 def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
-    ready = Ready(each)  # which meets what does not fit here, and compiles the step once for all processes
+    ready = Ready(replace(each, draws=each.drawn(())))  # meets what does not fit, and compiles the step once for all
     size = ALONE if each.draws.moves else BATCH
-    batches = [numbers[first : first + size] for first in range(0, len(numbers), size)]
-    if jobs == 1 and scheduler is None:
-        yield from (one for batch in batches for one in ready.outcomes(batch, each.drawn(batch)))
-        return
-    sent = pickle.dumps(replace(each, draws=each.drawn(())))
-    yield from _spread(((sent, batch, each.drawn(batch).values) for batch in batches), jobs, scheduler)
+    batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
+    pieces = ((batch, each.drawn(batch)) for batch in batches)
+    for outcomes in Workers(ready, jobs, scheduler).results(_worked, pieces):
+        yield from outcomes
 
 
-def _spread(tasks: Iterable[tuple[Any, ...]], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
-    """The tasks by joblib, on a cluster where there is a scheduler."""
-    from joblib import Parallel, delayed, parallel_config
-
-    def results() -> Iterator[Outcome]:
-        parallel = Parallel(n_jobs=jobs or -1, return_as="generator_unordered", batch_size=1)
-        for outcomes in parallel(delayed(_worked)(*task) for task in tasks):
-            yield from outcomes
-
-    if scheduler is None:
-        with parallel_config(backend="loky"):
-            yield from results()
-        return
-    with _client(scheduler), parallel_config(backend="dask"):
-        yield from results()
-
-
-def _client(address: str) -> Any:
-    """A client of a Dask cluster. Raises: `BadCampaign`, `NotInstalled`."""
-    distributed = library("distributed", f"scheduler {address}", "cluster")
-    try:
-        return distributed.Client(address, timeout=PATIENCE)
-    except (OSError, ValueError) as error:
-        raise BadCampaign(f"scheduler {address}", f"does not answer: {error}") from None
-
-
-@lru_cache(maxsize=4)
-def _opened(sent: bytes) -> "Ready":
-    """A campaign in the process that works on it: a step is made again of what made it, once."""
-    return Ready(pickle.loads(sent))
-
-
-def _worked(sent: bytes, numbers: Sequence[int], values: np.ndarray) -> list[Outcome]:
-    ready = _opened(sent)
-    return list(ready.outcomes(numbers, replace(ready.campaign.draws, values=values)))
+def _worked(ready: "Ready", piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
+    return list(ready.outcomes(*piece))
 
 
 class Ready:
@@ -188,6 +150,10 @@ class Ready:
         self._truth = None if campaign.draws.moves else self._plant.truth(trial.start)
         if campaign.engine == "c":
             step.run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The campaign, which makes it again: a pickle holds no graphs."""
+        return Ready, (self.campaign,)
 
     def outcomes(self, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
         """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made
