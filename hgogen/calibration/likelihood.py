@@ -95,7 +95,7 @@ class Likelihood:
 
     def _noise(self, likelihood: float, logs: Array, settled: bool) -> Noise:
         count = len(self._noisy)
-        process = {name: SURE * q for name, q in self.scale.process.items()}
+        process = {name: SURE * q for name, q in self.scale.units.items()}
         process |= {name: float(unit * np.exp(g)) for (name, unit), g in zip(self._noisy.items(), logs, strict=False)}
         pairs = zip(self.scale.outputs.items(), logs[count:], strict=True)
         return Noise(process, {name: float(unit * np.exp(g / 2)) for (name, unit), g in pairs}, likelihood, settled)
@@ -107,7 +107,7 @@ class Likelihood:
         by_definition = {*names, *(-z for z in names)}
         rows = zip(self.form.names, self.form.flow, strict=True)
         noisy = [name for name, row in rows if row.expand() not in by_definition]
-        return {name: self.scale.process[name] for name in noisy or self.form.names}
+        return {name: self.scale.units[name] for name in noisy or self.form.names}
 
     @cached_property
     def _filter(self) -> Any:
@@ -148,7 +148,7 @@ class Likelihood:
         return ca.vertcat(
             *(
                 q * dt * (ca.exp(g[order.index(name)]) if name in order else SURE)
-                for name, q in self.scale.process.items()
+                for name, q in self.scale.units.items()
             )
         )
 
