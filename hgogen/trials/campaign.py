@@ -7,6 +7,7 @@ comes back are numbers only.
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from typing import Any
@@ -27,6 +28,7 @@ from hgogen.trials.spread import Workers
 from hgogen.trials.varied import Draws, hypercube, varied
 
 MOST = 10_000_000  # runs
+MANY = 64  # runs: fewer are integrated sooner than it takes to compile what does
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
 
 
@@ -123,7 +125,9 @@ def campaign(
 
 
 def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
-    ready = Ready(replace(each, draws=each.drawn(())))  # meets what does not fit, and compiles the step once for all
+    ready = Ready(
+        replace(each, draws=each.drawn(())), len(each.draws) >= MANY
+    )  # meets what does not fit, and compiles once for all
     size = ALONE if each.draws.moves else BATCH
     batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
     pieces = ((batch, each.drawn(batch)) for batch in batches)
@@ -139,21 +143,27 @@ class Ready:
     """A campaign with what its runs share: the plant's equations, the step's first memory, and where nothing moves the
     plant from run to run, its truth.
 
+    `many`: as `Plant` takes it.
+
     Raises: `BadTrial` of a trial that does not fit its plant.
     """
 
-    def __init__(self, campaign: Campaign) -> None:
-        self.campaign = campaign
-        step, trial = campaign.step, campaign.trial
-        self._plant = Plant(campaign.plant, trial, step.dt, campaign.draws.free(campaign.plant))
+    def __init__(self, campaign: Campaign, many: bool) -> None:
+        self.campaign, self.many = campaign, many
+        step, trial, moves = campaign.step, campaign.trial, campaign.draws.moves
+        free = campaign.draws.free(campaign.plant)
+        self._plant = Plant(campaign.plant, trial, step.dt, free, many and moves)
         self._memory = first_memory(step, trial)
-        self._truth = None if campaign.draws.moves else self._plant.truth(trial.start)
+        self._truth = None if moves else self._plant.truth(trial.start)
+        if many and moves:
+            with suppress(BadTrial):
+                self._plant.truth(trial.start, [float(campaign.plant.nominal[p]) for p in free])
         if campaign.engine == "c":
             step.run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The campaign, which makes it again: a pickle holds no graphs."""
-        return Ready, (self.campaign,)
+        return Ready, (self.campaign, self.many)
 
     def outcomes(self, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
         """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made
@@ -190,18 +200,16 @@ def line(one: Outcome) -> str:
     return json.dumps(one.as_dict()) + "\n"
 
 
-def earlier(each: Campaign, text: str, name: str) -> dict[int, Outcome]:
-    """The outcomes that the whole lines of a file of results hold, by number.
+def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome]:
+    """The outcomes that the whole lines of a file of results hold, the first of which is its head, if there is one.
 
     Raises: `BadCampaign` for the file, called `name`, of another campaign, or with a damaged line.
     """
-    lines = text.splitlines(keepends=True)
-    if not lines:
-        return {}
-    if lines[0] != head(each):
-        raise BadCampaign(name, "holds the results of another campaign, or none; give another folder, or remove it")
-    outcomes = [_read(one, f"{name}, line {k}") for k, one in enumerate(lines[1:], 2)]
-    return {one.run: one for one in outcomes}
+    for number, one in enumerate(lines, 1):
+        if number > 1:
+            yield _read(one, f"{name}, line {number}")
+        elif one != head(each):
+            raise BadCampaign(name, "holds the results of another campaign, or none; give another folder, or remove it")
 
 
 def _read(text: str, place: str) -> Outcome:
@@ -210,45 +218,3 @@ def _read(text: str, place: str) -> Outcome:
     except (ValueError, TypeError, KeyError):
         reason = "holds no outcome of a run: it was damaged; remove this line, and its run is repeated"
         raise BadCampaign(place, reason) from None
-
-
-# --- what it says ---------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A quantity over the runs: its 5 %, 50 % and 95 % quantiles, the worst and the run that had it; None, which counts
-    as the worst, for what never happened."""
-
-    name: str
-    low: float | None
-    middle: float | None
-    high: float | None
-    worst: float | None
-    run: int
-
-
-def spreads(outcomes: Iterable[Outcome], unit: str = "s") -> list[Spread]:
-    """Times to settle after each event, steady errors by state, and the largest theta where it moves, over the runs
-    that were integrated; `unit`: that of the plant's time."""
-    each = sorted((one for one in outcomes if one.metrics), key=lambda one: one.run)
-    if not each:
-        return []
-    numbers = [one.run for one in each]
-    known: list[Metrics] = [one.metrics for one in each if one.metrics]
-    listed: dict[str, list[float | None]] = {}
-    for k, event in enumerate(known[0].responses):
-        listed[f"settled after {event.time:g} {unit}"] = [one.responses[k].settled for one in known]
-    listed |= {f"steady error of {state}": [one.rms[state] for one in known] for state in known[0].rms}
-    if known[0].responses[0].peak is not None:
-        listed["peak of theta"] = [max(r.peak or 0.0 for r in one.responses) for one in known]
-    return [_spread_of(name, values, numbers) for name, values in listed.items()]
-
-
-def _spread_of(name: str, values: Sequence[float | None], numbers: Sequence[int]) -> Spread:
-    """The quantiles of what happened in some order of lateness; "inverted_cdf" gives a value that some run had."""
-    array = np.array([np.inf if value is None or np.isnan(value) else value for value in values])
-    quantiles = np.quantile(array, (0.05, 0.5, 0.95), method="inverted_cdf")
-    worst = int(np.argmax(array))
-    low, middle, high, most = (float(value) if np.isfinite(value) else None for value in (*quantiles, array[worst]))
-    return Spread(name, low, middle, high, most, numbers[worst])
