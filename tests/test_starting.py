@@ -75,12 +75,12 @@ def test_by_hand() -> None:
 @pytest.mark.parametrize(("coupling", "linked"), [("v/100", True), ("v**2/100", False), ("u*v/100", False)])
 def test_a_state_that_hardly_shows_has_no_noise_before_it(coupling: str, linked: bool) -> None:
     """Q_x = (a D)^2 Q_v where x' reads v with a slope a of one sign; where the slope may be 0, S^2/D."""
-    x, v, u = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1), hg.Signal("u", low=-4, high=4)
+    x, v, u = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=2), hg.Signal("u", low=-4, high=5)
     flow = [-x + sp.sympify(coupling, {"v": v, "u": u}), -v]
     plant = hg.System("hidden", states=(x, v), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x])
     numbers = scale(hg.forms.original(plant))
     wanted = 1e-4 * numbers.longest**2 * numbers.process["v"] if linked else 1 / numbers.longest
-    assert numbers.process["v"] == numbers.units["v"] == pytest.approx(1 / numbers.longest)
+    assert numbers.process["v"] == numbers.units["v"] == pytest.approx(1.5**2 / numbers.longest)
     assert numbers.process["x"] == pytest.approx(wanted)
 
 

@@ -101,7 +101,7 @@ def kalman(record: hg.Log, density: float, sigma: float, start: np.ndarray, P: n
 
 FORM = hg.forms.triangular(PLANT)
 SCALE = scale(FORM, DT, {})
-SURE_SCALE = SCALE.process["x"] / 5**2  # 1/D
+SURE_SCALE = SCALE.units["x"] / 5**2  # 1/D
 
 
 @pytest.mark.parametrize("missing", [0, 3])
@@ -111,7 +111,7 @@ def test_the_likelihood_is_that_of_another_filter(missing: int) -> None:
     y = np.array(record.y)
     y[10 : 10 + missing] = np.nan
     record = hg.Log(record.u, y, DT)
-    noise = Noise({"x": 1e-10 * SCALE.process["x"], "v": 0.7}, {"y": 0.03}, 0.0, True)
+    noise = Noise({"x": 1e-10 * SCALE.units["x"], "v": 0.7}, {"y": 0.03}, 0.0, True)
     e, s = likelihood(record).innovations(noise, demanded(record))
     start, P = np.array([record.y[0], 0.0]), np.diag([5.0**2, 10.0**2]) / 4
     expected, ratios = kalman(record, 0.7, 0.03, start, P)
@@ -154,7 +154,7 @@ def test_the_maximum_is_one() -> None:
 
 def test_a_rate_by_definition_has_no_noise() -> None:
     best = maxima(likelihood(log(4, 300)[0]), *range(len(STARTS)))[0]
-    assert best.process["x"] == pytest.approx(1e-10 * SCALE.process["x"])
+    assert best.process["x"] == pytest.approx(1e-10 * SCALE.units["x"])
     assert best.process["v"] > 1e-3 * DENSITY
 
 
@@ -327,7 +327,7 @@ def test_its_error_is_near_that_of_the_best_filter() -> None:
     record, states = log(5)
     _, ratios = kalman(record, DENSITY, SIGMA, states[0], np.diag([1e-4, 1e-4]))
     _, S = likelihood(record).innovations(
-        Noise({"x": 1e-10 * SCALE.process["x"], "v": DENSITY}, {"y": SIGMA}, 0, True), demanded(record)
+        Noise({"x": 1e-10 * SCALE.units["x"], "v": DENSITY}, {"y": SIGMA}, 0, True), demanded(record)
     )
     ideal = np.sqrt(np.mean(ratios[100:] ** 2) * S[-1, 0]) / np.sqrt(np.mean(np.diff(record.y) ** 2))
     assert spring().best.error == pytest.approx(ideal, rel=0.05)
@@ -636,6 +636,16 @@ def test_periods_of_one_grid_may_differ_by_rounding() -> None:
     first, second = log(8, 100)[0], log(9, 100)[0]
     tuned = hg.tune(PLANT, first, hg.Log(second.u, second.y, DT * (1 + 1e-9)), observers=["high_gain"])
     assert tuned.best.table["dt"] == DT
+
+
+def test_processes_choose_the_same_gains() -> None:
+    """The same bits, and as many trials; a search for the noise that two observers ask for is made once."""
+    record, tried = log(8, 200)[0], {1: [], 2: []}
+    made = [hg.tune(PLANT, record, observers=["riccati", "ukf"], jobs=n, each=tried[n].append) for n in tried]
+    assert sorted(tried[1]) == sorted(tried[2])
+    assert tried[1].count("likelihood") == len(STARTS)
+    first, second = ([(row.name, row.table, row.errors.tolist()) for row in one.rows] for one in made)
+    assert first == second
 
 
 def test_adaptive_can_be_asked_by_its_name() -> None:
