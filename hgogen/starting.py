@@ -3,21 +3,26 @@
     T = the shortest time in which a state crosses its range,   theta = 2 n/T, at least 2,   poles at -1 (times theta)
     dt = the least of 1/(20 theta) and 1/(5 lambda), lambda the fastest mode of the plant
     Q_i = S_i^2/D,  P_i(0) = S_i^2/4,  R_j = sigma_j^2 dt,   S half of the ranges, D the longest crossing time
+    Q_i <= (a_i D)^2 Q_(i+1),   a_i the least |dz_i'/dz_(i+1)|, where z_i' reads no state of its chain beyond z_(i+1)
 
 so that the error of a high gain decays some times while the plant crosses its range, a step resolves both, and a state
-may wander over its range in the time that it takes to cross it. At a dt that is asked for, theta is at most 1/(20 dt),
-and at least 1. Of a sensor whose noise sigma is not given it is taken to be 1 % of half its range Y, the declared one,
-else what the ranges of states and inputs give. Where nothing moves, or no range is known, T = D = 1, S = Y = 1.
+may wander over its range in the time that it takes to cross it, but no farther than the state behind it moves it in
+that time: z_(i+1) shows in nothing but z_i', and its error decays at about a_i sqrt(Q_(i+1)/Q_i), whatever R is. At a
+dt that is asked for, theta is at most 1/(20 dt), and at least 1. Of a sensor whose noise sigma is not given it is taken
+to be 1 % of half its range Y, the declared one, else what the ranges of states and inputs give. Where nothing moves, or
+no range is known, T = D = 1, S = Y = 1.
 
 What an observer makes of these numbers is a rule beside it, in its own file, which `starts` ties to it.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from hgogen.analysis.pace import NoSight, Pace, pace
+import numpy as np
+
+from hgogen.analysis.pace import NoSight, Pace, pace, slopes
 from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.reading.given import BadGain, positive
@@ -51,6 +56,11 @@ class Scale:
     def n(self) -> int:
         """Number of states."""
         return len(self.states)
+
+    @property
+    def units(self) -> dict[str, float]:
+        """S_i^2/D by name: the process noise of a state that wanders over its range while it is crossed."""
+        return {name: s * s * (1 / self.longest) for name, s in self.states.items()}
 
     @property
     def poles(self) -> Any:
@@ -190,8 +200,31 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
     outputs = {y.name: _span(*ends) for y, ends in zip(form.system.outputs, readings(form), strict=True)}
     deviations = {name: noise.get(name, y / 100) for name, y in outputs.items()}
     longest = rates.longest or 1.0
-    process = {name: s * s * (1 / longest) for name, s in states.items()}
-    return Scale(theta, dt, longest, states, process, outputs, deviations, form.blocks)
+    base = Scale(theta, dt, longest, states, {}, outputs, deviations, form.blocks)
+    return replace(base, process=_process(form, base))
+
+
+def _process(form: Form, base: Scale) -> dict[str, float]:
+    """Q_i by name, from the end of each chain on."""
+    process = dict(base.units)
+    for i, slope in reversed(_slopes(form).items()):
+        name, behind = form.names[i], form.names[i + 1]
+        process[name] = min(process[name], (slope * base.longest) ** 2 * process[behind])
+    return process
+
+
+def _slopes(form: Form) -> dict[int, float]:
+    """a_i by the number of z_i, of those that have one sign at fixed points of the box."""
+    chains = [form.states[head : head + size] for head, size in zip(form.heads, form.blocks, strict=True)]
+    links = [(z, chain[k + 1], {*chain[k + 2 :]}) for chain in chains for k, z in enumerate(chain[:-1])]
+    flow = dict(zip(form.states, form.flow, strict=True))
+    alone = {z: (flow[z], behind) for z, behind, beyond in links if not flow[z].free_symbols & beyond}
+    try:
+        values = slopes([*alone.values()], (*form.states, *form.system.inputs), form.system.nominal)
+    except NoSight:
+        return {}
+    one_sided = np.abs(values).min(axis=0) * (np.abs(np.sign(values).sum(axis=0)) == len(values))
+    return {form.states.index(z): float(a) for z, a in zip(alone, one_sided, strict=True) if a > 0}
 
 
 def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float]:

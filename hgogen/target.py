@@ -16,6 +16,7 @@ from typing import IO
 from hgogen.errors import HgogenError
 from hgogen.reading.filename import same, shown
 
+AT_ONCE = 1 << 16  # bytes of a file, in search of its last line
 LONGEST = 255  # bytes of a name, on most file systems
 _KINDS = {
     stat.S_IFLNK: "a link",
@@ -105,9 +106,9 @@ def remove(name: str, folder: str | Path) -> None:
 
 
 @contextmanager
-def lines_of(name: str, folder: str | Path) -> Iterator[tuple[str, Callable[[str], None]]]:
-    """The whole lines of a file in `folder`, which are there already, and a function that adds one, ended by a new
-    line, in the place of one that an earlier writer left unfinished; nobody else adds lines within.
+def lines_of(name: str, folder: str | Path) -> Iterator[tuple[Iterator[str], Callable[[str], None]]]:
+    """The whole lines of a file in `folder`, which are there already, as they are read, and a function that adds one,
+    ended by a new line, in the place of one that an earlier writer left unfinished; nobody else adds lines within.
 
     Raises: `CannotWrite`.
     """
@@ -116,18 +117,34 @@ def lines_of(name: str, folder: str | Path) -> Iterator[tuple[str, Callable[[str
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "r+b", opener=lambda name, flags: os.open(name, flags | os.O_CREAT, 0o666)) as stream:
             _alone(stream, path)
-            there = stream.read()
-            whole = there[: there.rfind(b"\n") + 1]
-            stream.seek(len(whole))
+            end = _whole(stream)
+            stream.seek(end)
 
             def add(line: str) -> None:
                 stream.truncate()
                 stream.write(line.encode())
                 stream.flush()
 
-            yield whole.decode(errors="replace"), add
+            yield _lines(path, end), add
     except OSError as error:
         raise _failed(error, Path(folder)) from error
+
+
+def _whole(stream: IO[bytes]) -> int:
+    """Where the last whole line of a file ends."""
+    end = stream.seek(0, os.SEEK_END)
+    while end:
+        begin = stream.seek(max(0, end - AT_ONCE))
+        if (last := stream.read(end - begin).rfind(b"\n")) >= 0:
+            return begin + last + 1
+        end = begin
+    return 0
+
+
+def _lines(path: Path, end: int) -> Iterator[str]:
+    with open(path, "rb") as stream:
+        while stream.tell() < end:
+            yield stream.readline().decode(errors="replace")
 
 
 def _alone(stream: IO[bytes], path: Path) -> None:

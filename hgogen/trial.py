@@ -4,9 +4,9 @@ makes of it.
     x' = flow(x, u(t); p),  y = output(x, u(t); p) + n,  x jumps at given times
     n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0;  or a tone, a sin(omega t)
 
-The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step), from jump to jump. The
-noise is the exact discretisation of a stationary Ornstein-Uhlenbeck process, g from numpy's
-default_rng(seed); tau = 0 is white noise.
+The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step), from jump to jump; many truths of one
+plant by `calling/marched.py` where that is as accurate. The noise is the exact discretisation of a stationary
+Ornstein-Uhlenbeck process, g from numpy's default_rng(seed); tau = 0 is white noise.
 """
 
 import math
@@ -21,6 +21,7 @@ import sympy as sp
 
 from hgogen.call import CallableStep
 from hgogen.calling.interrupt import heard
+from hgogen.calling.marched import March
 from hgogen.calling.samples import Engine
 from hgogen.form import Form
 from hgogen.graph import CVODES, Graph, to_casadi
@@ -152,12 +153,13 @@ def simulate(plant: System, trial: Trial, dt: float) -> Truth:
 class Plant:
     """A plant along a trial, made once for several truths.
 
-    `free`: parameters whose values differ from truth to truth; the others are nominal.
+    `free`: parameters whose values differ from truth to truth; the others are nominal; `many`: whether there are so
+    many truths that it is worth compiling what integrates them.
 
     Raises: `BadTrial` for names or numbers that do not fit.
     """
 
-    def __init__(self, plant: System, trial: Trial, dt: float, free: Sequence[Signal] = ()) -> None:
+    def __init__(self, plant: System, trial: Trial, dt: float, free: Sequence[Signal] = (), many: bool = False) -> None:
         self._plant = plant
         self._trial = trial = replace(trial, inputs=_inputs(plant, trial))
         _validate(plant, trial, dt)
@@ -169,9 +171,12 @@ class Plant:
         symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
         symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
         self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ca.vertcat(*to_casadi(plant.flow, symbols))}
-        self._measure = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
+        measure = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
+        self._measure: Any = measure.map(len(self.times))
         self._segments = list(_segments(trial, self.times))
         self._integrators: dict[float, ca.Function] = {}
+        moving = [segment for segment in self._segments if many and segment.stops]
+        self._marches = {one.begin: March(self._ode, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
         """The truth from a state by name, with values of the free parameters.
@@ -200,6 +205,10 @@ class Plant:
 
     def _reached(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:
         """The states at a segment's stops. Raises: `BadTrial`."""
+        reached = self._marches[segment.begin](now, p) if self._marches else None
+        return self._by_cvodes(segment, now, p) if reached is None else reached
+
+    def _by_cvodes(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:
         options = {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
         begin, stops = segment.begin, segment.stops
         try:
@@ -300,7 +309,8 @@ def tried(
     """The step over a truth of its plant, from the memory `start`, one trajectory for each seed."""
     system = step.observer.form.system
     plant = system.declared
-    u, every = _sampled(system, trial, truth.t), max(1, _TOGETHER // truth.y.size)
+    u = truth.u if system.inputs == plant.inputs else _sampled(system, trial, truth.t)
+    every = max(1, _TOGETHER // truth.y.size)
     for first in range(0, len(seeds), every):
         some = seeds[first : first + every]
         for seed, measured in zip(some, noisy(plant, truth, trial, some), strict=True):

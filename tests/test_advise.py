@@ -160,6 +160,14 @@ def test_an_own_form_of_a_tuning_is_asked(tmp_path: Path) -> None:
     assert tanks.step("riccati_advised").observer.form.system.origin is not None
 
 
+def test_processes_give_the_same_advice(rows: tuple[tuple[Advised, ...], dict[str, str]]) -> None:
+    (trial,) = MODEL.trials()
+    asked = ["high_gain", "riccati", "bank"]
+    again, refused = advise(MODEL.plant, dt=5e-3, noise={"y": 1e-3}, observers=asked, trial=trial, jobs=2)
+    assert [(one.name, one.table, one.tried) for one in again] == [(one.name, one.table, one.tried) for one in rows[0]]
+    assert refused == rows[1]
+
+
 def test_a_truth_is_simulated_once_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
     periods: list[float] = []
 

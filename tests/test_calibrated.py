@@ -1,5 +1,6 @@
 """Parts of tuning and advising by themselves: two outputs, the refinement, the rows held out, and files."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,14 +12,15 @@ from scipy.stats import gamma
 import hgogen as hg
 from hgogen.calibration.adaptive import FILTER, adaptive
 from hgogen.calibration.advise import advise
-from hgogen.calibration.grid import Search, thetas
+from hgogen.calibration.grid import Search, thetas, together
 from hgogen.calibration.judged import Judged
 from hgogen.calibration.likelihood import Likelihood, Noise
 from hgogen.calibration.tuned import Tuned
 from hgogen.calibration.verdicts import verdicts
+from hgogen.modelfiles.first import First
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.tunings import read
-from hgogen.starting import scale, two
+from hgogen.starting import Scale, Starting, scale, two
 
 DT = 0.1
 X, V, W = (hg.Signal(name, low=-5, high=5) for name in "xvw")
@@ -59,16 +61,17 @@ def test_the_search_is_refined_next_to_the_best(wanted: float) -> None:
     best = grid[len(grid) // 2]
     task: Any = SimpleNamespace(
         dt=1e-3,
-        noises={},
         sampling={},
-        each=lambda name: None,
-        step=lambda name, form, gains: (gains["theta"], gains["poles"][1] / gains["poles"][0]),
-        judge=SimpleNamespace(
-            errors=lambda step: np.full(3, np.log(step[0] / best) ** 2 + np.log(step[1] / wanted) ** 2)
-        ),
+        first=lambda name, row, numbers: First(name, row, Starting({}, 1e-3), numbers),
     )
-    row: Any = SimpleNamespace(form=form)
-    tuned = Search(task, "high_gain", row, base).search()
+
+    def error(numbers: Scale) -> float:
+        return np.log(numbers.theta / best) ** 2 + np.log(numbers.spread / wanted) ** 2
+
+    def work(pieces: Iterable[Any]) -> dict[Any, Any]:
+        return {piece: np.full(3, error(piece.numbers)) for piece in pieces}
+
+    ((_, tuned),) = together({"high_gain": Search(task, "high_gain", 0, base).search()}, work)
     assert tuned is not None
     scales = [numbers for numbers, _ in tuned.tried]
     middle = len(grid) // 2

@@ -8,9 +8,11 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
@@ -20,15 +22,18 @@ from plants import MODELS
 
 import hgogen as hg
 from hgogen import trial as trial_module
+from hgogen.calling.marched import March
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.optional import NotInstalled
 from hgogen.target import CannotWrite, lines_of
-from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
-from hgogen.trials import campaign as campaign_module
+from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
+from hgogen.trials import tally as tally_module
 from hgogen.trials import varied as varied_module
-from hgogen.trials.campaign import BadCampaign, Outcome, Spread, earlier, head, line, outcome, spreads
+from hgogen.trials.campaign import BadCampaign, Outcome, earlier, head, line, outcome
 from hgogen.trials.metrics import Metrics, Response, metrics
+from hgogen.trials.spread import NoScheduler
+from hgogen.trials.tally import Spread, Tally
 from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
 
 NAN = float("nan")
@@ -233,6 +238,44 @@ def test_a_trial_that_does_not_fit_is_refused_before_any_process() -> None:
         list(hg.campaign(step(), Trial("t", 1.0, TRIAL.start), 5).run(jobs=2))
 
 
+@pytest.mark.parametrize("jump", [None, 0.505])
+def test_many_truths_are_those_of_cvodes(jump: float | None) -> None:
+    """Each as far from the truth as CVODES leaves it, some 1e-10 of the peak; a jump lies between samples."""
+    jumps = () if jump is None else (Jump(jump, "x2", 1.5),)
+    trial = Trial("swing", 2.0, TRIAL.start, {"u": sp.sin(3 * t) / 2}, jumps=jumps)
+    free = PLANT.parameters[:1]
+    one, many = (Plant(PLANT, trial, 0.01, free, quickly) for quickly in (False, True))
+    for x1, a in ((1.0, 2.0), (-3.0, 1.2)):
+        start = {"x1": x1, "x2": 0.3}
+        wanted, made = one.truth(start, [a]), many.truth(start, [a])
+        assert np.abs(made.x - wanted.x).max() <= 1e-9 * np.abs(wanted.x).max()
+        assert (made.x != wanted.x).any()
+
+
+def test_many_truths_of_a_stiff_plant_are_left_to_cvodes() -> None:
+    """x' = -1e6 (x - sin t), of which steps of 0.01 by any explicit method grow."""
+    x = hg.Signal("x", low=-2, high=2)
+    u = hg.Signal("u", low=-1, high=1)
+    plant = hg.System(
+        "stiff", states=(x,), inputs=(u,), outputs=(hg.Signal("y"),), flow=(10**6 * (u - x),), output=(x,)
+    )
+    trial = Trial("rest", 1.0, {"x": 0.5}, {"u": sp.sin(t)})
+    one, many = (Plant(plant, trial, 0.01, (), quickly).truth(trial.start) for quickly in (False, True))
+    assert (one.x == many.x).all()
+    assert one.x[-1, 0] == pytest.approx(math.sin(1.0), abs=2e-6)
+
+
+def test_an_error_that_is_too_large_is_seen() -> None:
+    """Of x' = x cos(40 t) over steps of 0.2; over steps of 0.002 the solution exp(sin(40 t)/40) is there."""
+    x, time = ca.SX.sym("x"), ca.SX.sym("t")
+    ode = {"x": x, "t": time, "p": ca.SX(0, 1), "ode": x * ca.cos(40 * time)}
+    assert March(ode, list(np.linspace(0, 2, 11)))(np.ones(1), np.zeros(0)) is None
+    times = np.linspace(0, 2, 1001)
+    states = March(ode, list(times))(np.ones(1), np.zeros(0))
+    assert states is not None
+    assert states[:, 0] == pytest.approx(np.exp(np.sin(40 * times[1:]) / 40), abs=1e-12)
+
+
 # --- a cluster --------------------------------------------------------------------------------------------------
 
 
@@ -248,8 +291,8 @@ def test_a_cluster_gives_the_same_numbers() -> None:
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("hgogen.trials.campaign.PATIENCE", "1s")
-    with pytest.raises(BadCampaign, match=f"scheduler {address} does not answer"):
+    monkeypatch.setattr("hgogen.trials.spread.PATIENCE", "1s")
+    with pytest.raises(NoScheduler, match=f"scheduler {address} does not answer"):
         list(hg.campaign(step(), TRIAL, 2).run(scheduler=address))
 
 
@@ -271,10 +314,10 @@ def test_an_outcome_is_read_as_it_was_written() -> None:
 
 def test_a_file_of_another_campaign_is_refused() -> None:
     first, second = hg.campaign(step(), TRIAL, 3, "x1=20%"), hg.campaign(step(), TRIAL, 3, "x1=21%")
-    assert earlier(first, head(first), "file") == {}
+    assert list(earlier(first, [head(first)], "file")) == []
     for text in (head(second), "something else\n", "\n"):
         with pytest.raises(BadCampaign, match="file holds the results of another campaign"):
-            earlier(first, text, "file")
+            list(earlier(first, [text], "file"))
 
 
 def test_the_digest_is_of_what_the_numbers_depend_on() -> None:
@@ -299,23 +342,30 @@ def test_the_digest_is_of_what_the_numbers_depend_on() -> None:
 
 def test_lines_are_added_to_whole_ones(tmp_path: Path) -> None:
     for known, new in (("", "a\n"), ("a\n", "b\n"), ("a\nb\n", "c")):
-        with lines_of("lines", tmp_path / "made") as (text, add):
-            assert text == known
+        with lines_of("lines", tmp_path / "made") as (lines, add):
+            assert "".join(lines) == known
             add(new)
-    with lines_of("lines", tmp_path / "made") as (text, add):
-        assert text == "a\nb\n"
+    with lines_of("lines", tmp_path / "made") as (lines, add):
+        assert list(lines) == ["a\n", "b\n"]
         add("d\n")
     assert (tmp_path / "made" / "lines").read_text() == "a\nb\nd\n"
 
 
 def test_what_is_no_file_of_lines_stays_as_it_is_until_one_is_added(tmp_path: Path) -> None:
     (tmp_path / "lines").write_bytes(b"\xff\xfe\nunfinished")
-    with lines_of("lines", tmp_path) as (text, _):
-        assert text == "\ufffd\ufffd\n"
+    with lines_of("lines", tmp_path) as (lines, _):
+        assert list(lines) == ["\ufffd\ufffd\n"]
     assert (tmp_path / "lines").read_bytes() == b"\xff\xfe\nunfinished"
     with lines_of("lines", tmp_path) as (_, add):
         add("a\n")
     assert (tmp_path / "lines").read_bytes() == b"\xff\xfe\na\n"
+
+
+def test_a_line_longer_than_what_is_read_at_once_is_whole(tmp_path: Path) -> None:
+    long = "x" * 200_000 + "\n"
+    (tmp_path / "lines").write_text(long + "y" * 100_000)
+    with lines_of("lines", tmp_path) as (lines, _):
+        assert list(lines) == [long]
 
 
 def test_two_do_not_add_lines_to_one_file(tmp_path: Path) -> None:
@@ -324,16 +374,16 @@ def test_two_do_not_add_lines_to_one_file(tmp_path: Path) -> None:
         with pytest.raises(CannotWrite, match="another process is writing it; wait until"):
             lines_of("lines", tmp_path).__enter__()
         add("b\n")
-    with lines_of("lines", tmp_path) as (text, _):
-        assert text == "a\nb\n"
+    with lines_of("lines", tmp_path) as (lines, _):
+        assert list(lines) == ["a\n", "b\n"]
 
 
 @pytest.mark.parametrize("damaged", ["{", "null", "[1]", '{"run": 3}', '{"run": 3, "metrics": {"responses": [3]}}'])
 def test_a_damaged_line_of_results_is_named(damaged: str) -> None:
     campaign = hg.campaign(step(), TRIAL, 2)
-    lines = head(campaign) + line(Outcome(0, {}, None, "why")) + damaged + "\n"
+    lines = [head(campaign), line(Outcome(0, {}, None, "why")), damaged + "\n"]
     with pytest.raises(BadCampaign, match=r"r\.jsonl, line 3 holds no outcome of a run.* remove this line"):
-        earlier(campaign, lines, "r.jsonl")
+        list(earlier(campaign, lines, "r.jsonl"))
 
 
 # --- what it says -----------------------------------------------------------------------------------------------
@@ -341,6 +391,13 @@ def test_a_damaged_line_of_results_is_named(damaged: str) -> None:
 
 def ran(run: int, settled: float | None, rms: float) -> Outcome:
     return Outcome(run, {}, Metrics(run, "c", (Response(0.0, settled, None, None, None, None),), {"x": rms}, 0))
+
+
+def spreads(outcomes: Iterable[Outcome], unit: str = "s") -> list[Spread]:
+    tally = Tally(100, unit)
+    for one in outcomes:
+        tally.add(one)
+    return tally.spreads()
 
 
 def test_quantiles_are_values_that_runs_had_and_never_is_the_worst() -> None:
@@ -352,6 +409,19 @@ def test_quantiles_are_values_that_runs_had_and_never_is_the_worst() -> None:
 
 def test_an_error_that_is_no_number_is_the_worst() -> None:
     assert spreads([ran(0, 1.0, 2.0), ran(1, 1.0, NAN)])[1] == Spread("steady error of x", 2.0, 2.0, None, None, 1)
+
+
+def test_runs_are_told_in_any_order_and_once() -> None:
+    """And take some bytes each."""
+    tally = Tally(20, "h")
+    for k in (7, 3, 7, 19, 0):
+        tally.add(ran(k, float(k), 1.0))
+    tally.add(Outcome(5, {}, None, "it escaped"))
+    tally.add(Outcome(4, {}, None, "it escaped sooner"))
+    assert (len(tally), tally.failed, tally.failure and tally.failure.run) == (6, 2, 4)
+    assert [k for k in range(20) if k not in tally] == [1, 2, *range(6, 7), *range(8, 19)]
+    assert tally.spreads()[0] == Spread("settled after 0 h", 0.0, 3.0, 19.0, 19.0, 19)
+    assert tally.spreads()[1].run == 0  # of errors that are equal the first
 
 
 # --- the command ------------------------------------------------------------------------------------------------
@@ -439,7 +509,7 @@ def test_the_neuron_is_sent_to_processes() -> None:
 
 
 def test_the_worst_run_is_named_by_its_number() -> None:
-    assert campaign_module._spread_of("late", [1.0, None, 2.0], [4, 7, 9]).run == 7
+    assert tally_module._spread_of("late", np.array([1.0, np.inf, 2.0]), np.array([4, 7, 9])).run == 7
 
 
 def test_an_interval_may_leave_its_range_at_neither_end() -> None:

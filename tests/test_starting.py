@@ -21,6 +21,8 @@ from hgogen.modelfiles.setting import Setting
 from hgogen.observers import high_gain
 from hgogen.reading.given import BadGain
 from hgogen.starting import Rule, gains_of, rule, scale
+from hgogen.trial import try_out
+from hgogen.trials.metrics import metrics
 
 RULED = [name for name in hg.observers.__all__ if name != "bank"]
 BARE = """
@@ -68,6 +70,29 @@ def test_by_hand() -> None:
         assert start.gains["Q"]["x1"] == pytest.approx(half**2 / 2.1, rel=0.06)
         assert start.gains["covariance"]["x2"] == pytest.approx(half**2 / 4)
         assert hg.starting_gains(oscillator(half), hg.observers.high_gain).gains == {"theta": 2.0, "poles": (-1, -1)}
+
+
+@pytest.mark.parametrize(("coupling", "linked"), [("v/100", True), ("v**2/100", False), ("u*v/100", False)])
+def test_a_state_that_hardly_shows_has_no_noise_before_it(coupling: str, linked: bool) -> None:
+    """Q_x = (a D)^2 Q_v where x' reads v with a slope a of one sign; where the slope may be 0, S^2/D."""
+    x, v, u = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=2), hg.Signal("u", low=-4, high=5)
+    flow = [-x + sp.sympify(coupling, {"v": v, "u": u}), -v]
+    plant = hg.System("hidden", states=(x, v), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x])
+    numbers = scale(hg.forms.original(plant))
+    wanted = 1e-4 * numbers.longest**2 * numbers.process["v"] if linked else 1 / numbers.longest
+    assert numbers.process["v"] == numbers.units["v"] == pytest.approx(1.5**2 / numbers.longest)
+    assert numbers.process["x"] == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("name", ["contois", "series_dc_motor", "magnetic_levitation"])
+def test_the_hidden_state_of_a_trial_settles(name: str) -> None:
+    """Of plants whose hidden state moves the measured one much less than that moves itself; with S^2/D none did."""
+    shipped = load(name)
+    form = hg.forms.uniform(shipped.plant)
+    start = hg.starting_gains(form, hg.observers.riccati)
+    step = hg.sample(hg.observers.riccati(form, **start.gains), dt=start.dt)
+    (one,) = try_out(step, shipped.trials()[0], seeds=(0,))
+    assert metrics(step, one).responses[0].settled is not None
 
 
 def test_noise_and_dt_are_taken() -> None:

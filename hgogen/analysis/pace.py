@@ -5,11 +5,13 @@
 at the middle of the box of states and inputs, and at points that fill it evenly; parameters are nominal.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
+import sympy as sp
 
 from hgogen.errors import HgogenError
 from hgogen.graph import to_casadi
@@ -84,6 +86,27 @@ def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
     y = np.array(output(x.T, u.T))
     R = np.array([_half(s) if s.bounded else _extent(row) for s, row in zip(plant.outputs, y, strict=True)])
     return Linear(A, C / R[:, None])
+
+
+def slopes(
+    pairs: Sequence[tuple[sp.Expr, Signal]], signals: tuple[Signal, ...], nominal: Mapping[sp.Symbol, Any]
+) -> np.ndarray:
+    """The derivative of each expression by its signal, of `signals`, at those points (N, k) of their box where all have
+    a value.
+
+    Raises: `NoSight` where a signal has no range, or there is no such point; `NoGraph`.
+    """
+    ranged(signals)
+    x = ca.SX.sym("x", len(signals))
+    symbols = dict(zip(signals, ca.vertsplit(x), strict=True)) | {p: float(value) for p, value in nominal.items()}
+    graphs = to_casadi([expression for expression, _ in pairs], symbols)
+    each = [ca.jacobian(graph, symbols[signal]) for graph, (_, signal) in zip(graphs, pairs, strict=True)]
+    function = ca.Function("slopes", [x], [ca.densify(ca.SX(ca.vertcat(*each)))])
+    values = np.array(function(_lattice(signals).T)).reshape(len(pairs), _POINTS).T
+    known = values[np.isfinite(values).all(axis=1)]
+    if not len(known):
+        raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
+    return np.asarray(known)
 
 
 def _functions(plant: System) -> tuple[Any, Any, Any]:

@@ -10,7 +10,7 @@ so that theta rests at 1 along the record, and comes back to it after an alarm. 
 theta = 1.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +30,7 @@ PEAKS = (8.0, 6.0, 4.0, 3.0, 2.0)  # theta_1
 ABOVE = 1.1  # times the largest innovation
 
 
-def adaptive(task: Task, plain: Tuned) -> Tuned | str:
+def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what: None) -> Tuned | str:
     """The tuned filter with an adaptive theta, or why there is none."""
     refusals: list[str] = []
     for table in _tables(2 * plain.numbers.n / plain.numbers.theta, task.dt):
@@ -48,7 +48,7 @@ def adaptive(task: Task, plain: Tuned) -> Tuned | str:
             refusals.append(str(error))
             continue
         finally:
-            task.each(ADAPTIVE)
+            each(ADAPTIVE)
         more = task.judge.errors(first.step) - task.judge.errors(plain.first.step)  # Q and R are chosen already
         return replace(plain, name=ADAPTIVE, first=first, errors=plain.errors + more, tried=())
     return refusals[-1]

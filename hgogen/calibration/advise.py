@@ -30,6 +30,7 @@ from hgogen.starting import Scale, Starting, gains_of, scale, two
 from hgogen.system import System
 from hgogen.trial import Trial, Truth, first_memory, simulate, tried
 from hgogen.trials.metrics import metrics
+from hgogen.trials.spread import Workers
 from hgogen.which_forms import Row
 
 LEFT = 0.01  # of a first error
@@ -105,6 +106,7 @@ def advise(
     trial: Trial | None = None,
     rows: Iterable[Row] | None = None,
     deep: bool = False,
+    jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
 ) -> tuple[tuple[Advised, ...], dict[str, str]]:
     """Gains of the observers that a plant admits, and why others have none, by observer.
@@ -112,24 +114,22 @@ def advise(
     `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
     output, by default 1 % of half its range; `settling`: the time in which a first error should be gone; `trial`: on
     which values of theta are tried, such as `hg.proposed_trial(plant)`; `rows`: the forms to ask, by default those that
-    the plant is in, those that take seconds if `deep`; `each(what)` is called after every observer.
+    the plant is in, those that take seconds if `deep`; `jobs`: processes, None for one for each core; `each(what)` is
+    called after every observer.
 
     Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
-    asked = tuple(everywhere(plant, deep=deep) if rows is None else rows)
-    ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial)
-    advised: list[Advised] = []
-    refused: dict[str, str] = {}
-    for name in observers_named(observers):
-        one = ask.of(name, asked)
-        if isinstance(one, str):
-            refused[name] = one
-        else:
-            advised.append(one)
+    asked, names = tuple(everywhere(plant, deep=deep) if rows is None else rows), observers_named(observers)
+    ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial, asked)
+    done: dict[str, Advised | str] = {}
+    for name, one in Workers(ask, jobs).results(_of, names):
+        done[name] = one
         each(name)
+    advised = tuple(one for name in names if isinstance(one := done[name], Advised))
+    refused = {name: one for name in names if isinstance(one := done[name], str)}
     if not advised:
         raise NoneAdmitted(f"plant {plant.name!r}", f"admits none of these observers: {reasons(refused)}")
-    return tuple(advised), refused
+    return advised, refused
 
 
 @dataclass(frozen=True)
@@ -138,12 +138,13 @@ class _Ask:
     noise: Mapping[str, float] | None
     settling: float | None
     trial: Trial | None
+    rows: tuple[Row, ...]
     truths: dict[float, Truth] = field(default_factory=dict)  # by period: that of every theta is one
 
-    def of(self, name: str, rows: Iterable[Row]) -> Advised | str:
+    def of(self, name: str) -> Advised | str:
         """On the first form that admits the observer, or why there is none."""
         refusals = ["the plant is in none of its forms"]
-        for row in rows:
+        for row in self.rows:
             if row.form is None or refuted(row.form.checks):
                 continue
             base = scale(row.form, self.dt, self.noise)
@@ -186,6 +187,10 @@ class _Ask:
             rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
         names = [s.name for s in step.states]
         return Tried(theta, metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True)))
+
+
+def _of(ask: _Ask, name: str) -> tuple[str, Advised | str]:
+    return name, ask.of(name)
 
 
 def tau(n: int) -> float:

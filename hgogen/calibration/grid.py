@@ -6,16 +6,15 @@ the shape of poles and filters.
 """
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from hgogen import methods
 from hgogen import observers as every
-from hgogen.calibration.likelihood import Likelihood
+from hgogen.calibration.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.calibration.score import Judge, chosen
 from hgogen.calibration.tuned import Tuned
 from hgogen.call import CallableStep, sample
@@ -31,6 +30,7 @@ from hgogen.step import StepMayFail
 from hgogen.which_forms import Row
 
 Array = np.ndarray
+Result = TypeVar("Result")
 STEEPEST = 2.0  # 1/(theta dt), at least
 GRID = 9  # values of theta, or of the longest time
 LONG = np.geomspace(1e-2, 1e2, GRID)  # of the longest time
@@ -40,49 +40,91 @@ FASTER = (1.0, 1.4)  # times theta, with another shape
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is tuned to what."""
+    """What is tuned to what: the forms of `rows`, in their order, by `judge` on `records`."""
 
     records: tuple[Log, ...]
     judge: Judge
     sampling: Mapping[str, str]
-    each: Callable[[str], None]
-    likelihoods: dict[str, Likelihood] = field(default_factory=dict)
+    rows: tuple[Row, ...]
+    _likelihoods: dict[int, Likelihood] = field(default_factory=dict)
 
     @property
     def dt(self) -> float:
         """Of the records."""
         return self.records[0].dt
 
-    def tuned(self, name: str, rows: Sequence[Row]) -> Tuned | str:
-        """On the first form that admits the observer with gains of its rule, or why there is none."""
-        refusals = ["the plant is in none of its forms"]
-        for row in rows:
-            if row.form is None or refuted(row.form.checks):
-                continue
-            if len(row.form.system.inputs) > self.records[0].u.shape[1]:
-                refusals.append("its form asks for derivatives of inputs, which are in no record")
-                continue
-            search = Search(self, name, row, scale(row.form, self.dt))
-            gains = gains_of(getattr(every, name), search.base)
-            if isinstance(gains, str):
-                return gains
-            if (best := search.search()) is not None:
-                return best
-            refusals += search.refusals[:1]
-        return refusals[:2][-1]
-
     def step(self, name: str, form: Form, gains: Gains) -> CallableStep:
         """Of an observer at the period of the records. Raises: as the observer and `sample` do."""
         return step_of(name, form, gains, self.dt, self.sampling)
 
-    def likelihood(self, row: Row, form: Form, base: Scale) -> Likelihood:
-        """On a form, made once for all observers: two forms of one kind have other coordinates."""
-        if row.name not in self.likelihoods:
+    def likelihood(self, row: int) -> Likelihood:
+        """On the form of a row, made once for all observers."""
+        if row not in self._likelihoods:
+            form = self.rows[row].form
+            assert form is not None
             steps, _ = paced(form.system, self.dt)
-            every_start = partial(self.each, "likelihood")
-            made = Likelihood(form, self.records, base, self.sampling["between"], steps, every_start)
-            self.likelihoods[row.name] = made
-        return self.likelihoods[row.name]
+            base = scale(form, self.dt)
+            self._likelihoods[row] = Likelihood(form, self.records, base, self.sampling["between"], steps)
+        return self._likelihoods[row]
+
+    def first(self, name: str, row: int, numbers: Scale) -> First | str:
+        """The step of an observer on the form of a row with the gains that its rule makes, or why there is none."""
+        gains, form = gains_of(getattr(every, name), numbers), self.rows[row].form
+        assert form is not None
+        if isinstance(gains, str):
+            return gains
+        try:
+            return First(name, self.rows[row], Starting(gains, self.dt), self.step(name, form, gains))
+        except HgogenError as error:
+            return str(error)
+
+
+@dataclass(frozen=True)
+class Start:
+    """The search for a maximum of the likelihood on the form of a row, from start `number`."""
+
+    row: int
+    number: int
+    label: ClassVar[str] = "likelihood"
+
+    def result(self, task: Task) -> Ended:
+        """Where it ends."""
+        return task.likelihood(self.row).ended(self.number)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """An observer, `label` its name, on the form of a row with the gains that its rule makes of `numbers`."""
+
+    row: int
+    label: str
+    numbers: Scale
+
+    def result(self, task: Task) -> Array | str:
+        """E_s of its step, or why there is none."""
+        first = task.first(self.label, self.row, self.numbers)
+        return first if isinstance(first, str) else task.judge.errors(first.step)
+
+
+Piece = Start | Attempt
+Asking = Generator[list[Piece], list[Any], Result]  # asks for pieces of work, is told their results, and ends with one
+
+
+def together(
+    searches: Mapping[str, Asking[Result]], work: Callable[[Iterable[Piece]], Mapping[Piece, Any]]
+) -> Iterator[tuple[str, Result]]:
+    """The ends of searches, as they come: what all of them ask for is worked on at once, a piece that several ask for
+    once."""
+    answers: dict[str, Any] = dict.fromkeys(searches)
+    while answers:
+        asked = {}
+        for name, answer in answers.items():
+            try:
+                asked[name] = searches[name].send(answer)
+            except StopIteration as end:
+                yield name, end.value
+        results = work(dict.fromkeys(piece for pieces in asked.values() for piece in pieces))
+        answers = {name: [results[piece] for piece in pieces] for name, pieces in asked.items()}
 
 
 class UnknownObserver(BadArgument):
@@ -127,49 +169,70 @@ def thetas(theta: float, dt: float) -> list[float]:
     return [two(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
 
 
+def tuned(task: Task, name: str) -> Asking[Tuned | str]:
+    """An observer on the first form that admits it with gains of its rule, or why there is none."""
+    refusals = ["the plant is in none of its forms"]
+    for number, row in enumerate(task.rows):
+        if row.form is None or refuted(row.form.checks):
+            continue
+        if len(row.form.system.inputs) > task.records[0].u.shape[1]:
+            refusals.append("its form asks for derivatives of inputs, which are in no record")
+            continue
+        search = Search(task, name, number, scale(row.form, task.dt))
+        gains = gains_of(getattr(every, name), search.base)
+        if isinstance(gains, str):
+            return gains
+        if (best := (yield from search.search())) is not None:
+            return best
+        refusals += search.refusals[:1]
+    return refusals[:2][-1]
+
+
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The scales tried for an observer on a form, from the scale `base` on."""
+    """The scales tried for an observer on the form of a row, from the scale `base` on."""
 
     task: Task
     name: str
-    row: Row
+    row: int
     base: Scale
     scales: list[Scale] = field(default_factory=list)
-    steps: list[First] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
 
-    def search(self) -> Tuned | None:
+    def search(self) -> Asking[Tuned | None]:
         """The best scale of the grid, and of those between it and its neighbours; None where none makes a step."""
-        errors = self._tried(self._grid())
+        noisier = {name: 2 * sigma for name, sigma in self.base.noise.items()}
+        maxima = (yield from self._maxima()) if self._reads(noise=noisier) else ()
+        errors = yield from self._tried(self._grid(maxima))
         if errors:
             for others in (self._between, self._shaped):
                 best, _ = chosen(errors)
-                errors |= self._tried(others(best, errors))
+                errors |= yield from self._tried(others(best, errors))
         if not errors:
             return None
         best, judged = chosen(errors)
+        first = self.task.first(self.name, self.row, self.scales[best])
+        assert isinstance(first, First)  # as where it was tried
         filters = self._reads(process={name: 2 * q for name, q in self.base.process.items()})
-        likelihood = self._likelihood if filters else None
-        maxima = likelihood.maxima if likelihood else ()
-        noise = next((one for one in maxima if one.sample is self.scales[best].noise), None)
+        noise = next((one for one in maxima if filters and one.sample is self.scales[best].noise), None)
+        likelihood = self.task.likelihood(self.row) if noise else None
         tried = tuple((self.scales[k], float(np.sqrt(e.mean()))) for k, e in errors.items())
-        return Tuned(
-            self.name, self.steps[best], self.scales[best], noise, likelihood, self.task.sampling, judged, tried
-        )
+        return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
 
-    def _tried(self, scales: Iterable[Scale]) -> dict[int, Array]:
+    def _maxima(self) -> Asking[tuple[Noise, ...]]:
+        ended = yield [Start(self.row, number) for number in range(len(STARTS))]
+        return self.task.likelihood(self.row).maxima(ended)
+
+    def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
         """E_s of each scale that makes a step which is not lost, by its number."""
-        errors = {}
-        for numbers in scales:
-            if (first := self._first(numbers)) is not None:
-                self.scales.append(numbers)
-                self.steps.append(first)
-                errors[len(self.steps) - 1] = self.task.judge.errors(first.step)
-            self.task.each(self.name)
-        return {k: e for k, e in errors.items() if np.isfinite(e).all()}
+        new = list(scales)
+        results = yield [Attempt(self.row, self.name, numbers) for numbers in new]
+        self.refusals.extend(one for one in results if isinstance(one, str))
+        known = {len(self.scales) + k: one for k, one in enumerate(results) if not isinstance(one, str)}
+        self.scales.extend(new)
+        return {k: e for k, e in known.items() if np.isfinite(e).all()}
 
-    def _grid(self) -> list[Scale]:
+    def _grid(self, maxima: Sequence[Noise]) -> list[Scale]:
         """What the rule reads is varied."""
         scales = [self.base]
         if self._reads(theta=2 * self.base.theta):
@@ -177,9 +240,7 @@ class Search:
             scales = [replace(one, theta=theta) for one in scales for theta in values]
         if self._reads(longest=2 * self.base.longest):
             scales = [replace(one, longest=one.longest * factor) for one in scales for factor in LONG]
-        if self._reads(noise={name: 2 * sigma for name, sigma in self.base.noise.items()}):
-            scales = [replace(one, **noise.on(one)) for one in scales for noise in self._likelihood.maxima]
-        return scales
+        return [replace(one, **noise.on(one)) for one in scales for noise in maxima] if maxima else scales
 
     def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
         """Half way from the best theta, and the best longest time, to those next to it."""
@@ -204,28 +265,7 @@ class Search:
                 shapes: Iterable[dict[str, Any]] = ({name: value} for value in values)
                 yield from (replace(middle, theta=theta, **shape) for shape in shapes for theta in sorted(every_theta))
 
-    @property
-    def _likelihood(self) -> Likelihood:
-        return self.task.likelihood(self.row, self._form, self.base)
-
-    @property
-    def _form(self) -> Form:
-        assert self.row.form is not None
-        return self.row.form
-
     def _reads(self, **values: Any) -> bool:
         """Whether gains change with a number."""
         observer = getattr(every, self.name)
         return gains_of(observer, replace(self.base, **values)) != gains_of(observer, self.base)
-
-    def _first(self, numbers: Scale) -> First | None:
-        gains = gains_of(getattr(every, self.name), numbers)
-        if isinstance(gains, str):
-            self.refusals.append(gains)
-            return None
-        try:
-            step = self.task.step(self.name, self._form, gains)
-        except HgogenError as error:
-            self.refusals.append(str(error))
-            return None
-        return First(self.name, self.row, Starting(gains, self.task.dt), step)

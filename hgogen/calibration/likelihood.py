@@ -4,7 +4,7 @@ F by classical Runge-Kutta, a sample on, Q diagonal. It is maximised over log Q_
 gradients (identification/innovations.py), from several starts: it has several maxima.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -21,6 +21,7 @@ from hgogen.signal import resting
 from hgogen.starting import Scale
 
 Array = np.ndarray
+Ended = tuple[float, Array, bool]  # log L a sample, logarithms, whether it settled
 STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process noise and of samples, in their units
 BOUND = 32.0  # of these logarithms
 SAME = 0.1  # of a logarithm: maxima no farther apart are one
@@ -55,24 +56,23 @@ class Noise:
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """The likelihood of records on a form; `scale`: the units; `between`: how inputs go on, "line" or "hold"; `steps`:
-    Runge-Kutta steps a sample; `each` is called after every start of the search."""
+    Runge-Kutta steps a sample."""
 
     form: Form
     records: Sequence[Log]
     scale: Scale
     between: str
     steps: int
-    each: Callable[[], None] = lambda: None
 
-    @cached_property
-    def maxima(self) -> tuple[Noise, ...]:
-        """The maxima found from `STARTS`, the most likely first."""
-        ended: list[tuple[float, Array, bool]] = []
-        for process, sample in STARTS:
-            start = [process] * len(self._noisy) + [sample] * len(self.form.output)
-            end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
-            ended.append((-float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])))
-            self.each()
+    def ended(self, number: int) -> Ended:
+        """Where the search from a start, of `STARTS`, ends."""
+        process, sample = STARTS[number]
+        start = [process] * len(self._noisy) + [sample] * len(self.form.output)
+        end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
+        return -float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])
+
+    def maxima(self, ended: Iterable[Ended]) -> tuple[Noise, ...]:
+        """The maxima at which searches ended, the most likely first."""
         finite = [one for one in ended if np.isfinite(one[0])]
         return tuple(self._noise(*one) for one in _distinct(sorted(finite, key=lambda one: (not one[2], -one[0]))))
 
@@ -86,7 +86,7 @@ class Likelihood:
 
     def _noise(self, likelihood: float, logs: Array, settled: bool) -> Noise:
         count = len(self._noisy)
-        process = {name: SURE * q for name, q in self.scale.process.items()}
+        process = {name: SURE * q for name, q in self.scale.units.items()}
         process |= {name: float(unit * np.exp(g)) for (name, unit), g in zip(self._noisy.items(), logs, strict=False)}
         pairs = zip(self.scale.outputs.items(), logs[count:], strict=True)
         return Noise(process, {name: float(unit * np.exp(g / 2)) for (name, unit), g in pairs}, likelihood, settled)
@@ -95,7 +95,7 @@ class Likelihood:
     def _noisy(self) -> dict[str, float]:
         """The coordinates with noise of their own, with its unit S^2/D."""
         names = moved_by_noise(self.form.names, self.form.states, self.form.flow)
-        return {name: self.scale.process[name] for name in names}
+        return {name: self.scale.units[name] for name in names}
 
     @cached_property
     def _filter(self) -> Innovations:
@@ -119,7 +119,7 @@ class Likelihood:
         return ca.vertcat(
             *(
                 q * dt * (ca.exp(g[order.index(name)]) if name in order else SURE)
-                for name, q in self.scale.process.items()
+                for name, q in self.scale.units.items()
             )
         )
 
@@ -151,7 +151,7 @@ def _first(values: Array) -> float:
     return float(values[np.flatnonzero(np.isfinite(values))[0]])
 
 
-def _distinct(ended: Sequence[tuple[float, Array, bool]]) -> Iterator[tuple[float, Array, bool]]:
+def _distinct(ended: Sequence[Ended]) -> Iterator[Ended]:
     """Each maximum once; noise at its lower bound is none, however small."""
     seen: list[Array] = []
     for one in ended:

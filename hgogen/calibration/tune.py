@@ -6,12 +6,13 @@ that did not choose them.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 
 from hgogen.calibration.adaptive import ADAPTIVE, FILTER, adaptive
-from hgogen.calibration.grid import Task, observers_named, reasons
+from hgogen.calibration.grid import Piece, Task, observers_named, reasons, together, tuned
 from hgogen.calibration.readable import readable
 from hgogen.calibration.score import Ahead, Hidden, Judge
 from hgogen.calibration.tuned import Calibration, Tuned
@@ -22,6 +23,7 @@ from hgogen.identification.records import Log
 from hgogen.modelfiles.first import everywhere
 from hgogen.reading.door import asks_a_plant
 from hgogen.system import System
+from hgogen.trials.spread import Workers
 from hgogen.which_forms import Row
 
 SEGMENTS = 5
@@ -45,6 +47,7 @@ def tune(
     truth: Sequence[Mapping[str, np.ndarray]] = (),
     rows: Iterable[Row] | None = None,
     deep: bool = False,
+    jobs: int | None = 1,
     each: Callable[[str], None] = lambda what: None,
 ) -> Calibration:
     """The gains with which each observer predicts the records best, at their sampling period.
@@ -54,7 +57,7 @@ def tune(
     `real`: as in `sample`; `segments` of each record, by which gains are judged that others chose; `truth`: the
     courses (N) of hidden states by name, a mapping for each record, by which gains are then chosen in the place of
     predictions; `rows`: the forms to ask, by default those that the plant is in, those that take seconds if `deep`;
-    `each(what)` is called after every trial.
+    `jobs`: processes that try gains, None for one for each core; `each(what)` is called after every trial.
 
     Raises: `CannotTune`; `UnknownObserver`; `BadLog`, `BadShape` for records that are none.
     """
@@ -76,17 +79,32 @@ def tune(
         reason = f"show no change of {over} in at least 2 of their segments"
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
     sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
-    task = Task(logs, judge, sampling, each)
-    asked = tuple(everywhere(plant, deep=deep) if rows is None else rows)
-    done = {name: task.tuned(name, asked) for name in names}
+    task = Task(logs, judge, sampling, tuple(everywhere(plant, deep=deep) if rows is None else rows))
+    work = partial(_results, Workers(task, jobs), each)
+    ends = dict(together({name: tuned(task, name) for name in names}, work))
+    done = {name: ends[name] for name in names}
     plain = done.get(FILTER)
     if isinstance(plain, Tuned):
-        done[ADAPTIVE] = adaptive(task, plain)
-    tuned = sorted((one for one in done.values() if isinstance(one, Tuned)), key=lambda one: one.error)
-    if not tuned:
+        done[ADAPTIVE] = adaptive(task, plain, each)
+    best = sorted((one for one in done.values() if isinstance(one, Tuned)), key=lambda one: one.error)
+    if not best:
         raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(done)}")
     refused = {name: one for name, one in done.items() if isinstance(one, str)}
-    return Calibration(tuple(tuned), refused, ahead, segments, tuple(true[0]) if true else ())
+    return Calibration(tuple(best), refused, ahead, segments, tuple(true[0]) if true else ())
+
+
+def _results(workers: Workers[Task], each: Callable[[str], None], pieces: Iterable[Piece]) -> dict[Piece, Any]:
+    """Of each piece of work what comes of it."""
+    listed, results = list(pieces), {}
+    for number, result in workers.results(_worked, enumerate(listed)):
+        results[listed[number]] = result
+        each(listed[number].label)
+    return results
+
+
+def _worked(task: Task, numbered: tuple[int, Piece]) -> tuple[int, Any]:
+    number, piece = numbered
+    return number, piece.result(task)
 
 
 def _truth(

@@ -12,6 +12,7 @@ from hgogen.commands.advice import KNOWN
 from hgogen.commands.calibrating import forms_asked, renamed
 from hgogen.commands.command import (
     Bar,
+    Jobs,
     Json,
     ModelArgument,
     OneTrial,
@@ -50,6 +51,7 @@ def advise_(
     ] = None,
     trial: OneTrial = None,
     deep: Deep = False,
+    jobs: Jobs = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -77,6 +79,7 @@ def advise_(
             observers=names or None,
             trial=chosen,
             rows=forms_asked(loaded, deep),
+            jobs=jobs,
             each=lambda _: bar.tick(),
         )
     advised = renamed(loaded, advised, "advised")

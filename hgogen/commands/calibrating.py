@@ -17,7 +17,18 @@ from hgogen.call import CallableStep
 from hgogen.check import worst
 from hgogen.commands import log_tables, tables
 from hgogen.commands.advice import KNOWN
-from hgogen.commands.command import Bar, Json, ModelArgument, Out, command, engine_here, folder_of, json_text, show
+from hgogen.commands.command import (
+    Bar,
+    Jobs,
+    Json,
+    ModelArgument,
+    Out,
+    command,
+    engine_here,
+    folder_of,
+    json_text,
+    show,
+)
 from hgogen.commands.logs import Between, Data, Deep, HeldOut, Shift, Truth, horizons, logs_of, names_in, truth_of
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
@@ -66,6 +77,7 @@ def tune_(
     ] = 5,
     horizon: Annotated[str, typer.Option(help="Samples ahead of the errors held out, such as 1,5,25.")] = "1,5,25",
     deep: Deep = False,
+    jobs: Jobs = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -118,6 +130,7 @@ def tune_(
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
             rows=forms_asked(loaded, deep),
+            jobs=jobs,
             each=lambda _: bar.tick(),
         )
     calibration = replace(calibration, rows=renamed(loaded, calibration.rows, "tuned"))

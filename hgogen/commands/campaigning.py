@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,9 @@ from hgogen.commands.command import Bar, Runs
 from hgogen.commands.process import note
 from hgogen.target import lines_of
 from hgogen.trial import Trial
-from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign, earlier, head, line, spreads
+from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign, earlier, head, line
 from hgogen.trials.metrics import criterion
+from hgogen.trials.tally import Tally
 
 RUNS = 1000  # where nothing is said
 
@@ -43,81 +45,80 @@ def campaigns(
     ]
     if asked.repeat is not None and asked.repeat >= min(len(one.draws) for _, one in each):
         raise typer.BadParameter(f"the runs are numbered from 0 to {len(each[0][1].draws) - 1}", param_hint="--repeat")
-    numbers = None if asked.repeat is None else [asked.repeat]
-    count = sum(len(one.draws) if numbers is None else 1 for _, one in each)
-    with Bar("runs", count) as bar:
-        done = [(name, one, _outcomes(name, one, asked, numbers, bar)) for name, one in each]
-    rows = [_row(*one) for one in done]
-    if numbers is not None:
-        rows = [{**row, "run": outcomes[0].as_dict()} for row, (*_, outcomes) in zip(rows, done, strict=True)]
-    for (name, one, outcomes), row in zip(done, rows, strict=True):
-        if row["failed"]:
-            first = next(outcome for outcome in outcomes if outcome.failed)
-            share = f"{row['failed']} of {len(outcomes)} runs without a truth"
-            note(f"{name}, trial {one.trial.name}: {share}; of run {first.run} {first.failed}")
-    if all(row["failed"] == len(outcomes) for row, (*_, outcomes) in zip(rows, done, strict=True)):
+    with Bar("runs", sum(len(one.draws) if asked.repeat is None else 1 for _, one in each)) as bar:
+        done = [(name, one, _tallied(name, one, asked, bar)) for name, one in each]
+    rows = [_row(*one, asked) for one in done]
+    for name, one, tally in done:
+        if tally.failure:
+            share = f"{tally.failed} of {len(tally)} runs without a truth"
+            note(f"{name}, trial {one.trial.name}: {share}; of run {tally.failure.run} {tally.failure.failed}")
+    if all(tally.failed == len(tally) for *_, tally in done):
         raise BadCampaign("vary", "leaves no run whose plant can be integrated; vary less, or shorten the trial")
     return rows, [part for one in done for part in _shown(*one, asked)]
 
 
-def _outcomes(name: str, one: Campaign, asked: Runs, numbers: list[int] | None, bar: Bar) -> list[Outcome]:
-    """The outcomes of all runs, or of some, in their order; each goes into the folder of results as it comes."""
+def _tallied(name: str, one: Campaign, asked: Runs, bar: Bar) -> Tally:
+    """What all runs, or the one that is asked for, say; each goes into the folder of results as it comes."""
+    tally, first = Tally(len(one.draws), one.step.time), asked.repeat or 0
+    wanted = range(first, len(one.draws) if asked.repeat is None else first + 1)
     with _results(name, one, asked.results) as (known, add):
-        wanted = range(len(one.draws)) if numbers is None else numbers
-        outcomes = {number: known[number] for number in wanted if number in known}
-        bar.advance_by(len(outcomes))
-        left = [number for number in wanted if number not in outcomes]
+        for outcome in known:
+            if outcome.run in wanted:
+                tally.add(outcome)
+        bar.advance_by(len(tally))
+        left = [number for number in wanted if number not in tally]
         for outcome in one.run(left, asked.jobs if len(left) > 1 else 1, asked.scheduler) if left else ():
-            outcomes[outcome.run] = outcome
+            tally.add(outcome)
             add(line(outcome))
             bar.tick()
-    return [outcomes[number] for number in wanted]
+    return tally
 
 
 @contextmanager
 def _results(
     name: str, one: Campaign, folder: Path | None
-) -> Iterator[tuple[Mapping[int, Outcome], Callable[[str], None]]]:
+) -> Iterator[tuple[Iterable[Outcome], Callable[[str], None]]]:
     """The outcomes that a folder of results holds, and what adds the line of another."""
     if folder is None:
-        yield {}, lambda line: None
+        yield (), lambda line: None
         return
     file = f"{one.trial.name}_{name}.jsonl"
-    with lines_of(file, folder) as (text, add):
-        known = earlier(one, text, str(folder / file))
-        if not text:
+    with lines_of(file, folder) as (lines, add):
+        first = next(lines, None)
+        if first is None:
             add(head(one))
-        yield known, add
+        yield earlier(one, lines if first is None else chain([first], lines), str(folder / file)), add
 
 
-def _row(name: str, one: Campaign, outcomes: list[Outcome]) -> dict[str, Any]:
-    return {
+def _row(name: str, one: Campaign, tally: Tally, asked: Runs) -> dict[str, Any]:
+    row = {
         "trial": one.trial.name,
         "observer": name,
         "engine": one.engine,
         "criterion": criterion(one.trial, one.step.time),
         "runs": len(one.draws),
-        "failed": sum(outcome.metrics is None for outcome in outcomes),
+        "failed": tally.failed,
         "varied": [asdict(varied) for varied in one.draws.varied],
-        "quantiles": [asdict(spread) for spread in spreads(outcomes, one.step.time)],
+        "quantiles": [asdict(spread) for spread in tally.spreads()],
     }
+    return row if asked.repeat is None or tally.last is None else {**row, "run": tally.last.as_dict()}
 
 
-def _shown(name: str, one: Campaign, outcomes: list[Outcome], asked: Runs) -> Iterator[RenderableType]:
+def _shown(name: str, one: Campaign, tally: Tally, asked: Runs) -> Iterator[RenderableType]:
     every = asked.repeat is None
-    title = f"{name}, trial {one.trial.name}, {f'{len(outcomes)} runs' if every else f'run {asked.repeat}'}"
+    title = f"{name}, trial {one.trial.name}, {f'{len(tally)} runs' if every else f'run {asked.repeat}'}"
     columns = ("5 %", "50 %", "95 %", "worst", "of run") if every else ("",)
     table = tables.headed(title, "", *columns, numbers=len(columns))
-    for spread in spreads(outcomes, one.step.time):
+    for spread in tally.spreads():
         numbers = list(map(_number, (spread.low, spread.middle, spread.high, spread.worst)))
         table.add_row(Text(spread.name), *([*numbers, str(spread.run)] if every else numbers[:1]))
     yield table
     drawn = [f"{each.name} in {each.low:g} .. {each.high:g}" for each in one.draws.varied]
     yield Text(f"settled: {criterion(one.trial, one.step.time)}; varied: {', '.join(drawn) or 'noise seeds alone'}")
-    if every:
+    if every or tally.last is None:
         yield Text("the same options and --repeat K run number K alone, and say what was drawn for it\n")
         return
-    values = "".join(f", {key} = {value:.6g}" for key, value in outcomes[0].varied.items())
+    values = "".join(f", {key} = {value:.6g}" for key, value in tally.last.varied.items())
     yield Text(f"run {asked.repeat}: noise of seed {asked.repeat}{values}\n")
 
 

@@ -65,6 +65,9 @@ Seeds = Annotated[int | None, typer.Option(min=1, max=SEEDS, help="Number of noi
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
 ReaderOption = Annotated[Reader | None, typer.Option("--engine", help="c or python; C where there is a compiler.")]
 OneTrial = Annotated[str | None, typer.Option("--trial", help="The trial of this name; by default all.")]
+Jobs = Annotated[
+    int | None, typer.Option("--jobs", metavar="N", min=1, help="Processes, by default one for each core.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 
 

@@ -42,9 +42,9 @@ def states(step: Step, t: Array, run: Run, y: Array, truth: Mapping[str, Array])
             j, x = measured_as(step, signal), run.x[:, i]
             if j is not None:
                 _measured(axis, t, y[:, j], "measured", MEASURED, 3.0)
+            axis.plot(*thin(t, x), color=ESTIMATE, linewidth=1.6, label="estimate")
             if signal.name in truth:
-                _measured(axis, t, truth[signal.name], "truth", TRUTH, 1.0)
-            axis.plot(*thin(t, x), color=ESTIMATE, label="estimate")
+                _measured(axis, t, truth[signal.name], "truth", TRUTH, 0.6)
             if run.covariance is not None:
                 limits = axis.get_ylim()
                 _band(axis, t, x, np.sqrt(np.maximum(run.covariance[:, i, i], 0.0)))
@@ -72,7 +72,7 @@ def innovations(step: Step, t: Array, run: Run) -> Figure:
 
 
 def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, width: float) -> None:
-    """A broad line shows beside an estimate that lies on it; a slow sensor's values are marks."""
+    """A broad line shows beside an estimate that lies on it, a thin one within it; a slow sensor's values are marks."""
     there = np.isfinite(values)
     if there.mean() < SLOW:
         dark = MARKED if colour == MEASURED else colour  # and above the lines, since a mark is small
@@ -91,6 +91,6 @@ def _band(axis: Axes, t: Array, middle: Array, sigma: Array) -> None:
 
 
 def _around(limits: tuple[float, float], wide: tuple[float, float]) -> tuple[float, float]:
-    """Limits of an axis that show a band as far as its width beyond what else there is: at first it may be vast."""
-    room = limits[1] - limits[0]
+    """Limits of an axis that show a band as far as a quarter beyond what else there is: at first it may be vast."""
+    room = (limits[1] - limits[0]) / 4
     return max(wide[0], limits[0] - room), min(wide[1], limits[1] + room)
