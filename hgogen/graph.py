@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from typing import Any, TypeAlias
@@ -112,7 +112,7 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
     elif isinstance(node, sp.Piecewise):
         value = _piecewise(node, inner)
     elif isinstance(node, Table):
-        value = Lookup(replace(node.cells, held=True), node.order)(inner(node.args[0]))
+        value = Lookup(node.cells.holding(), node.order)(*map(inner, node.args))
     elif type(node) in _OPERATIONS:
         value = _OPERATIONS[type(node)](*map(inner, node.args))
     else:

@@ -139,13 +139,16 @@ def functions() -> hg.Step:
 
 
 def tables() -> hg.Step:
-    """Tables of both kinds, with their slopes in the covariance, one of them turning round."""
+    """Tables of both kinds and a map, with their slopes in the covariance, one of them turning round."""
     a, b, c = hg.Signal("a", low=-2, high=3), hg.Signal("b", low=-4, high=4), hg.Signal("c", low=-1, high=1)
     u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-3, high=3)
     friction = hg.table(b, [-3, -0.5, -0.1, 0.1, 0.5, 3], [-2.3, -0.7, -1.0, 1.0, 0.7, 2.3], name="friction")
     spring = hg.table(a + c, [-2, -1, 0, 1.5, 4], [-3, -0.8, 0.1, 0.9, 5.5], kind="monotone", name="spring")
     sensor = hg.table(a, [-2.5, 0.3, 3.1], [-2, 0.1, 2.7], kind="monotone", name="sensor")
-    flow = [b, u - friction - spring, (a - c) / 4]
+    drag = hg.table(
+        (b, c), ([-3, 0, 1, 3], [-1, 0.5, 2]), [[1, 0.3, 0], [0, 0.1, 0], [0.7, 1, 3], [2, 1, 5]], name="drag"
+    )
+    flow = [b, u - friction - spring - drag, (a - c) / 4]
     plant = hg.System("tables", states=(a, b, c), inputs=(u,), outputs=(y,), flow=flow, output=[sensor])
     return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[0.1] * 3, R=0.01), dt=0.01)
 

@@ -66,7 +66,18 @@ def _edge(h: Any, g: Any, a: Any, b: Any) -> Any:
     return 3 * a if a * b <= 0 and abs(d) > 3 * abs(a) else d
 
 
-TABLES = {"Linear": _table(lambda xs, ys: []), "Monotone": _table(_monotone)}
+def _map(x: Any, y: Any, p: Any, q: Any, n: Any, *numbers: Any) -> Any:
+    """The function of a certificate's map: of each row of points the line at y, and of their values the line at x."""
+    count = int(n)
+    width = (len(numbers) - count) // (count + 1)
+    xs, ys, zs = numbers[:count], numbers[count : count + width], numbers[count + width :]
+    rows = [zs[k * width : (k + 1) * width] for k in range(count)]
+    along = [LINE(y, q, *(each for point in zip(ys, row, strict=True) for each in point)) for row in rows]
+    return LINE(x, p, *(each for point in zip(xs, along, strict=True) for each in point))
+
+
+LINE = _table(lambda xs, ys: [])
+TABLES = {"Linear": LINE, "Monotone": _table(_monotone), "Bilinear": _map}
 _KNOWN |= TABLES
 _GLOBALS = {"__builtins__": {}, **_KNOWN}
 

@@ -452,14 +452,24 @@ def threshold(name: str, evidence: dict[str, Any]) -> float:
 
 
 class Linear(sp.Function):
-    """A table of a certificate, whose second argument is the order of its derivative."""
+    """A table of a certificate, whose argument is followed by the order of its derivative."""
+
+    arguments = 1
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
-        return self.func(self.args[0], self.args[1] + 1, *self.args[2:])
+        parts = list(self.args)
+        parts[self.arguments + argindex - 1] += 1
+        return self.func(*parts)
 
 
 class Monotone(Linear):
     """The other kind."""
+
+
+class Bilinear(Linear):
+    """Of two arguments, which are followed by two orders."""
+
+    arguments = 2
 
 
 @cache
@@ -468,7 +478,7 @@ def sampled(text: str) -> list[tuple[dict[str, float], np.ndarray, np.ndarray, n
     form, common = json.loads(text)
     every = form["states"] + common
     symbols = {s["name"]: sp.Symbol(s["name"]) for s in every}
-    known = {**symbols, "Linear": Linear, "Monotone": Monotone}
+    known = {**symbols, "Linear": Linear, "Monotone": Monotone, "Bilinear": Bilinear}
     z = [symbols[s["name"]] for s in form["states"]]
     b, h = (sp.Matrix([sp.sympify(row, known) for row in form[part]]) for part in ("b", "output"))
     A = sp.Matrix([[sp.sympify(entry, known) for entry in row] for row in form["A"]])

@@ -146,11 +146,14 @@ def test_the_plain_text_model_is_generated(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_the_tunings_in_plain_text_are_observers(tmp_path: Path) -> None:
-    model, tunings, points = blocks("toml", text("plain_text"))
+    model, tunings, points, grid = blocks("toml", text("plain_text"))
     (tmp_path / "oscillator.toml").write_text(model + tunings)
     cell = 'name = "cell"\n[states.soc]\nlow = 0.1\nhigh = 0.9\nflow = "-i"\n[inputs.i]\n[parameters.R]\nvalue = 1\n'
     (tmp_path / "cell.toml").write_text(cell + points)
     assert str(load(tmp_path / "cell.toml").plant.output[0]) == "-R*i + ocv(soc)"
+    cart = 'name = "cart"\n[inputs.u]\n[inputs.T]\n[outputs.y]\nequation = "v"\n'
+    (tmp_path / "cart.toml").write_text(cart + grid)
+    assert str(load(tmp_path / "cart.toml").plant.flow[0]) == "u - friction(v, T)"
     loaded = load(tmp_path / "oscillator.toml")
     assert [loaded.step(name).observer.name for name in ("high_gain", "quiet")] == ["high_gain", "filtered"]
 

@@ -6,7 +6,7 @@ import math
 import pickle
 import struct
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -19,10 +19,9 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra import cells as cells_module
-from hgogen.algebra import tabulated as tabulated_module
-from hgogen.algebra.cells import Cells, extremes, value
+from hgogen.algebra.cells import Cells
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
+from hgogen.algebra.piece import extremes, value
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tabulated import Kinked, Stepped, Table, applied
 from hgogen.algebra.tape import tape
@@ -50,17 +49,44 @@ KINDS = ("linear", "monotone")
 X = sp.Symbol("x", real=True)
 
 
+def curve(xs: Iterable[object], ys: Iterable[object], kind: str, name: str) -> Cells:
+    """The table of these points."""
+    return cells_of([xs], ys, kind, name)
+
+
+def places(cells: Cells) -> tuple[Fraction, ...]:
+    """The breakpoints of its one axis."""
+    return cells.axes[0].x
+
+
+def value_of(cells: Cells, place: Fraction, order: int = 0) -> Fraction | None:
+    """The value of a derivative."""
+    return cells.at([place], (order,))
+
+
+def span(
+    cells: Cells, low: Fraction | float, high: Fraction | float, order: int = 0
+) -> tuple[Fraction, Fraction] | None:
+    """The range of a derivative."""
+    return cells.range([(low, high)], (order,))
+
+
+def call(cells: Cells, argument: sp.Expr, order: int = 0) -> sp.Expr:
+    """A derivative at an expression."""
+    return applied(cells, [argument], (order,))
+
+
 def drawn(draw: Random, kind: str, most: int = 8) -> Cells:
     """A table with flat pieces, steep ones, and turns."""
     count = draw.randint(2, most)
     xs = sorted(draw.sample(range(-40, 40), count))
     ys = [draw.choice((draw.randint(-5, 5), draw.randint(-500, 500), 1)) for _ in xs]
-    return cells_of([Fraction(x, 8) for x in xs], [Fraction(y, 3) for y in ys], kind, "drawn")
+    return curve([Fraction(x, 8) for x in xs], [Fraction(y, 3) for y in ys], kind, "drawn")
 
 
 def boxes(draw: Random, cells: Cells, count: int = 12) -> Iterator[tuple[float, float]]:
     """Boxes that end on points, between them, and beyond the ends, and single numbers."""
-    ends = [*map(float, cells.x), -7.0, 7.0, *(draw.uniform(-6, 6) for _ in range(4))]
+    ends = [*map(float, places(cells)), -7.0, 7.0, *(draw.uniform(-6, 6) for _ in range(4))]
     for _ in range(count):
         low, high = sorted(draw.choices(ends, k=2))
         yield low, high
@@ -68,7 +94,7 @@ def boxes(draw: Random, cells: Cells, count: int = 12) -> Iterator[tuple[float, 
 
 def inside(cells: Cells, low: float, high: float) -> list[Fraction]:
     """Points of a box, its ends, and on both sides of each breakpoint in it."""
-    around = [float(x) + d for x in cells.x for d in (-1e-6, 0, 1e-6)]
+    around = [float(x) + d for x in places(cells) for d in (-1e-6, 0, 1e-6)]
     points = {low, high, *np.linspace(low, high, 23).tolist(), *around}
     return [Fraction(p) for p in sorted(points) if low <= p <= high]
 
@@ -86,9 +112,12 @@ def test_it_passes_through_its_points_and_is_held_at_its_ends(kind: str) -> None
     draw = Random(1)
     for _ in range(50):
         cells = drawn(draw, kind)
-        assert [cells.at(x) for x in cells.x] == list(cells.y)
-        assert [cells.at(cells.x[0] - 3), cells.at(cells.x[-1] + 3)] == [cells.y[0], cells.y[-1]]
-        assert [cells.at(x, 1) for x in (cells.x[0] - 3, cells.x[-1] + 3)] == [0, 0]
+        assert [value_of(cells, x) for x in places(cells)] == list(cells.values)
+        assert [value_of(cells, places(cells)[0] - 3), value_of(cells, places(cells)[-1] + 3)] == [
+            cells.values[0],
+            cells.values[-1],
+        ]
+        assert [value_of(cells, x, 1) for x in (places(cells)[0] - 3, places(cells)[-1] + 3)] == [0, 0]
 
 
 def test_monotone_is_scipy_s_pchip() -> None:
@@ -97,10 +126,10 @@ def test_monotone_is_scipy_s_pchip() -> None:
     draw = Random(2)
     for _ in range(50):
         cells = drawn(draw, "monotone")
-        other = PchipInterpolator([float(x) for x in cells.x], [float(y) for y in cells.y])
-        at = np.linspace(float(cells.x[0]), float(cells.x[-1]), 60)[1:-1]
-        size = max(abs(float(y)) for y in cells.y) + 1
-        ours = [float(cells.at(Fraction(t))) for t in at]
+        other = PchipInterpolator([float(x) for x in places(cells)], [float(y) for y in cells.values])
+        at = np.linspace(float(places(cells)[0]), float(places(cells)[-1]), 60)[1:-1]
+        size = max(abs(float(y)) for y in cells.values) + 1
+        ours = [float(value_of(cells, Fraction(t))) for t in at]
         assert np.allclose(ours, other(at), rtol=0, atol=1e-11 * size)
 
 
@@ -108,26 +137,26 @@ def test_monotone_rises_and_falls_with_its_points() -> None:
     draw = Random(3)
     for _ in range(100):
         cells = drawn(draw, "monotone")
-        for (a, c), (b, d) in pairwise(zip(cells.x, cells.y, strict=True)):
-            low, high = cells.range(a, b, 1)
+        for (a, c), (b, d) in pairwise(zip(places(cells), cells.values, strict=True)):
+            low, high = span(cells, a, b, 1)
             assert low >= 0 or d < c
             assert high <= 0 or d > c
-            assert cells.range(a, b) == (min(c, d), max(c, d))
+            assert span(cells, a, b) == (min(c, d), max(c, d))
 
 
 def test_monotone_has_one_continuous_derivative_between_its_ends() -> None:
-    cells = cells_of([0, 1, 2, 4], [0, 1, 3, 6], "monotone", "t")
-    assert cells.smooth == (1, 2, 2, 1)
-    assert cells.smoothness == 0  # held, it has kinks at its ends
+    cells = curve([0, 1, 2, 4], [0, 1, 3, 6], "monotone", "t")
+    assert cells.smooth == ((1, 2, 2, 1),)
+    assert cells.smoothness == (0,)  # held, it has kinks at its ends
     box = {X: (Fraction(0), Fraction(4))}
-    free = one_sided(applied(cells, X), box)
-    assert (free.cells.held, free.cells.smoothness) == (False, 1)
+    free = one_sided(call(cells, X), box)
+    assert (free.cells.axes[0].held, free.cells.smoothness) == (False, (1,))
     assert not isinstance(free, Kinked)
     assert isinstance(free.diff(X), Kinked)
     assert isinstance(free.diff(X, 2), Stepped)
-    assert one_sided(applied(cells, X + 1), box).cells.held
-    line = cells_of([0, 1, 2, 4], [0, 1, 3, 6], "linear", "t")
-    assert isinstance(one_sided(applied(line, X), box), Kinked)
+    assert one_sided(call(cells, X + 1), box).cells.axes[0].held
+    line = curve([0, 1, 2, 4], [0, 1, 3, 6], "linear", "t")
+    assert isinstance(one_sided(call(line, X), box), Kinked)
 
 
 def test_a_table_is_a_value_of_sympy() -> None:
@@ -151,18 +180,18 @@ def test_ranges_hold_every_value(kind: str, held: bool) -> None:
     draw = Random(f"{kind} {held}")
     for _ in range(60):
         cells = drawn(draw, kind)
-        cells = Cells(cells.name, kind, cells.x, cells.y, held)
+        cells = cells.holding(held)
         for low, high in boxes(draw, cells):
             points = inside(cells, low, high)
             for order in range(4):
-                ends = cells.range(low, high, order)
+                ends = span(cells, low, high, order)
                 at = points if order == 0 else within(cells, low, high)
-                reached = [value for p in at if (value := cells.at(p, order)) is not None]
+                reached = [value for p in at if (value := value_of(cells, p, order)) is not None]
                 if ends is not None:
                     assert all(ends[0] <= value <= ends[1] for value in reached)
                     assert order or ends[0] == min(reached) or kind == "monotone" or low < high
                 else:
-                    assert cells.least_smooth(*cells.met(low, high)) < order
+                    assert cells.least_smooth(cells.met([(low, high)]))[0] < order
 
 
 def test_extremes_hold_a_cubic_that_turns() -> None:
@@ -171,8 +200,8 @@ def test_extremes_hold_a_cubic_that_turns() -> None:
     for _ in range(200):
         piece = tuple(Fraction(draw.randint(-9, 9)) for _ in range(4))
         a, b = sorted(Fraction(draw.randint(-30, 30), 10) for _ in range(2))
-        low, high = extremes(piece, a, b)
-        reached = [value(piece, a + (b - a) * k / 40) for k in range(41)]
+        low, high = extremes(piece, [(a, b)])
+        reached = [value(piece, [a + (b - a) * k / 40]) for k in range(41)]
         assert low <= min(reached)
         assert max(reached) <= high
         assert high - low <= 30 * (max(reached) - min(reached))
@@ -184,7 +213,7 @@ def test_enclosures_of_values_and_slopes_on_boxes(kind: str) -> None:
     draw = Random(4)
     for _ in range(30):
         cells = drawn(draw, kind)
-        program = tape([applied(cells, X**2 - 1)], (X,))
+        program = tape([call(cells, X**2 - 1)], (X,))
         sides = list(boxes(draw, cells))
         low, high = (np.array([[side[i] for side in sides]]) for i in (0, 1))
         (enclosure,) = enclose(program, low, high, slopes=True)
@@ -192,7 +221,7 @@ def test_enclosures_of_values_and_slopes_on_boxes(kind: str) -> None:
         assert enclosure.continuous.all()
         for k, (a, b) in enumerate(sides):
             points = inside(cells, a, b)
-            values = [cells.at(p**2 - 1) for p in points]
+            values = [value_of(cells, p**2 - 1) for p in points]
             assert all(enclosure.value[0][k] <= value <= enclosure.value[1][k] for value in values)
             for (p, c), (q, d) in pairwise(zip(points, values, strict=True)):
                 chord = (d - c) / (q - p)
@@ -201,8 +230,8 @@ def test_enclosures_of_values_and_slopes_on_boxes(kind: str) -> None:
 
 def test_a_slope_that_jumps_is_a_set_and_has_no_slope() -> None:
     """A box that ends on a point has the slope within; a box of one point both; across it the slope jumps."""
-    line = cells_of([0, 1, 2], [0, 1, 3], "linear", "t")
-    program = tape([applied(line, X, 1), applied(line, X, 2)], (X,))
+    line = curve([0, 1, 2], [0, 1, 3], "linear", "t")
+    program = tape([call(line, X, 1), call(line, X, 2)], (X,))
     low, high = np.array([[0.5, 1.0, 0.5, 1.0, -1.0]]), np.array([[1.0, 1.5, 1.5, 1.0, 0.0]])
     first, second = enclose(program, low, high, slopes=True)
     assert list(zip(*first.value, strict=True)) == [(1, 1), (2, 2), (1, 2), (1, 2), (0, 0)]
@@ -210,12 +239,12 @@ def test_a_slope_that_jumps_is_a_set_and_has_no_slope() -> None:
     assert first.continuous.tolist() == [True, True, False, False, True]
     assert np.isfinite(first.slope[1][0]).tolist() == [True, True, False, False, True]
     assert second.defined.tolist() == [True, True, False, False, True]
-    assert line.range(0.5, 1.5, 2) is None
-    numbers = [n for point in zip(line.x, line.y, strict=True) for n in point]
-    slope, beyond = (rechecked.name_of("Linear", Fraction(order), numbers) for order in (1, 2))
+    assert span(line, 0.5, 1.5, 2) is None
+    numbers = [n for point in zip(places(line), line.values, strict=True) for n in point]
+    slope, beyond = (rechecked.name_of("Linear", [Fraction(order), *numbers]) for order in (1, 2))
     sides = [(0.5, 1.0), (1.0, 1.5), (0.5, 1.5), (1.0, 1.0), (-1.0, 0.0)]
-    assert [rechecked.range_on(slope, *side) for side in sides] == [(1, 1), (2, 2), (1, 2), (1, 2), (0, 0)]
-    assert [rechecked.range_on(beyond, *side) is None for side in sides] == [False, False, True, True, False]
+    assert [rechecked.range_on(slope, [side]) for side in sides] == [(1, 1), (2, 2), (1, 2), (1, 2), (0, 0)]
+    assert [rechecked.range_on(beyond, [side]) is None for side in sides] == [False, False, True, True, False]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -223,18 +252,18 @@ def test_the_checker_s_own_tables_hold_every_value(kind: str) -> None:
     draw = Random(5)
     for _ in range(40):
         cells = drawn(draw, kind)
-        numbers = [n for point in zip(cells.x, cells.y, strict=True) for n in point]
+        numbers = [n for point in zip(places(cells), cells.values, strict=True) for n in point]
         for order in range(4):
-            name = rechecked.name_of(kind.capitalize(), Fraction(order), numbers)
+            name = rechecked.name_of(kind.capitalize(), [Fraction(order), *numbers])
             for low, high in boxes(draw, cells, 4):
-                ends = rechecked.range_on(name, low, high)
-                mine = cells.range(low, high, order)
+                ends = rechecked.range_on(name, [(low, high)])
+                mine = span(cells, low, high, order)
                 assert (ends is None) == (mine is None)
                 if ends is None:
                     continue
                 wide = intervals.function(name, (between(low, high),))
                 at = inside(cells, low, high) if order == 0 else within(cells, low, high)
-                reached = [value for p in at if (value := cells.at(p, order)) is not None]
+                reached = [value for p in at if (value := value_of(cells, p, order)) is not None]
                 assert all(ends[0] <= value <= ends[1] for value in reached)
                 assert not any(wide.at_least(value + Fraction(1, 10**9)) for value in reached)
                 assert not any(wide.at_most(value - Fraction(1, 10**9)) for value in reached)
@@ -246,10 +275,10 @@ def test_values_at_points_are_balls_around_the_exact_ones(kind: str) -> None:
     for _ in range(30):
         cells = drawn(draw, kind)
         for order in range(3):
-            program = tape([applied(cells, X, order)], (X,))
-            for p in [*cells.x, *(Fraction(draw.randint(-90, 90), 7) for _ in range(6))]:
+            program = tape([call(cells, X, order)], (X,))
+            for p in [*places(cells), *(Fraction(draw.randint(-90, 90), 7) for _ in range(6))]:
                 (ball,) = values(program, [p])
-                exact = cells.at(p, order)
+                exact = value_of(cells, p, order)
                 if exact is None:
                     assert not ball.is_finite()
                 elif ball.is_finite():
@@ -262,16 +291,16 @@ def test_lipschitz_bounds_hold_the_steepest_chord(kind: str) -> None:
     draw = Random(7)
     for _ in range(25):
         cells = drawn(draw, kind)
-        low, high = sorted(draw.choices([*cells.x, Fraction(-7), Fraction(7), Fraction(1, 3)], k=2))
+        low, high = sorted(draw.choices([*places(cells), Fraction(-7), Fraction(7), Fraction(1, 3)], k=2))
         if low == high:
             continue
-        bound = lipschitz_bound([applied(cells, X)], (X,), {X: (low, high)})
+        bound = lipschitz_bound([call(cells, X)], (X,), {X: (low, high)})
         assert bound.verdict is Verdict.PROVED
-        ends = cells.range(low, high, 1)
+        ends = span(cells, low, high, 1)
         steepest = max(map(abs, ends))
         assert float(steepest) <= bound.high <= 1.03 * float(steepest) + 1e-12
         points = inside(cells, float(low), float(high))
-        chords = [abs((cells.at(q) - cells.at(p)) / (q - p)) for p, q in pairwise(points)]
+        chords = [abs((value_of(cells, q) - value_of(cells, p)) / (q - p)) for p, q in pairwise(points)]
         assert max(chords) <= Fraction(bound.high)
 
 
@@ -280,10 +309,10 @@ def test_what_a_slope_that_turns_or_rests_is_not_shown() -> None:
     box = {X: (Fraction(0), Fraction(3))}
     for ys, verdict in (([0, 1, 3, 4], Verdict.PROVED), ([0, 1, 1, 4], None), ([0, 2, 1, 4], None)):
         for kind in KINDS:
-            sign = nonzero(applied(cells_of([0, 1, 2, 3], ys, kind, "t"), X).diff(X), box)
+            sign = nonzero(call(curve([0, 1, 2, 3], ys, kind, "t"), X).diff(X), box)
             assert (sign.verdict is Verdict.PROVED) == (verdict is Verdict.PROVED), (ys, kind)
     wide = {X: (Fraction(-1), Fraction(3))}  # flat beyond its ends
-    assert nonzero(applied(cells_of([0, 1, 2, 3], [0, 1, 3, 4], "linear", "t"), X).diff(X), wide).verdict is not (
+    assert nonzero(call(curve([0, 1, 2, 3], [0, 1, 3, 4], "linear", "t"), X).diff(X), wide).verdict is not (
         Verdict.PROVED
     )
 
@@ -330,7 +359,7 @@ int main(void)
 
 
 def program(cells: Cells, real: str, folder: Path, *flags: str) -> Path:
-    lookups = [Lookup(cells, order) for order in range(3)]
+    lookups = [Lookup(cells, (order,)) for order in range(3)]
     text = "\n".join((tables(C, "t", real, lookups) + code("")).lines)
     return emitted.compiled("gcc", {"main.c": _MAIN.format(text=text, type=real)}, folder, *flags)
 
@@ -338,7 +367,7 @@ def program(cells: Cells, real: str, folder: Path, *flags: str) -> Path:
 def numbers(cells: Cells, real: str) -> np.ndarray:
     """Points, their neighbours, numbers between and beyond, and what is no number."""
     kind = DTYPE[real]
-    points = np.array(list(map(float, cells.x)), kind)
+    points = np.array(list(map(float, places(cells))), kind)
     infinite = np.array([np.inf, -np.inf, np.nan, 3e38, -3e38, 0.0, -0.0], kind)
     around = np.concatenate([points, np.nextafter(points, kind(np.inf)), np.nextafter(points, kind(-np.inf))])
     return np.concatenate([around, infinite, np.linspace(-7, 7, 101, dtype=kind)])
@@ -353,14 +382,14 @@ def test_c_and_python_and_casadi_have_the_same_bits(kind: str, real: str, tmp_pa
     draw = Random(9)
     for count in (2, 3, 4, 5, 8, 9, 200):
         xs = sorted(draw.sample(range(-4000, 4000), count))
-        cells = cells_of([x / 700 for x in xs], [draw.uniform(-3, 3) for _ in xs], kind, "t")
+        cells = curve([x / 700 for x in xs], [draw.uniform(-3, 3) for _ in xs], kind, "t")
         binary = program(cells, real, tmp_path, "-O2", "-ffp-contract=off", "-fsanitize=address,undefined")
         xs = numbers(cells, real)
         run = emitted.subprocess.run([binary], input=xs.tobytes(), capture_output=True, check=True)
         seen = np.frombuffer(run.stdout, DTYPE[real]).reshape(len(xs), 3)
         x = ca.SX.sym("x")
         for order in range(3):
-            lookup = Lookup(cells, order)
+            lookup = Lookup(cells, (order,))
             graph = ca.Function("f", [x], [lookup(x)])
             with np.errstate(all="ignore"):
                 python = [evaluated(graph, real)([[v]])[0][0] for v in (xs.tolist() if real == "double" else xs)]
@@ -387,7 +416,7 @@ def test_a_long_table_costs_what_a_short_one_does() -> None:
         plant = hg.System("one", states=(x,), outputs=(y,), flow=[-t], output=[x])
         steps.append(hg.sample(hg.observers.high_gain(hg.forms.triangular(plant), theta=2, poles=(-1,)), dt=0.1))
     assert cost(steps[0]) == cost(steps[1])
-    assert [len(Lookup(cells_of(range(n), range(n), "linear", "t")).probes) for n in (10, 1000)] == [4, 10]
+    assert [len(Lookup(curve(range(n), range(n), "linear", "t"), (0,)).axes[0].probes) for n in (10, 1000)] == [4, 10]
 
 
 # --- at the door --------------------------------------------------------------------------------------------
@@ -424,9 +453,9 @@ def test_a_bad_argument_kind_or_name_is_refused() -> None:
         with pytest.raises(BadTable, match="give"):
             hg.table(x, *points)
     with pytest.raises(
-        BadTable, match="is taken at 2 expressions, and a table is a function of one; write it as a sum"
+        BadTable, match="is taken at 3 expressions, and a table is a function of one or two; write it as"
     ):
-        hg.table((X, X), *points)
+        hg.table((X, X, X), *points)
     with pytest.raises(BadTable, match='write "linear" or "monotone"'):
         hg.table(X, *points, kind="cubic")
     with pytest.raises(BadName):
@@ -631,8 +660,8 @@ def test_the_header_says_that_static_data_do_not_change() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_eva_raises_no_alarm(kind: str, tmp_path: Path) -> None:
     """Every index is shown to be in range, for any float, infinite and not a number among them."""
-    cells = cells_of([0, 0.1, 0.3, 0.7, 1.5], [0, 1, -1, 2, 3], kind, "t")
-    text = "\n".join(tables(C, "t", "float", [Lookup(cells, order) for order in range(2)]).lines)
+    cells = curve([0, 0.1, 0.3, 0.7, 1.5], [0, 1, -1, 2, 3], kind, "t")
+    text = "\n".join(tables(C, "t", "float", [Lookup(cells, (order,)) for order in range(2)]).lines)
     main = "static volatile float any;\nint main(void) { return t_table_t(any) < t_slope_t(any); }\n"
     hg.write({"main.c": f"{text}\n{main}"}, tmp_path)
     options = ["-eva-precision=3", "-warn-special-float=none"]
@@ -652,17 +681,17 @@ def test_bits_are_those_of_struct() -> None:
 
 def test_a_derivative_has_no_value_where_it_jumps() -> None:
     x, y = ((Fraction(0), Fraction(1), Fraction(2)), (Fraction(0), Fraction(1), Fraction(3)))
-    table = cells_module.Cells("bend", "linear", x, y)
-    assert [table.at(Fraction(place), 1) for place in (Fraction(1, 2), 1, Fraction(3, 2))] == [1, None, 2]
+    table = curve(x, y, "linear", "bend")
+    assert [value_of(table, Fraction(place), 1) for place in (Fraction(1, 2), 1, Fraction(3, 2))] == [1, None, 2]
 
 
 def test_a_held_table_and_one_that_goes_on_stand_in_one_expression() -> None:
     x, points = sp.Symbol("x"), ((Fraction(0), Fraction(1)), (Fraction(0), Fraction(2)))
-    held, on = (tabulated_module.applied(cells_module.Cells("two", "linear", *points, h), x) for h in (True, False))
+    held, on = (call(curve(*points, "linear", "two").holding(h), x) for h in (True, False))
     assert sp.lambdify(x, held + 10 * on)(2.0) == 42.0
 
 
 def test_the_checker_knows_which_derivative_of_a_table_jumps() -> None:
     numbers = list(map(Fraction, (0, 0, 1, 1, 2, 3)))
-    names = [tables_module.name_of("Linear", Fraction(order), numbers) for order in (0, 1)]
+    names = [tables_module.name_of("Linear", [Fraction(order), *numbers]) for order in (0, 1)]
     assert [tables_module.jumps(name) for name in names] == [False, True]

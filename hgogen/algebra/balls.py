@@ -12,7 +12,9 @@ from typing import Any
 
 import flint
 
-from hgogen.algebra.cells import Cells, Polynomial
+from hgogen.algebra.cells import Cells, Index
+from hgogen.algebra.piece import value as polynomial
+from hgogen.algebra.tabulated import next_order
 
 BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
 _BITS = 60  # of a random number
@@ -72,8 +74,6 @@ class Balls:
             inverse = _inverse(a)
             result = a.sqrt() ** value.numerator if value.denominator == 2 and value > 0 else self._real(a, value)
             return _finite(result), self.number(value, order) * result * inverse
-        if op == "table":
-            return _cell(a, *value)
         if op in _STEPS:
             level, slope = _STEPS[op](a[0])
             return (slope * a if slope else self.series([level], order)), self.series([slope], order)
@@ -106,6 +106,18 @@ class Balls:
             raise Undecided
         turn = flint.arb.atan2(a[0], b[0]) - (a[0] / b[0]).atan()
         return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
+
+    def table(self, arguments: Sequence[Any], cells: Cells, order: Index) -> tuple[Any, ...]:
+        """A derivative of a table, and those by each argument, by the cell that the arguments are in."""
+        spans = cells.met([ends(a[0]) for a in arguments])
+        if any(first != last for first, last in spans):
+            raise Undecided
+        cell = tuple(last for _, last in spans)
+        d = [a - flint.arb(rational(start)) for a, start in zip(arguments, cells.starts(cell), strict=True)]
+        nothing = 0 * sum(d)  # a series of their length
+        orders = [order, *(next_order(order, k) for k in range(len(order)))]
+        pieces = (cells.of_order(each)[cell] for each in orders)
+        return tuple(polynomial(piece, d, lambda c: nothing + flint.arb(rational(c))) for piece in pieces)
 
     def less(self, a: Any, b: Any) -> bool:
         """Whether a < b at t = 0."""
@@ -193,22 +205,6 @@ def _level(x: Any) -> Any:
     if not level.is_exact() or x.contains_integer():
         raise Undecided
     return level
-
-
-def _cell(a: Any, cells: Cells, order: int) -> tuple[Any, Any]:
-    """A derivative of a table, and the next, by the cell that the argument is in."""
-    first, last = cells.met(*ends(a[0]))
-    if first != last:
-        raise Undecided
-    d = a - flint.arb(rational(cells.starts[last]))
-    return _polynomial(cells.of_order(order)[last], d), _polynomial(cells.of_order(order + 1)[last], d)
-
-
-def _polynomial(piece: Polynomial, d: Any) -> Any:
-    total = 0 * d
-    for c in reversed(piece):
-        total = total * d + flint.arb(rational(c))
-    return total
 
 
 def ends(a: Any) -> tuple[Fraction, Fraction]:

@@ -2,106 +2,179 @@
 
     k = how many breakpoints are <= x,    f(x) = c_k0 + d (c_k1 + d (c_k2 + d c_k3)),    d = x - s_k
 
-of the cells of `hgogen.algebra.cells`. Of what is not a number k is 0 and d is not a number, nor is the value: a lookup
-needs no guard. In a graph of CasADi it is a call of its `graph`, whose name leads back to it.
+of the cells of `hgogen.algebra.cells`, and of two arguments a search along each axis and, with e = y - s_l,
+
+    f(x, y) = c_00 + e c_01 + d (c_10 + e c_11)        of the cell (k, l)
+
+Of what is not a number k is 0 and d is not a number, nor is the value: a lookup needs no guard. In a graph of CasADi it
+is a call of its `graph`, whose name leads back to it.
 
 CasADi differentiates through a call by the function's own derivative, and mistakes one that is zero by structure; so
-`graph` has the terms up to d^3 in any case. `jacobian` gives a graph whose slopes are lookups as well.
+`graph` depends on each of its arguments in any case. `jacobian` gives a graph whose slopes are lookups as well.
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
 
-from hgogen.algebra.cells import Cells
+from hgogen.algebra.cells import Cells, Index
+from hgogen.algebra.piece import Polynomial, columns, value
+from hgogen.algebra.tabulated import next_order
 
 Graph = Any
 _KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else
-_TERMS = 4  # of a polynomial in a graph
+_TERMS = 2  # of a polynomial in a graph, at least
+_NAMES = (("x", "start", "k", "d"), ("y", "start_y", "j", "e"))
 
 
 @dataclass(frozen=True)
-class Lookup:
-    """A derivative of a table, of the order `order`, 0 for the table itself."""
+class Argument:
+    """One argument of a lookup: the names in emitted code of the argument, of its array, of the cell that is searched,
+    and of the distance from its start; the breakpoint below each cell (n + 1)."""
 
-    cells: Cells
-    order: int = 0
+    name: str
+    array: str
+    cell: str
+    distance: str
+    starts: tuple[float, ...]
 
     @property
-    def name(self) -> str:
-        """What it is called in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, .."""
-        return f"{('table', 'slope')[self.order > 0]}_{f'{self.order}_' * (self.order > 1)}{self.cells.name}"
-
-    @property
-    def said(self) -> str:
-        """The comment above its function."""
-        of = (
-            ""
-            if not self.order
-            else "the slope of "
-            if self.order == 1
-            else f"the derivative of order {self.order} of "
-        )
-        return f"{of}the table {self.cells.name}: {self.cells.kind}, {len(self.cells.x)} points, held at its ends"
-
-    @cached_property
     def breaks(self) -> tuple[float, ...]:
         """The breakpoints (n)."""
-        return tuple(map(float, self.cells.x))
-
-    @cached_property
-    def starts(self) -> tuple[float, ...]:
-        """The breakpoint below each cell (n + 1)."""
-        return tuple(map(float, self.cells.starts))
-
-    @cached_property
-    def coefficients(self) -> tuple[tuple[float, ...], ...]:
-        """Of each power of d, from 0, the number of each cell (n + 1)."""
-        pieces = self.cells.of_order(self.order)
-        count = max(map(len, pieces))
-        return tuple(tuple(float(p[i]) if i < len(p) else 0.0 for p in pieces) for i in range(count))
-
-    @property
-    def slope(self) -> "Lookup":
-        """The derivative."""
-        return replace(self, order=self.order + 1)
+        return self.starts[1:]
 
     @property
     def probes(self) -> tuple[int, ...]:
         """The steps of the search, powers of two from the largest that is not above n."""
         return tuple(2**i for i in reversed(range(len(self.breaks).bit_length())))
 
-    def __call__(self, x: Graph) -> Graph:
+
+@dataclass(frozen=True)
+class Lookup:
+    """A derivative of a table, of the `order` in each argument."""
+
+    cells: Cells
+    order: Index
+
+    @property
+    def name(self) -> str:
+        """What it is called in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; of two
+        arguments slope_1_0_friction, slope_0_1_friction, .."""
+        order = "" if self.order == (1,) else "".join(f"{k}_" for k in self.order)
+        return f"slope_{order}{self.cells.name}" if any(self.order) else f"table_{self.cells.name}"
+
+    @property
+    def said(self) -> str:
+        """The comment above its function."""
+        order = " and ".join(map(str, self.order))
+        derivative = "slope" if self.order == (1,) else f"derivative of order {order}"
+        of = f"the {derivative} of " if any(self.order) else ""
+        points = " x ".join(str(len(axis.x)) for axis in self.cells.axes)
+        kind = self.cells.kind if len(self.order) == 1 else "bilinear"
+        return f"{of}the table {self.cells.name}: {kind}, {points} points, held at its ends"
+
+    @cached_property
+    def axes(self) -> tuple[Argument, ...]:
+        """Its arguments."""
+        starts = (tuple(map(float, axis.starts)) for axis in self.cells.axes)
+        return tuple(Argument(*names, each) for names, each in zip(_NAMES, starts, strict=False))
+
+    @cached_property
+    def coefficients(self) -> Polynomial:
+        """The polynomial of the distances, whose coefficients are lists, a number for each cell: the cells in the order
+        of their axes, the last the fastest."""
+        return _rounded(columns(list(self.cells.of_order(self.order).values())))
+
+    @cached_property
+    def arrays(self) -> dict[str, list[float]]:
+        """Those of emitted code by their names: the starts of cells, and the coefficients, c with the powers of the
+        distances."""
+        return {axis.array: list(axis.starts) for axis in self.axes} | dict(_named(self.coefficients, "c"))
+
+    @property
+    def flattened(self) -> list[str]:
+        """The statements of emitted code by which the cell of the last axis becomes that of all of them."""
+        return [f"{b.cell} = {a.cell} * {len(b.starts)} + {b.cell}" for a, b in pairwise(self.axes)]
+
+    def formula(self, zero: str) -> str:
+        """The polynomial as text, Horner's scheme in the order of `graph`; `zero` times a distance is what is not a
+        number where the distance is none."""
+        return _formula(self.coefficients, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
+
+    @property
+    def slopes(self) -> tuple["Lookup", ...]:
+        """The derivatives by each argument."""
+        return tuple(replace(self, order=next_order(self.order, k)) for k in range(len(self.order)))
+
+    def __call__(self, *arguments: Graph) -> Graph:
         """The value in a graph."""
-        return self.graph(x)
+        return self.graph(*arguments)
 
     @cached_property
     def graph(self) -> ca.Function:
         """The function in CasADi, which stays one operation of the graphs that call it."""
-        text = repr((self.cells.name, self.cells.kind, self.cells.x, self.cells.y, self.order))
+        text = repr((self.cells.name, self.cells.points, self.order))
         name = f"table_{hashlib.sha256(text.encode()).hexdigest()[:20]}"
         _KNOWN[name] = self
-        x = ca.MX.sym("x")
-        k = self._cell(x)
-        d, terms = x - _element(self.starts, k), [_element(column, k) for column in self.coefficients]
-        terms += [_element((0.0,) * len(self.starts), k)] * (_TERMS - len(terms))
-        value = terms[-1]
-        for c in terms[-2::-1]:
-            value = c + d * value
-        return ca.Function(name, [x], [value], ["x"], ["value"], {"never_inline": True})
+        names = [axis.name for axis in self.axes]
+        arguments = [ca.MX.sym(each) for each in names]
+        cells = [_cell(axis, x) for axis, x in zip(self.axes, arguments, strict=True)]
+        d = [x - _element(axis.starts, k) for axis, x, k in zip(self.axes, arguments, cells, strict=True)]
+        cell = reduce(lambda whole, part: whole * len(part[0].starts) + part[1], zip(self.axes, cells, strict=True), 0)
+        result = value(_filled(self.coefficients, len(d)), d, lambda column: _element(column, cell))
+        return ca.Function(name, arguments, [result], names, ["value"], {"never_inline": True})
 
-    def _cell(self, x: Graph) -> Graph:
-        n, k = len(self.breaks), ca.MX(0)
-        for probe in self.probes:
-            there = k + probe
-            within = there <= n
-            at = ca.if_else(within, there, 1) - 1
-            k = k + probe * ca.logic_and(within, _element(self.breaks, at) <= x)
-        return k
+
+def _rounded(coefficients: Polynomial) -> Polynomial:
+    if isinstance(coefficients, tuple):
+        return tuple(map(_rounded, coefficients))
+    return list(map(float, coefficients))
+
+
+def _named(coefficients: Polynomial, name: str) -> Iterator[tuple[str, list[float]]]:
+    if not isinstance(coefficients, tuple):
+        yield name, coefficients
+        return
+    for power, c in enumerate(coefficients):
+        yield from _named(c, f"{name}{power}")
+
+
+def _formula(coefficients: Polynomial, name: str, distances: Sequence[str], cell: str, zero: str) -> str:
+    if not isinstance(coefficients, tuple):
+        return f"{name}[{cell}]"
+    d, *rest = distances
+    parts = [_formula(c, f"{name}{power}", rest, cell, zero) for power, c in enumerate(coefficients)]
+    *others, total = parts if len(parts) > 1 else (*parts, zero)
+    for part in reversed(others):
+        total = f"{part} + {d} * ({total})"
+    return total
+
+
+def _filled(coefficients: Polynomial, count: int) -> Polynomial:
+    """The same polynomial with `_TERMS` terms, or more, in each of its arguments."""
+    if not count:
+        return coefficients
+    missing = (coefficients[0],) * (_TERMS - len(coefficients))
+    return tuple(_filled(c, count - 1) for c in coefficients) + tuple(_filled(_none(c), count - 1) for c in missing)
+
+
+def _none(coefficients: Polynomial) -> Polynomial:
+    return tuple(map(_none, coefficients)) if isinstance(coefficients, tuple) else [0.0] * len(coefficients)
+
+
+def _cell(axis: Argument, x: Graph) -> Graph:
+    n, k = len(axis.breaks), ca.MX(0)
+    for probe in axis.probes:
+        there = k + probe
+        within = there <= n
+        at = ca.if_else(within, there, 1) - 1
+        k = k + probe * ca.logic_and(within, _element(axis.breaks, at) <= x)
+    return k
 
 
 def _element(numbers: Sequence[float], k: Graph) -> Graph:
@@ -144,25 +217,27 @@ def jacobian(rows: Graph, x: Graph) -> Graph:
     With a value c_i for each call f_i(a_i), in the order of the program,
 
         dr/dx = r_x + sum_i r_(c_i) D_i,    D_i = f_i'(a_i) (a_(i,x) + sum_(j < i) a_(i,c_j) D_j)
+
+    where f_i' is the row of its derivatives by its arguments, and a_(i,x) has a row for each of them.
     """
     symbols = ca.vertcat(*ca.symvar(rows)) if ca.symvar(rows) else ca.SX(0, 1)
     program = ca.Function("rows", [symbols], [ca.densify(rows)])
-    calls: list[tuple[Graph, Lookup, Graph]] = []
+    calls: list[tuple[Graph, Lookup, list[Graph]]] = []
 
     def apply(op: int, lookup: Lookup | None, *args: Graph) -> Graph:
         if lookup is None:
             return (ca.SX.unary if len(args) == 1 else ca.SX.binary)(op, *args)
-        calls.append((ca.SX.sym(f"c{len(calls)}"), lookup, args[0]))
+        calls.append((ca.SX.sym(f"c{len(calls)}"), lookup, list(args)))
         return calls[-1][0]
 
     if not instructions(program):
         return ca.jacobian(rows, x)  # of which the bytes of emitted code are
     (whole,) = walked(program, [symbols], apply)
     stands, values, slopes = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, x.numel())
-    for symbol, lookup, argument in calls:
-        slope = lookup.slope(argument) * (ca.jacobian(argument, x) + ca.jacobian(argument, stands) @ slopes)
-        slopes = ca.vertcat(slopes, slope)
-        values = ca.vertcat(values, lookup(ca.substitute(argument, stands, values)))
+    for symbol, lookup, args in calls:
+        at, row = ca.vertcat(*args), ca.horzcat(*(slope(*args) for slope in lookup.slopes))
+        slopes = ca.vertcat(slopes, row @ (ca.jacobian(at, x) + ca.jacobian(at, stands) @ slopes))
+        values = ca.vertcat(values, lookup(*ca.vertsplit(ca.substitute(at, stands, values))))
         stands = ca.vertcat(stands, symbol)
     total = ca.jacobian(whole, x) + ca.jacobian(whole, stands) @ slopes
     return ca.substitute(total, stands, values)

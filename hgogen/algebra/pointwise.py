@@ -11,7 +11,8 @@ from typing import Any
 from flint import arb, ctx, fmpq
 
 from hgogen.algebra.balls import ends
-from hgogen.algebra.cells import Cells, Polynomial
+from hgogen.algebra.cells import Cells, Index, over
+from hgogen.algebra.piece import value as polynomial
 from hgogen.algebra.tape import Instruction, Tape
 
 Ball = Any
@@ -48,7 +49,7 @@ def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction])
     if op == "direction":
         return _direction(args, int(value or 0))
     if op == "table":
-        return _table(args[0], *value)
+        return _table(args, *value)
     rule = _RULES.get(op)
     return rule(*args) if rule else _NAN
 
@@ -95,22 +96,16 @@ def _step(a: Ball, at_zero: Ball = None) -> Ball:
     return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
 
 
-def _table(a: Ball, cells: Cells, order: int) -> Ball:
-    """A derivative of a table by the cells that the ball meets; undefined where it may jump among them."""
-    if not a.is_finite():
+def _table(place: Sequence[Ball], cells: Cells, order: Index) -> Ball:
+    """A derivative of a table by the cells that the balls meet; undefined where it may jump among them."""
+    if not all(a.is_finite() for a in place):
         return _NAN
-    first, last = cells.met(*ends(a))
-    if cells.least_smooth(first, last) <= order:
+    spans = cells.met(list(map(ends, place)))
+    if any(smooth <= k for smooth, k in zip(cells.least_smooth(spans), order, strict=True)):
         return _NAN
-    pieces, starts = cells.of_order(order), cells.starts
-    return reduce(arb.union, (_polynomial(pieces[k], a - _rational(starts[k])) for k in range(first, last + 1)))
-
-
-def _polynomial(piece: Polynomial, d: Ball) -> Ball:
-    total = arb(0)
-    for c in reversed(piece):
-        total = total * d + _rational(c)
-    return total
+    pieces = cells.of_order(order)
+    distances = ([a - _rational(s) for a, s in zip(place, cells.starts(cell), strict=True)] for cell in over(spans))
+    return reduce(arb.union, (polynomial(pieces[c], d, _rational) for c, d in zip(over(spans), distances, strict=True)))
 
 
 def _rounded(a: Ball, value: Ball) -> Ball:

@@ -11,6 +11,7 @@ test local algebraic observability in polynomial time", J. Symbolic Computation 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 from hgogen.algebra.balls import Balls
@@ -146,11 +147,22 @@ def _mul(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_or
 
 def _two(method: str) -> Callable[..., Any]:
     def rule(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
-        (a, da), (b, db) = parts
-        result, by_a, by_b = getattr(numbers, method)(a, b, order)
-        return result, _sum(_scaled(numbers, da, by_a, slope_order), _scaled(numbers, db, by_b, slope_order))
+        (a, _), (b, _) = parts
+        result, *rates = getattr(numbers, method)(a, b, order)
+        return result, _chain(numbers, parts, rates, slope_order)
 
     return rule
+
+
+def _table(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
+    result, *rates = numbers.table([numbers.cut(a, order) for a, _ in parts], *value)
+    return result, _chain(numbers, parts, rates, slope_order)
+
+
+def _chain(numbers: Balls, parts: list[Any], rates: list[Any], order: int) -> Gradient:
+    """The gradient by the derivatives by each part."""
+    terms = (_scaled(numbers, slopes, rate, order) for (_, slopes), rate in zip(parts, rates, strict=True))
+    return reduce(_sum, terms)
 
 
 def _piecewise(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
@@ -167,6 +179,7 @@ _RULES: Mapping[str, Callable[..., Any]] = {
     "mul": _mul,
     "raise": _two("raised"),
     "atan2": _two("angle"),
+    "table": _table,
     "min": lambda numbers, parts, *_: parts[0 if numbers.less(parts[0][0], parts[1][0]) else 1],
     "max": lambda numbers, parts, *_: parts[1 if numbers.less(parts[0][0], parts[1][0]) else 0],
     "piecewise": _piecewise,

@@ -1,11 +1,13 @@
 """Tables in expressions: ocv(x) is a function of SymPy whose class holds the table, and ocv(x, 1) its derivative.
 
+Of two arguments they are friction(v, T), and friction(v, T, 1, 0) and friction(v, T, 0, 1).
+
 Where a derivative jumps, it is the set of what lies between its limits (`algebra.kinks` says why), and an exact number
 put there stays unevaluated. `Kinked` are those that are continuous with a derivative that jumps somewhere, `Stepped`
 those that jump themselves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache
 from typing import Any, ClassVar
@@ -14,54 +16,53 @@ import numpy as np
 import sympy as sp
 from sympy.core.function import FunctionClass
 
-from hgogen.algebra.cells import Cells
+from hgogen.algebra.cells import Cells, Index
+from hgogen.algebra.piece import columns, value
 
 
 class Table(sp.Function):  # type: ignore[misc]
-    """A derivative of a table, of the order `order`, 0 for the table itself."""
+    """A derivative of a table, of the `order` in each argument."""
 
     cells: ClassVar[Cells]
-    order: ClassVar[int]
-    nargs = 1
+    order: ClassVar[Index]
     is_real = True
 
     @classmethod
-    def eval(cls, argument: sp.Expr) -> sp.Expr | None:
-        """The exact value at a rational number, where there is one."""
-        if isinstance(argument, sp.Float):
-            place = Fraction(repr(float(argument)))
-        elif isinstance(argument, sp.Rational):
-            place = Fraction(int(argument.p), int(argument.q))
-        else:
-            return None
-        value = cls.cells.at(place, cls.order)
-        return None if value is None else _number(value)
+    def eval(cls, *arguments: sp.Expr) -> sp.Expr | None:
+        """The exact value at rational numbers, where there is one."""
+        place = [_exactly(argument) for argument in arguments]
+        numbers = [number for number in place if number is not None]
+        exact = cls.cells.at(numbers, cls.order) if len(numbers) == len(place) else None
+        return None if exact is None else _number(exact)
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
-        """The derivative of the next order."""
-        return applied(self.cells, self.args[0], self.order + 1)
+        """The derivative by an argument."""
+        return applied(self.cells, self.args, next_order(self.order, argindex - 1))
 
     def _eval_evalf(self, prec: int) -> sp.Expr | None:
-        place = self.args[0].evalf(n=int(prec / 3.32) + 5)
-        if isinstance(self, Stepped) or not isinstance(place, sp.Float):
+        digits = int(prec / 3.32)
+        place = [argument.evalf(n=digits + 5) for argument in self.args]
+        if isinstance(self, Stepped) or not all(isinstance(each, sp.Float) for each in place):
             return None
-        exactly = sp.Rational(place)
-        value = self.cells.at(Fraction(int(exactly.p), int(exactly.q)), self.order)
-        return None if value is None else _number(value).evalf(n=int(prec / 3.32) + 1)
+        exactly = map(sp.Rational, place)
+        exact = self.cells.at([Fraction(int(each.p), int(each.q)) for each in exactly], self.order)
+        return None if exact is None else _number(exact).evalf(n=digits + 1)
 
     def _sympystr(self, printer: Any) -> str:
         if hasattr(printer, "table"):
             return str(printer.table(self))
-        inner = printer.doprint(self.args[0])
-        return f"{self.cells.name}({inner}, {self.order})" if self.order else f"{self.cells.name}({inner})"
+        order = self.order if any(self.order) else ()
+        return f"{self.cells.name}({', '.join([*map(printer.doprint, self.args), *map(str, order)])})"
 
     def _latex(self, printer: Any, exp: str | None = None) -> str:
-        inner, name = printer.doprint(self.args[0]), rf"\mathrm{{{self.cells.name}}}".replace("_", r"\_")
-        text = rf"{name}{chr(39) * self.order}\left({inner}\right)"
+        inner, name = ", ".join(map(printer.doprint, self.args)), rf"\mathrm{{{self.cells.name}}}".replace("_", r"\_")
+        several = rf"^{{\left({','.join(map(str, self.order))}\right)}}" if any(self.order) else ""
+        primes = chr(39) * self.order[0] if len(self.order) == 1 else several
+        text = rf"{name}{primes}\left({inner}\right)"
         return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
 
     def __reduce_ex__(self, protocol: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return applied, (self.cells, self.args[0], self.order)
+        return applied, (self.cells, self.args, self.order)
 
 
 class Kinked(Table):
@@ -72,37 +73,55 @@ class Stepped(Table):
     """One that jumps."""
 
 
-def applied(cells: Cells, argument: sp.Expr, order: int = 0) -> sp.Expr:
-    """A derivative of a table, at an expression."""
-    return function(cells, order)(argument)
+def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp.Expr:
+    """A derivative of a table, of the table itself by default, at expressions."""
+    return function(cells, order or cells.plain)(*arguments)
+
+
+def next_order(order: Index, k: int) -> Index:
+    """The order of the derivative by argument k, from 0."""
+    return (*order[:k], order[k] + 1, *order[k + 1 :])
 
 
 @cache
-def function(cells: Cells, order: int) -> FunctionClass:
+def function(cells: Cells, order: Index) -> FunctionClass:
     """The function of SymPy that a derivative is; the same one for the same table."""
-    left = cells.smoothness - order
+    left = min(smooth - k for smooth, k in zip(cells.smoothness, order, strict=True))
     kind = Stepped if left < 0 else Kinked if left == 0 else Table
-    held = {"cells": cells, "order": order, "_imp_": staticmethod(_floats(cells, order)), "__module__": __name__}
-    name = f"{cells.name}{'' if cells.held else '_within'}{f'_{order}' if order else ''}"  # of its own for lambdify
+    held = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
+    held["_imp_"] = staticmethod(_floats(cells, order))
+    within = "".join(f"_within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
+    name = "_".join([f"{cells.name}{within}", *(map(str, order) if any(order) else ())])  # of its own for lambdify
     return FunctionClass(name, (kind,), held)
 
 
-def _floats(cells: Cells, order: int) -> Callable[[Any], Any]:
+def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
     """The function of numpy's arrays."""
-    breaks, starts = (np.array(list(map(float, numbers))) for numbers in (cells.x, cells.starts))
-    pieces = cells.of_order(order)
-    degree = max(map(len, pieces))
-    columns = np.array([[float(c) for c in (*piece, *[0] * (degree - len(piece)))] for piece in pieces]).T
+    breaks = [np.array(list(map(float, axis.x))) for axis in cells.axes]
+    starts = [np.array(list(map(float, axis.starts))) for axis in cells.axes]
+    shape = [len(each) for each in starts]
+    coefficients = _arrays(columns(list(cells.of_order(order).values())), shape)
 
-    def function(t: Any) -> Any:
-        k = np.searchsorted(breaks, t, side="right")
-        d, total = t - starts[k], columns[-1][k]
-        for column in columns[-2::-1]:
-            total = total * d + column[k]
-        return total
+    def function(*place: Any) -> Any:
+        cell = tuple(np.searchsorted(each, t, side="right") for each, t in zip(breaks, place, strict=True))
+        d = [t - each[k] for each, k, t in zip(starts, cell, place, strict=True)]
+        return value(coefficients, d, lambda column: column[cell])
 
     return function
 
 
-def _number(value: Fraction) -> sp.Rational:
-    return sp.Rational(value.numerator, value.denominator)
+def _arrays(coefficients: Any, shape: list[int]) -> Any:
+    if isinstance(coefficients, tuple):
+        return tuple(_arrays(c, shape) for c in coefficients)
+    return np.array(list(map(float, coefficients))).reshape(shape)
+
+
+def _exactly(argument: sp.Expr) -> Fraction | None:
+    """The number that an argument is."""
+    if isinstance(argument, sp.Float):
+        return Fraction(repr(float(argument)))
+    return Fraction(int(argument.p), int(argument.q)) if isinstance(argument, sp.Rational) else None
+
+
+def _number(exact: Fraction) -> sp.Rational:
+    return sp.Rational(exact.numerator, exact.denominator)

@@ -41,7 +41,7 @@ def read(function: ca.Function) -> list[list[Node]]:
         elif op == ca.OP_CONST:
             slots[give[0]] = Node(op, constant=function.instruction_constant(k))
         elif op == ca.OP_CALL:
-            slots[give[0]] = Node(op, (slots[take[0]],), lookup=called(texts[k]))
+            slots[give[0]] = Node(op, tuple(slots[i] for i in take), lookup=called(texts[k]))
         else:
             slots[give[0]] = _node(op, tuple(slots[i] for i in take))
             nodes.append(slots[give[0]])

@@ -6,12 +6,12 @@ A docstring without a full stop is printed above its function; one with it is fo
 import ast
 import inspect
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from copy import copy
+from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache
 from types import ModuleType
 
-from hgogen.algebra.lookup import Lookup
+from hgogen.algebra.lookup import Argument, Lookup
 from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
 from hgogen.emit import helpers, lookup_functions, matrix_loops
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
@@ -62,16 +62,42 @@ def small(syntax: Syntax, prefix: str, real: Real, names: Collection[str], whole
 
 def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -> Code:
     """The functions of tables, by their names."""
-    there, written = routines(lookup_functions), []
-    for lookup in sorted(lookups, key=lambda each: each.name):
-        tree = copy(there["search"])
-        tree.name, tree.body = lookup.name, [*tree.body[:-1], there[f"degree_{len(lookup.coefficients) - 1}"].body[-1]]
-        counts = {"n": len(lookup.breaks), "FIRST": lookup.probes[0]}
-        words = _Words(syntax, prefix, real, there, {}, {}, counts)
-        arrays = dict(zip(("start", "c0", "c1", "c2", "c3"), (lookup.starts, *lookup.coefficients), strict=False))
-        declared = code(*(_fixed(syntax, real, name, numbers) for name, numbers in arrays.items()))
-        written.append(code(syntax.comment(lookup.said)) + _Function(words, tree).text(declared) + code(""))
-    return joined(written)
+    return joined(_table(syntax, prefix, real, each) for each in sorted(lookups, key=lambda each: each.name))
+
+
+def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
+    """The arrays, a search along each axis, and the polynomial of the cell."""
+    there = routines(lookup_functions)
+    declared = code(*(_fixed(syntax, real, name, numbers) for name, numbers in lookup.arrays.items()))
+    arguments = ", ".join(f"{axis.name}: float" for axis in lookup.axes)
+    steps = "".join(f" {line}\n" for line in (*lookup.flattened, f"return {lookup.formula('0.0')}"))
+    (tree,) = ast.parse(f"def {lookup.name}({arguments}) -> float:\n{steps}").body
+    assert isinstance(tree, ast.FunctionDef)
+    searches = [_searched(there["search"], axis) for axis in lookup.axes]
+    tree.body = [*(statement for search in searches for statement in search), *tree.body]
+    words = _Words(syntax, prefix, real, there, {}, {})
+    return code(syntax.comment(lookup.said)) + _Function(words, tree).text(declared) + code("")
+
+
+def _searched(search: ast.FunctionDef, axis: Argument) -> list[ast.stmt]:
+    """The statements of the search along an axis, of which the last says the distance."""
+    names = {"x": axis.name, "start": axis.array, "k": axis.cell}
+    counts = {"n": len(axis.breaks), "FIRST": axis.probes[0]}
+    *statements, last = _Renamed(names, counts).visit(deepcopy(search)).body
+    return [*statements, ast.Assign([ast.Name(axis.distance, ast.Store())], last.value)]
+
+
+class _Renamed(ast.NodeTransformer):
+    """Other names, and numbers for names."""
+
+    def __init__(self, names: Mapping[str, str], counts: Mapping[str, int]) -> None:
+        self.names, self.counts = names, counts
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """What stands in its place."""
+        if node.id in self.counts:
+            return ast.Constant(self.counts[node.id])
+        return ast.Name(self.names.get(node.id, node.id), node.ctx)
 
 
 def _fixed(syntax: Syntax, real: Real, name: str, numbers: Sequence[float]) -> str:

@@ -257,7 +257,7 @@ class Printer:
             return self.infix(op, *args)
         if node.lookup:
             self.uses.append(Uses(lookups=frozenset({node.lookup})))
-            return f"{self.prefix}_{node.lookup.name}({self.value(args[0])})", ATOM
+            return f"{self.prefix}_{node.lookup.name}({', '.join(map(self.value, args))})", ATOM
         if op in self.calls:
             return self.call(self.calls[op], *args)
         raise NotPrintable(op)

@@ -109,7 +109,7 @@ class Writer:
         if node.lookup:
             name = node.lookup.graph.name()
             self.names[name] = _table(node.lookup, self.real)
-            return f"{name}({values[0]})"
+            return f"{name}({', '.join(values)})"
         if op not in CALLS:
             raise NotPrintable(op)
         self.names[CALLS[op]] = _function(CALLS[op], self.real)
@@ -185,22 +185,21 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 
 
 @lru_cache(maxsize=1024)
-def _table(lookup: Lookup, real: Real) -> Callable[[Any], Any]:
+def _table(lookup: Lookup, real: Real) -> Callable[..., Any]:
     """A table of numbers."""
     number = float if real == "double" else DTYPE[real]
-    zero = number(0)
-    starts, *columns = ([number(each) for each in numbers] for numbers in (lookup.starts, *lookup.coefficients))
+    names: dict[str, Any] = {name: [number(each) for each in numbers] for name, numbers in lookup.arrays.items()}
+    lines = [line.format(**vars(axis)) for axis in lookup.axes for line in _SEARCH]
+    lines += [*lookup.flattened, f"return {lookup.formula('zero')}"]
+    arguments = ", ".join(axis.name for axis in lookup.axes)
+    names |= {"zero": number(0), "bisect_right": bisect_right}
+    return defined([f"def table({arguments}):", *indented(lines)], names, "table", lookup.name)  # type: ignore[no-any-return]
 
-    def value(x: Any) -> Any:
-        k = bisect_right(starts, x, lo=1) - 1 if x == x else 0
-        d, total = x - starts[k], columns[-1][k]
-        if len(columns) == 1:
-            return total + d * zero
-        for column in columns[-2::-1]:
-            total = column[k] + d * total
-        return total
 
-    return value
+_SEARCH = (
+    "{cell} = bisect_right({array}, {name}, lo=1) - 1 if {name} == {name} else 0",
+    "{distance} = {name} - {array}[{cell}]",
+)
 
 
 @lru_cache(maxsize=4096)

@@ -9,6 +9,7 @@ from typing import Any
 import sympy as sp
 from sympy.printing.str import StrPrinter
 
+from hgogen.algebra.cells import Cells
 from hgogen.algebra.plain import plain
 from hgogen.algebra.points import exact
 from hgogen.algebra.tabulated import Table
@@ -91,6 +92,19 @@ def _short(number: Fraction) -> str:
     return str(number) if number.denominator == 1 or Fraction(decimal) != number else decimal
 
 
+def _curve(cells: Cells) -> tuple[str, Iterable[Fraction]]:
+    """The name of a table of one argument, and its points."""
+    points = zip(cells.axes[0].x, cells.values, strict=True)
+    return cells.kind.capitalize(), (number for point in points for number in point)
+
+
+def _map(cells: Cells) -> tuple[str, Iterable[Fraction]]:
+    """The name of a table of two arguments, how many breakpoints the first has, those of both, and the values row by
+    row."""
+    x, y = (axis.x for axis in cells.axes)
+    return f"Bi{cells.kind}", (Fraction(len(x)), *x, *y, *(number for row in cells.values for number in row))
+
+
 class _Printer(StrPrinter):  # type: ignore[misc]
     """SymPy's text with rationals for floats, exp(1) for e."""
 
@@ -103,9 +117,9 @@ class _Printer(StrPrinter):  # type: ignore[misc]
 
     def table(self, node: Table) -> str:
         """A derivative of a table, with all its points."""
-        numbers = (_short(number) for point in zip(node.cells.x, node.cells.y, strict=True) for number in point)
-        parts = (self.doprint(node.args[0]), node.order, *numbers)
-        return f"{node.cells.kind.capitalize()}({', '.join(map(str, parts))})"
+        name, numbers = (_curve if len(node.args) == 1 else _map)(node.cells)
+        parts = (*map(self.doprint, node.args), *node.order, *map(_short, numbers))
+        return f"{name}({', '.join(map(str, parts))})"
 
     def _print_Pi(self, expression: sp.Expr) -> str:
         return "4*atan(1)" if "pi" in self.names else "pi"

@@ -14,7 +14,8 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from hgogen.algebra.cells import Cells
+from hgogen.algebra.cells import Cells, Index
+from hgogen.algebra.tabulated import next_order
 from hgogen.algebra.tape import Instruction, Tape
 from hgogen.intervals import cell_ranges, directions, endpoints, outward
 from hgogen.intervals.derivatives import DERIVATIVES
@@ -71,7 +72,7 @@ class _Walk:
         if op == "root":
             return _root(args[0], Fraction(value or 0))
         if op == "table":
-            return _table(args[0], *value)
+            return _table(args, *value)
         if op == "direction":
             return _direction(args, int(value or 0), self.slopes)
         if op in endpoints.FUNCTIONS:
@@ -343,11 +344,18 @@ def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
     return np.where(where, low, a[0]), np.where(where, high, a[1])
 
 
-def _table(a: Enclosure, cells: Cells, order: int) -> Enclosure:
-    """A derivative of a table; where it jumps it is the set of what lies between its limits, and has no slope."""
-    value, bounded, continuous = cell_ranges.apply(cells, order, a.value)
-    rate = _chain(a, lambda: cell_ranges.apply(cells, order + 1, a.value)[0])
-    return Enclosure(value, a.defined & bounded, a.continuous & continuous, _jumpy(rate, ~continuous, [a]))
+def _table(args: list[Enclosure], cells: Cells, order: Index) -> Enclosure:
+    """A derivative of a table; where it jumps it is the set of what lies between its limits, and along an axis across
+    whose breakpoints it jumps it has no slope."""
+    place = [a.value for a in args]
+    value, bounded, continuous = cell_ranges.apply(cells, order, place)
+    slopes = [
+        _jumpy(_chain(a, lambda k=k: cell_ranges.apply(cells, next_order(order, k), place)[0]), ~continuous[k], [a])  # type: ignore[misc]
+        for k, a in enumerate(args)
+    ]
+    defined, smooth = _both(args)
+    total = reduce(lambda a, b: _total([a, b]), slopes)
+    return Enclosure(value, defined & bounded, smooth & continuous.all(axis=0), total)
 
 
 def _whole(function: Callable[[Array], Array]) -> Callable[[list[Enclosure]], Enclosure]:

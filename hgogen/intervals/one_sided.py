@@ -6,10 +6,10 @@ would be 1, where x may be 0.
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import sympy as sp
 
+from hgogen.algebra.axis import Axis
 from hgogen.algebra.kinks import Norm, bent, signed
 from hgogen.algebra.tabulated import Table, applied
 from hgogen.algebra.tape import NoTape
@@ -51,11 +51,16 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
 
 
 def _within(node: Table, box: Box) -> sp.Expr:
-    """The table without its ends, where its argument keeps within its points."""
-    argument, cells = _visited(node.args[0], box), node.cells
+    """The table without its ends along the axes where its argument keeps within its points."""
+    arguments = [_visited(argument, box) for argument in node.args]
+    pairs = zip(node.cells.axes, arguments, strict=True)
+    held = (axis.held and not _inside(axis, argument, box) for axis, argument in pairs)
+    return applied(node.cells.holding(*held), arguments, node.order)
+
+
+def _inside(axis: Axis, argument: sp.Expr, box: Box) -> bool:
     low, high = rational(argument, box)
-    inside = cells.x[0] <= low and high <= cells.x[-1] and is_defined(argument, box)
-    return applied(replace(cells, held=cells.held and not inside), argument, node.order)
+    return axis.x[0] <= low and high <= axis.x[-1] and is_defined(argument, box)
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:

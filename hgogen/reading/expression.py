@@ -2,7 +2,7 @@
 
     value      sums, products, quotients, powers (**, right to left), signs, parentheses; binding as in Python
     call       a name of a fixed table and values; Piecewise((value, condition), ..., (value, True)); of a model's own
-               table its name and one value
+               table its name and a value for each of its axes
     condition  True, False, relations < <= > >=, joined by & and | in parentheses; inside Piecewise only
     name       a declared symbol; pi and E unless declared; decimals are exact rationals
 
@@ -241,10 +241,14 @@ class _Parser:
     def looked_up(self, token: Token) -> sp.Expr:
         """The value of a table."""
         self.take()
-        first = self.next
-        argument = self.number_like(self.value(0), first)
+        cells, arguments = self.tables[token.text], []
+        for k in range(len(cells.axes)):
+            if k:
+                self.expect(",", f"the table {token.text} of column {token.column}, of {len(cells.axes)} arguments,")
+            first = self.next
+            arguments.append(self.number_like(self.value(0), first))
         self.expect(")", f"the table {token.text} of column {token.column}")
-        return applied(self.tables[token.text], argument)
+        return applied(cells, arguments)
 
     def not_huge(self, value: sp.Expr, token: Token) -> None:
         """Refuse exp of a large number, and exp(k log c), which SymPy would write out as the number c**k."""

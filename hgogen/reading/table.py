@@ -1,7 +1,7 @@
-"""Tables at the door: `hg.table`, a function by points, in a model."""
+"""Tables at the door: `hg.table`, a function by points, in a model, of one argument or of two."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from itertools import pairwise
 from numbers import Rational
@@ -9,13 +9,17 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.axis import Axis
 from hgogen.algebra.cells import Cells
+from hgogen.algebra.interpolation import KINDS, SEVERAL
+from hgogen.algebra.piece import coefficients
 from hgogen.algebra.tabulated import applied
 from hgogen.errors import BadArgument
 from hgogen.reading.expression import FUNCTIONS
 from hgogen.signal import check_name
 
-KINDS = ("linear", "monotone")
+Numbers = tuple[Fraction, ...]
+_WHAT = ("xs", "ys")  # of the axes
 MOST = 2000  # points, so that a certificate holds their text, 100 000 characters, with all digits of double precision
 
 
@@ -33,56 +37,117 @@ def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear",
     nowhere else (Fritsch and Carlson's conditions, Fritsch and Butland's slopes, as in PCHIP), which have one
     continuous derivative between the ends. `name`: what it is called in reports and in the emitted code.
 
+    Of two expressions it is a map, hg.table((x, y), (xs, ys), zs): bilinear between the lines of the grid and held at
+    its ends, Lipschitz with kinks at those lines. `zs` (len(xs), len(ys)) has a row for each of xs, as of SciPy's
+    RegularGridInterpolator.
+
     Raises: `BadTable` for fewer than two points, lists of different lengths, what is no finite number, `xs` that do not
-    increase, an `x` that is no real expression; `BadName`.
+    increase, an `x` that is no real expression, a map that is not linear, more than two expressions; `BadName`.
     """
-    if isinstance(x, tuple | list) and len(x) > 1:
-        fix = "write it as a sum or product of tables of one, or as a formula"
-        raise BadTable(name, f"is taken at {len(x)} expressions, and a table is a function of one; {fix}")
-    cells = cells_of(xs, ys, kind, name)
+    several = isinstance(x, tuple | list) and len(x) > 1
+    arguments, axes = (list(x), _axes(name, len(x), xs)) if several else ([x], [xs])
+    cells = cells_of(axes, ys, kind, name)
+    return applied(cells, [_argument(name, each) for each in arguments])
+
+
+def _axes(name: str, count: int, xs: Any) -> list[Any]:
+    """The lists of numbers of a map's axes."""
+    if count > 2:
+        fix = "write it as a sum or product of such, or as a formula"
+        raise BadTable(name, f"is taken at {count} expressions, and a table is a function of one or two; {fix}")
+    if not isinstance(xs, tuple | list) or len(xs) != count or not all(isinstance(each, Iterable) for each in xs):
+        raise BadTable(
+            name, f"is taken at 2 expressions and its axes are {xs!r:.60}; give two lists of numbers, (xs, ys)"
+        )
+    return list(xs)
+
+
+def _argument(name: str, x: Any) -> sp.Expr:
     try:
         argument = sp.sympify(x, strict=True)
     except (sp.SympifyError, TypeError):
         raise BadTable(name, f"is taken at {x!r}; give an expression of the model's signals, such as a state") from None
     if not isinstance(argument, sp.Expr) or argument.is_Matrix or argument.is_real is False:
         raise BadTable(name, f"is taken at {argument}, no real expression; give one of the model's signals")
-    return applied(cells, argument)
+    return argument
 
 
-def cells_of(xs: Iterable[Any], ys: Iterable[Any], kind: str, name: str) -> Cells:
-    """The table of these points. Raises: as `table`."""
+def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
+    """The table of the numbers of its one or two axes, and of its values. Raises: as `table`."""
     check_name(name)
     if name in FUNCTIONS:
         raise BadTable(name, "has the name of a function; choose another")
     if kind not in KINDS:
         raise BadTable(name, f'kind = {kind!r} is none of its kinds; write "linear" or "monotone"')
-    x, y = _numbers(name, "xs", xs), _numbers(name, "ys", ys)
-    if len(x) != len(y):
-        raise BadTable(name, f"has {len(x)} xs and {len(y)} ys; give a y for each x")
-    if not 2 <= len(x) <= MOST:
-        raise BadTable(name, f"has {len(x)} point{'s' * (len(x) != 1)}; give 2 to {MOST}")
-    for k, (a, b) in enumerate(pairwise(x)):
-        if not a < b:
-            raise BadTable(name, f"xs {k + 1} and {k + 2}, {float(a):g} and {float(b):g}, do not increase; sort them")
-    cells = Cells(name, kind, x, y)
+    if len(axes) > 1 and kind not in SEVERAL:
+        raise BadTable(name, f'is of two expressions and kind = {kind!r}; a map is linear in each: write "linear"')
+    x = [_numbers(name, what, each) for what, each in zip(_WHAT, axes, strict=False)]
+    numbers = _curve(name, x[0], values) if len(x) == 1 else _map(name, x, values)
+    for what, each in zip(_WHAT, x, strict=False):
+        _demand_increase(name, what, each, len(x))
+    cells = Cells(name, kind, tuple(map(Axis, x)), numbers)
     if not _fits(cells):
         raise BadTable(name, "is too steep, or too large, for double precision; choose other units")
     return cells
 
 
+def _curve(name: str, x: Numbers, values: Any) -> Numbers:
+    """The values of a table of one argument."""
+    y = _numbers(name, "ys", values)
+    if len(x) != len(y):
+        raise BadTable(name, f"has {len(x)} xs and {len(y)} ys; give a y for each x")
+    if not 2 <= len(x) <= MOST:
+        raise BadTable(name, f"has {len(x)} point{'s' * (len(x) != 1)}; give 2 to {MOST}")
+    return y
+
+
+def _map(name: str, axes: Sequence[Numbers], values: Any) -> tuple[Numbers, ...]:
+    """The values of a table of two arguments, row by row."""
+    _demand_list(name, "zs", values, "a row of numbers for each of xs")
+    rows = tuple(_numbers(name, f"row {k} of zs", row, ", number") for k, row in enumerate(values, 1))
+    count, width = map(len, axes)
+    if len(rows) != count or any(len(row) != width for row in rows):
+        turned = len(rows) == width and all(len(row) == count for row in rows)
+        fix = "transpose zs" if turned else f"give {count} rows, one for each of xs, of {width} numbers"
+        lengths = " or ".join(map(str, sorted({len(row) for row in rows}))) or "no"
+        shape = f"{len(rows)} row{'s' * (len(rows) != 1)} of {lengths} numbers"
+        raise BadTable(name, f"has {count} xs, {width} ys, and in zs {shape}; {fix}")
+    if count * width > MOST:
+        raise BadTable(name, f"has {count} x {width} points; give {MOST} at most")
+    return rows
+
+
+def _demand_increase(name: str, what: str, x: Numbers, count: int) -> None:
+    if count > 1 and len(set(x)) < 2:
+        fix = "give 2 numbers or more, or leave this axis out: a table of the other expression alone"
+        raise BadTable(
+            name, f"{what} is a constant, {', '.join(f'{float(each):g}' for each in x[:3]) or 'empty'}; {fix}"
+        )
+    for k, (a, b) in enumerate(pairwise(x)):
+        if not a < b:
+            raise BadTable(
+                name, f"{what} {k + 1} and {k + 2}, {float(a):g} and {float(b):g}, do not increase; sort them"
+            )
+
+
 def _fits(cells: Cells) -> bool:
     """Whether its breakpoints differ, and its numbers are finite, in double precision."""
     try:
-        finite = all(math.isfinite(float(c)) for pieces in cells.derivatives for piece in pieces for c in piece)
-        return finite and all(float(a) < float(b) for a, b in pairwise(cells.x))
+        pieces = (piece for order in cells.orders for piece in cells.of_order(order).values())
+        finite = all(math.isfinite(float(c)) for piece in pieces for c in coefficients(piece))
+        return finite and all(float(a) < float(b) for axis in cells.axes for a, b in pairwise(axis.x))
     except OverflowError:
         return False
 
 
-def _numbers(name: str, what: str, values: Any) -> tuple[Fraction, ...]:
+def _numbers(name: str, what: str, values: Any, each: str = "") -> Numbers:
+    _demand_list(name, what, values, "a list of numbers")
+    return tuple(_number(name, f"{what}{each} {k}", value) for k, value in enumerate(values, 1))
+
+
+def _demand_list(name: str, what: str, values: Any, fix: str) -> None:
     if isinstance(values, str | Mapping | set | sp.Basic) or not isinstance(values, Iterable):
-        raise BadTable(name, f"{what} is {values!r:.60}; give a list of numbers")
-    return tuple(_number(name, f"{what} {k}", value) for k, value in enumerate(values, 1))
+        raise BadTable(name, f"{what} is {values!r:.60}; give {fix}")
 
 
 def _number(name: str, what: str, value: Any) -> Fraction:

@@ -14,6 +14,10 @@
     x = [0, 0.5, 1]
     y = [3, 3.7, 4.2]
     kind = "monotone"                # or "linear", the default
+    [tables.friction]                # of two arguments, friction(x2, x1): z has a row for each of x
+    x = [-1, 0, 1]
+    y = [0, 50]
+    z = [[-2, -1], [0, 0], [2, 1]]
 
 Beside these: meaning and reference (text), known (known answers, a free table), and the tables that files of
 `hgogen.modelfiles` read: `observer` and `tuning` (tuning.py), `trial` (recipe.py), `dissipation` (storage.py).
@@ -43,7 +47,7 @@ from hgogen.system import System
 
 BYTES = 4_000_000  # of one file
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
-NUMBERS = "a list of numbers"
+NUMBERS, ROWS = "a list of numbers", "a list of lists of numbers"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
 _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the one that must be there
     "states": ({**_SIGNAL, "flow": EXPRESSION}, "flow"),
@@ -51,7 +55,8 @@ _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of
     "parameters": (_SIGNAL, "value"),
     "outputs": ({**_SIGNAL, "equation": EXPRESSION}, "equation"),
 }
-_POINTS = {"x": NUMBERS, "y": NUMBERS, "kind": TEXT}
+_POINTS = {"x": NUMBERS, "y": NUMBERS, "z": ROWS, "kind": TEXT}
+_COORDINATES = ("x", "y", "z")
 _TOP = {
     "name": TEXT,
     "meaning": TEXT,
@@ -70,6 +75,7 @@ _EXAMPLES = {
     TABLE: "[...] with keys",
     RANGES: "[[-1, 1], [-2, 2]]",
     NUMBERS: "[0, 0.5, 1]",
+    ROWS: "[[0, 1], [2, 3]]",
 }
 
 
@@ -219,13 +225,18 @@ def _ranges(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(p, list) and len(p) == 2 and all(map(_number, p)) for p in value)
 
 
+def _numbers(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_number, value))
+
+
 _FITS: dict[str, Callable[[Any], bool]] = {
     TEXT: lambda value: isinstance(value, str),
     NUMBER: _number,
     EXPRESSION: lambda value: isinstance(value, str) or _number(value),
     TABLE: lambda value: isinstance(value, dict),
     RANGES: _ranges,
-    NUMBERS: lambda value: isinstance(value, list) and all(map(_number, value)),
+    NUMBERS: _numbers,
+    ROWS: lambda value: isinstance(value, list) and all(map(_numbers, value)),
 }
 
 
@@ -252,11 +263,12 @@ def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signa
 
 
 def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
-    """The table of points of the file. Raises: `BadModelFile`."""
+    """The table of points of the file: y at x, or z at x and y. Raises: `BadModelFile`."""
     where = f"tables.{name}"
     for key in ("x", "y"):
         demand_keys(file, where, entry, _POINTS, key)
-    cells: Cells = named(file, where, cells_of, entry["x"], entry["y"], entry.get("kind", "linear"), name)
+    *axes, values = (entry[key] for key in _COORDINATES if key in entry)
+    cells: Cells = named(file, where, cells_of, axes, values, entry.get("kind", "linear"), name)
     return cells
 
 
@@ -322,12 +334,22 @@ def _entries(signal: Signal) -> Iterable[str]:
 
 def _table(plant: System, cells: Cells) -> Iterable[str]:
     yield from ("", f"[tables.{cells.name}]")
-    for key, numbers in (("x", cells.x), ("y", cells.y)):
-        decimals = [float(number) for number in numbers]
-        if [Fraction(repr(decimal)) for decimal in decimals] != list(numbers):
-            raise NoText(plant.name, f"{key} of the table {cells.name} has a number that is no decimal; round it")
-        yield f"{key} = {decimals}"
+    for key, numbers in zip(_COORDINATES, (*(axis.x for axis in cells.axes), cells.values), strict=False):
+        try:
+            yield f"{key} = {_decimals(numbers)}"
+        except ValueError:
+            reason = f"{key} of the table {cells.name} has a number that is no decimal; round it"
+            raise NoText(plant.name, reason) from None
     yield f"kind = {_quoted(cells.kind)}"
+
+
+def _decimals(numbers: Any) -> Any:
+    """Exact numbers, or tuples of them, as floats whose shortest decimals they are. Raises: `ValueError`."""
+    if isinstance(numbers, tuple):
+        return list(map(_decimals, numbers))
+    if Fraction(repr(float(numbers))) != numbers:
+        raise ValueError
+    return float(numbers)
 
 
 def _expression(plant: System, symbols: Mapping[str, Signal], expression: sp.Expr) -> str:

@@ -7,6 +7,7 @@ values with slopes, which is forward differentiation.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 from .tables import is_table, next_of
@@ -121,7 +122,8 @@ def dual(base: Arithmetic) -> Arithmetic:
         return Dual(value, x.scaled(base.number(exponent) * slope))
 
     def function(name: str, args: tuple[Dual, ...]) -> Dual:
-        value = base.function(name, tuple(arg.value for arg in args))
+        at = tuple(arg.value for arg in args)
+        value = base.function(name, at)
         if not any(arg.slopes for arg in args):
             return Dual(value, {})
         if name in ("Min", "Max"):
@@ -131,7 +133,8 @@ def dual(base: Arithmetic) -> Arithmetic:
             square = base.power(x.value, 2) + base.power(y.value, 2)
             return Dual(value, _sum(y.scaled(x.value / square), x.scaled(-y.value / square)))
         if is_table(name):
-            return Dual(value, args[0].scaled(base.function(next_of(name), (args[0].value,))))
+            rates = (base.function(next_of(name, k), at) if arg.slopes else None for k, arg in enumerate(args))
+            return Dual(value, reduce(_sum, (arg.scaled(rate) for arg, rate in zip(args, rates, strict=True))))
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
     def no_hull(a: Dual, b: Dual) -> Dual:

@@ -45,7 +45,7 @@ _AT_ZERO = {
 
 def _exact_function(name: str, args: tuple[Fraction, ...]) -> Fraction:
     if is_table(name):
-        value = value_at(name, args[0])
+        value = value_at(name, args)
         if value is None:
             raise NotExact
         return value

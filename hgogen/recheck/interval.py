@@ -302,9 +302,9 @@ def _function(name: str, args: tuple[Interval, ...]) -> Interval:
     return _table(name, *args) if is_table(name) else _FUNCTIONS[name](*args)
 
 
-def _table(name: str, x: Interval) -> Interval:
+def _table(name: str, *place: Interval) -> Interval:
     """The range of a table by its exact pieces."""
-    ends = range_on(name, *(_exactly(end) for end in x.ends))
+    ends = range_on(name, [(_exactly(x.ends[0]), _exactly(x.ends[1])) for x in place])
     if ends is None:
         raise Undefined("a derivative of a table where the one before jumps")
     return between(*ends)

@@ -60,7 +60,7 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
     values = {name: point(value) for name, value in at.items()}
     for text in texts:
         for op, args, _ in text.instructions:
-            if is_table(op) and _meets(op, evaluate(replace(text, result=args[0]), values, intervals)):
+            if is_table(op) and _meets(op, [evaluate(replace(text, result=arg), values, intervals) for arg in args]):
                 raise NotShown(f"{cut(text.text)} may have no slope at its witness")
             if op not in ("Abs", "sign", "Min", "Max"):
                 continue
@@ -70,9 +70,10 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
                 raise NotShown(f"{cut(text.text)} may have no slope at its witness")
 
 
-def _meets(table: str, x: Interval) -> bool:
-    """Whether a table's argument may be one of its points."""
-    return any((x - point(place)).sign == 0 for place in table_of(table)[0].places)
+def _meets(table: str, at: Sequence[Interval]) -> bool:
+    """Whether an argument of a table may be one of its points."""
+    axes = table_of(table)[0].axes
+    return any((x - point(place)).sign == 0 for x, places in zip(at, axes, strict=True) for place in places)
 
 
 def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:

@@ -1,79 +1,169 @@
 """Tables of a certificate: functions by points, held at their ends, whose ranges are exact.
 
     Linear(x, m, x_0, y_0, x_1, y_1, ..), Monotone(x, m, x_0, y_0, ..): the derivative of order m at x, 0 for the value
+    Bilinear(x, y, p, q, n, x_1, .., x_n, y_1, .., y_m, z_11, z_12, .., z_nm): that of order p in x and q in y
 
-Between two points Linear is a line. Monotone is the cubic with slopes d_k at its ends: inside 0 where the chords D on
-both sides have not one sign, else 1/d_k the mean of 1/D weighted by w = h + 2 g of the widths h of its own chord and g
-of the other; at an end the slope of the parabola through the three nearest points, 0 against its chord, 3 D at most
-where the next chord turns round (Fritsch and Carlson 1980, Fritsch and Butland 1984). Where a derivative jumps it is
-the set between its limits; on a box that ends there, the limit from within.
+Between two points Linear is a line, and Bilinear one along each axis. What they are at a place, and their slope beside
+it, is a weighted sum of the values at the points: a range is that of such sums, of products of weights along the axes.
+
+Between two points Monotone is the cubic with slopes d_k at its ends: inside 0 where the chords D on both sides have not
+one sign, else 1/d_k the mean of 1/D weighted by w = h + 2 g of the widths h of its own chord and g of the other; at an
+end the slope of the parabola through the three nearest points, 0 against its chord, 3 D at most where the next chord
+turns round (Fritsch and Carlson 1980, Fritsch and Butland 1984). Where a derivative jumps it is the set between its
+limits; on a box that ends there, the limit from within.
 """
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import Any
 
-KINDS = ("Linear", "Monotone")
 MOST = 10_000  # points
 HIGHEST = 8  # order of a derivative
 End = Fraction | float
+Side = tuple[End, End]
+Order = tuple[int, ...]  # one for each argument
 Piece = tuple[Fraction, ...]  # coefficients about the left end, the constant first
-_ZERO = Fraction(0)
+Weights = tuple[tuple[int, Fraction], ...]  # of values by their index; without any the sum is zero
+_ZERO, _ONE = Fraction(0), Fraction(1)
+_NEVER = 5  # more than any order that jumps
+
+
+def _pieces_on(places: Sequence[Fraction], low: End, high: End) -> tuple[int, int]:
+    """The first and the last piece on [low, high], the breakpoints between them inside it; of one breakpoint the
+    pieces on both sides."""
+    first, last = bisect_left(places, low), bisect_right(places, low)
+    return (last, bisect_left(places, high)) if low < high else (first, last)
 
 
 @dataclass(frozen=True)
-class Table:
-    """The points, and the `pieces` of each derivative, one more than points: before the first, between, beyond."""
+class Grid:
+    """Lines along each axis between its `axes`; `values` has an entry for each place of the first, of two axes a row
+    for each place of the second."""
 
-    points: tuple[tuple[Fraction, Fraction], ...]
-    kind: str
+    axes: tuple[tuple[Fraction, ...], ...]
+    values: tuple[Any, ...]
 
     @cached_property
-    def places(self) -> tuple[Fraction, ...]:
-        """The breakpoints."""
-        return tuple(x for x, _ in self.points)
+    def jumps(self) -> tuple[Order, ...]:
+        """For each axis and each of its breakpoints the lowest order that jumps there: 1 where the slopes on both sides
+        differ somewhere along it."""
+        turned = (self.values, tuple(zip(*self.values, strict=True)) if len(self.axes) > 1 else ())
+        return tuple(
+            tuple(
+                1 if a != b else _NEVER for a, b in pairwise(_mixed(_rise(axis, k), rows) for k in range(len(axis) + 1))
+            )
+            for axis, rows in zip(self.axes, turned, strict=False)
+        )
+
+    def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
+        """The least and the largest value on a box; None where it is not bounded."""
+        if any(_beyond(*each) for each in zip(self.axes, self.jumps, order, box, strict=True)):
+            return None
+        weights = [list(_weights(*each)) for each in zip(self.axes, order, box, strict=True)]
+        sums = list(_sums(weights, self.values))
+        return min(sums), max(sums)
+
+
+def _beyond(places: Sequence[Fraction], jumps: Order, order: int, side: Side) -> bool:
+    """Whether a derivative before this one jumps on a side of a box."""
+    first, last = _pieces_on(places, *side)
+    return any(jump < order for jump in jumps[first:last])
+
+
+def _weights(places: Sequence[Fraction], order: int, side: Side) -> Iterator[Weights]:
+    """Those between which a derivative along one axis lies: of the value the ends and the places within, of the slope
+    the pieces."""
+    low, high = side
+    first, last = _pieces_on(places, low, high)
+    if order == 0:
+        yield from (_between_places(places, t) for t in dict.fromkeys((low, *places[first:last], high)))
+    else:
+        yield from (_rise(places, k) if order == 1 else () for k in range(first, last + 1))
+
+
+def _between_places(places: Sequence[Fraction], t: End) -> Weights:
+    """The weights of the value at a place, held beyond the first and the last."""
+    if not places[0] < t < places[-1]:
+        return ((0 if t <= places[0] else len(places) - 1, _ONE),)
+    k = bisect_right(places, t)
+    part = (Fraction(t) - places[k - 1]) / (places[k] - places[k - 1])
+    return ((k - 1, 1 - part), (k, part))
+
+
+def _rise(places: Sequence[Fraction], k: int) -> Weights:
+    """The weights of the slope of piece k, of which the first and the last are constant."""
+    if not 0 < k < len(places):
+        return ()
+    width = places[k] - places[k - 1]
+    return ((k - 1, -1 / width), (k, 1 / width))
+
+
+def _sums(weights: Sequence[Sequence[Weights]], values: Any) -> Iterator[Fraction]:
+    """The weighted sums of the values, for all weights along all axes."""
+    if not weights:
+        yield values
+        return
+    for each in weights[0]:
+        yield from _sums(weights[1:], _mixed(each, values))
+
+
+def _mixed(weights: Weights, values: Sequence[Any]) -> Any:
+    """A weighted sum of numbers or of rows."""
+    if not isinstance(values[0], tuple):
+        return sum((weight * values[k] for k, weight in weights), _ZERO)
+    rows = [tuple(weight * number for number in values[k]) for k, weight in weights]
+    return tuple(map(sum, zip(*rows, strict=True))) if rows else (_ZERO,) * len(values[0])
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Monotone cubics: the points, and the `pieces` of each derivative, one more than points: before the first,
+    between, beyond."""
+
+    points: tuple[tuple[Fraction, Fraction], ...]
+
+    @cached_property
+    def axes(self) -> tuple[tuple[Fraction, ...]]:
+        """The breakpoints of its one axis."""
+        return (tuple(x for x, _ in self.points),)
 
     @cached_property
     def orders(self) -> tuple[tuple[Piece, ...], ...]:
         """The pieces of the value and of its derivatives, of which the fourth is zero."""
-        inner = _lines(self.points) if self.kind == "Linear" else _cubics(self.points)
-        every = [((self.points[0][1],), *inner, (self.points[-1][1],))]
+        every = [((self.points[0][1],), *_cubics(self.points), (self.points[-1][1],))]
         for _ in range(4):
             every.append(tuple(_rate(piece) for piece in every[-1]))
         return tuple(every)
 
     @cached_property
-    def jumps(self) -> tuple[int, ...]:
-        """For each breakpoint the lowest order that jumps there, 5 where none does."""
-        widths = (_ZERO, *(b - a for a, b in pairwise(self.places)))
-        return tuple(
-            next((m for m in range(4) if _at(self.orders[m][k], width) != _at(self.orders[m][k + 1], _ZERO)), 5)
-            for k, width in enumerate(widths)
-        )
+    def jumps(self) -> tuple[Order]:
+        """For each breakpoint the lowest order that jumps there."""
+        widths = (_ZERO, *(b - a for a, b in pairwise(self.axes[0])))
+        return (tuple(self._jump(k, width) for k, width in enumerate(widths)),)
 
-    def pieces_on(self, low: End, high: End) -> tuple[int, int]:
-        """The first and the last piece on [low, high], the breakpoints between them inside it; of one breakpoint the
-        pieces on both sides."""
-        first, last = bisect_left(self.places, low), bisect_right(self.places, low)
-        return (last, bisect_left(self.places, high)) if low < high else (first, last)
+    def _jump(self, k: int, width: Fraction) -> int:
+        differ = (m for m in range(4) if _at(self.orders[m][k], width) != _at(self.orders[m][k + 1], _ZERO))
+        return next(differ, _NEVER)
 
-    def range(self, order: int, low: End, high: End) -> tuple[Fraction, Fraction] | None:
-        """The least and the largest value on [low, high], or bounds of them; None where it is not bounded."""
-        (first, last), order = self.pieces_on(low, high), min(order, 4)
-        if any(jump < order for jump in self.jumps[first:last]):
+    def range(self, order: Order, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
+        """The least and the largest value on a box, or bounds of them; None where it is not bounded."""
+        ((low, high),), m = box, min(order[0], 4)
+        if _beyond(self.axes[0], self.jumps[0], m, (low, high)):
             return None
-        ranges = [self._on(order, k, low, high) for k in range(first, last + 1)]
+        first, last = _pieces_on(self.axes[0], low, high)
+        ranges = [self._on(m, k, low, high) for k in range(first, last + 1)]
         return min(least for least, _ in ranges), max(most for _, most in ranges)
 
     def _on(self, order: int, k: int, low: End, high: End) -> tuple[Fraction, Fraction]:
         piece = self.orders[order][k]
         if not any(piece[1:]):
             return piece[0], piece[0]
-        start, end = self.places[k - 1], self.places[k]  # a piece that is no constant lies between two points
+        start, end = self.axes[0][k - 1], self.axes[0][k]  # a piece that is no constant lies between two points
         return _range(piece, Fraction(max(low, start)) - start, Fraction(min(high, end)) - start)
 
 
@@ -98,13 +188,9 @@ def _range(piece: Piece, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
     return min(values), max(values)
 
 
-def _lines(points: Sequence[tuple[Fraction, Fraction]]) -> list[Piece]:
-    return [(c, (d - c) / (b - a)) for (a, c), (b, d) in pairwise(points)]
-
-
 def _cubics(points: Sequence[tuple[Fraction, Fraction]]) -> list[Piece]:
     widths = [b - a for (a, _), (b, _) in pairwise(points)]
-    chords = [rise for _, rise in _lines(points)]
+    chords = [(d - c) / (b - a) for (a, c), (b, d) in pairwise(points)]
     slopes = _ends(widths, chords)
     pieces: list[Piece] = []
     for k, (h, D) in enumerate(zip(widths, chords, strict=True)):
@@ -137,15 +223,46 @@ def _last(g: Fraction, h: Fraction, C: Fraction, D: Fraction) -> Fraction:
 # --- as the name of a function
 
 
-def name_of(kind: str, order: Fraction, numbers: Sequence[Fraction]) -> str:
-    """The name that stands for a table's derivative in an expression's program. Raises: `ValueError` with the fault."""
-    if order.denominator != 1 or not 0 <= order <= HIGHEST:
-        raise ValueError(f"the order of a derivative is a whole number from 0 to {HIGHEST}")
+def _points(numbers: Sequence[Fraction]) -> tuple[tuple[Fraction, Fraction], ...]:
+    """x and y in turn. Raises: `ValueError` with the fault."""
     if len(numbers) % 2 or not 4 <= len(numbers) <= 2 * MOST:
         raise ValueError(f"a table has x and y of 2 to {MOST} points")
-    if any(a >= b for a, b in pairwise(numbers[::2])):
+    return tuple(zip(numbers[::2], numbers[1::2], strict=True))
+
+
+def _line(numbers: Sequence[Fraction]) -> Grid:
+    x, y = zip(*_points(numbers), strict=True)
+    return Grid((x,), y)
+
+
+def _map(numbers: Sequence[Fraction]) -> Grid:
+    """n, then x, y, and z row by row. Raises: `ValueError` with the fault."""
+    n = int(numbers[0]) if numbers and numbers[0].denominator == 1 and 2 <= numbers[0] < len(numbers) else 0
+    m, rest = divmod(len(numbers) - 1 - n, n + 1)
+    if not n or rest or m < 2 or n * m > MOST:
+        raise ValueError(f"a map has n, n of x, m of y and n m values; n and m are 2 or more, and n m at most {MOST}")
+    x, y, z = numbers[1 : n + 1], numbers[n + 1 : n + m + 1], numbers[n + m + 1 :]
+    return Grid((tuple(x), tuple(y)), tuple(tuple(z[k * m : (k + 1) * m]) for k in range(n)))
+
+
+KINDS: Mapping[str, tuple[int, Callable[[Sequence[Fraction]], Grid | Curve]]] = {  # with the count of arguments
+    "Linear": (1, _line),
+    "Monotone": (1, lambda numbers: Curve(_points(numbers))),
+    "Bilinear": (2, _map),
+}
+
+
+def name_of(kind: str, numbers: Sequence[Fraction]) -> str:
+    """The name that stands for a table's derivative in an expression's program, of its orders and its numbers.
+
+    Raises: `ValueError` with the fault.
+    """
+    count, table = KINDS[kind]
+    if len(numbers) < count or any(m.denominator != 1 or not 0 <= m <= HIGHEST for m in numbers[:count]):
+        raise ValueError(f"the order of a derivative is a whole number from 0 to {HIGHEST}")
+    if any(a >= b for axis in table(numbers[count:]).axes for a, b in pairwise(axis)):
         raise ValueError("the x of a table do not increase")
-    return " ".join((kind, *map(str, (order, *numbers))))
+    return " ".join((kind, *map(str, numbers)))
 
 
 def is_table(name: str) -> bool:
@@ -154,17 +271,17 @@ def is_table(name: str) -> bool:
 
 
 @lru_cache(maxsize=256)
-def table_of(name: str) -> tuple[Table, int]:
+def table_of(name: str) -> tuple[Grid | Curve, Order]:
     """The table, and the order of its derivative."""
-    kind, order, *numbers = name.split()
-    exact = list(map(Fraction, numbers))
-    return Table(tuple(zip(exact[::2], exact[1::2], strict=True)), kind), int(order)
+    kind, *numbers = name.split()
+    count, table = KINDS[kind]
+    return table(tuple(map(Fraction, numbers[count:]))), tuple(map(int, numbers[:count]))
 
 
-def next_of(name: str) -> str:
-    """The name of the derivative."""
-    kind, order, rest = name.split(" ", 2)
-    return f"{kind} {int(order) + 1} {rest}"
+def next_of(name: str, k: int) -> str:
+    """The name of the derivative by argument k, from 0."""
+    kind, *orders = name.split(" ", k + 2)
+    return " ".join((kind, *orders[:k], str(int(orders[k]) + 1), *orders[k + 1 :]))
 
 
 def jumps(name: str) -> bool:
@@ -172,17 +289,16 @@ def jumps(name: str) -> bool:
     if not is_table(name):
         return False
     table, order = table_of(name)
-    return min(table.jumps) <= order
+    return any(min(along) <= m for along, m in zip(table.jumps, order, strict=True))
 
 
-def value_at(name: str, x: Fraction) -> Fraction | None:
-    """The value at a number; None where it jumps."""
-    table, order = table_of(name)
-    ends = table.range(order, x, x)
+def value_at(name: str, at: Sequence[Fraction]) -> Fraction | None:
+    """The value at numbers; None where it jumps."""
+    ends = range_on(name, [(x, x) for x in at])
     return ends[0] if ends and ends[0] == ends[1] else None
 
 
-def range_on(name: str, low: End, high: End) -> tuple[Fraction, Fraction] | None:
-    """The range on [low, high], whose ends may be infinite; None where it has none."""
+def range_on(name: str, box: Sequence[Side]) -> tuple[Fraction, Fraction] | None:
+    """The range on a box, whose ends may be infinite; None where it has none."""
     table, order = table_of(name)
-    return None if math.isnan(low) or math.isnan(high) else table.range(order, low, high)
+    return None if any(math.isnan(end) for side in box for end in side) else table.range(order, box)

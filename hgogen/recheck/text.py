@@ -253,12 +253,13 @@ class _Reader:
         raise self.fault(f"there is no rule for {name} of {len(args)}")
 
     def table(self, kind: str, args: list[int]) -> int:
-        """kind(sum, order, x, y, x, y, ...), all but the first of them numbers."""
-        numbers = [self.numbers.get(arg) for arg in args[1:]]
+        """kind(sum, .., order, .., x, y, x, y, ...): as many arguments and orders as the kind has, then numbers."""
+        count, _ = KINDS[kind]
+        numbers = [self.numbers.get(arg) for arg in args[count:]]
         known = [number for number in numbers if number is not None]
         if len(known) < len(numbers) or not known:
             raise self.fault(f"{kind} has an order and points that are numbers")
         try:
-            return self.put(name_of(kind, known[0], known[1:]), (args[0],))
+            return self.put(name_of(kind, known), tuple(args[:count]))
         except ValueError as error:
             raise self.fault(str(error)) from None
