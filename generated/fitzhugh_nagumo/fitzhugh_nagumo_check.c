@@ -165,8 +165,9 @@ static const unsigned expected[64] = { /* status */
 };
 
 #ifndef FITZHUGH_NAGUMO_EVERY_BIT
-static const float tolerance[5] = {7.921414e-06f, 3.8149035e-05f, 1.2371408e-05f, 2.7162878e-05f,
-    1.27272115e-05f};
+static const float tolerance[5] = {
+    7.921414e-06f, 3.8149035e-05f, 1.2371408e-05f, 2.7162878e-05f, 1.27272115e-05f
+};
 #endif
 
 static bool fitzhugh_nagumo_near(float have, unsigned k, unsigned i)

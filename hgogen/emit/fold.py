@@ -10,6 +10,7 @@ COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
 _MARKS = ("* ", "// ", "/// ", "//! ")  # inside a comment, or of one that ends with the line
 _BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\||else \{) )|(?<!else) (?=\{ )|(?<= = )(?=&)")
+_LIST = re.compile(r"(.*= [{\[])([^(){}\[\]]*)([}\]];)")  # of values, as a table has
 _PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where there is no such place
 
 
@@ -32,6 +33,9 @@ def _fold(line: str) -> list[str]:
     code, mark, comment = text.partition(" /* ")
     if mark:
         return [*_fold(f"{indent}/* {comment}"), *_fold(f"{indent}{code.rstrip()}")]
+    if listed := _LIST.fullmatch(text):
+        head, values, tail = listed.groups()
+        return [f"{indent}{head}", *_filled(values, f"{indent}    ", ""), f"{indent}{tail}"]
     return _broken(line, len(indent))
 
 
