@@ -194,6 +194,30 @@ def test_what_adapt_was_not_called_for_is_made_up_by_the_next() -> None:
     assert np.array_equal(last.x, plain.run(u, y).x[-1])
 
 
+@pytest.mark.parametrize("age", [0, 3, 5])
+def test_a_sample_that_waits_for_adapt_until_it_is_too_old_is_dropped_and_said_to_be(age: int) -> None:
+    """One of `age` periods ago waits for 5 - `age` more, in silence; the next `predict` drops it, and says so once."""
+    step, other = fresh("bent")[0], copy.copy(fresh("bent")[0])
+    for one in (step, other):
+        for _ in range(7):
+            one(0.1, [NAN, 0])
+    step.update(y=0.2, y_age=age)
+    for k in range(8):
+        assert step.flags(step.predict(0.1).status) == (("DROPPED",) if k == 5 - age else ())
+        assert other.predict(0.1).status == 0  # where no sample waits none is dropped
+        last, without = copy.copy(step).adapt(), copy.copy(other).adapt()
+        assert np.array_equal(last.x, without.x) == (k >= 5 - age)
+
+
+def test_a_sample_in_time_is_dropped_as_a_late_one_is() -> None:
+    step, _ = fresh("several")
+    said = []
+    for k in range(7):
+        said.append(step.flags(step.predict(0.0).status))
+        step.update(**({"y2": 0.1} if k == 0 else {}))
+    assert said == [()] * 6 + [("DROPPED",)]
+
+
 def test_both_outputs_late_by_numbers_of_their_own() -> None:
     step, plain = fresh("several", y1=2, y2=4)
     assert [age.interval for age in step.ages] == [(0, 2), (0, 4)]
@@ -549,6 +573,9 @@ def test_the_header_says_how_late_samples_are_given_and_what_they_cost() -> None
     assert f"A period takes {once.operations} operations" in said
     assert f"no more than {worst.operations} and {worst.functions}" in said
     assert f"The state has {worst.state} bytes with them, {once.state} without delays" in said
+    assert "each once a period" not in said
+    assert "adapt, once after them, raises the bits about the estimate" in said
+    assert "drops it, and says DROPPED" in said
     assert "then_predict" not in said
     crate = " ".join(hg.targets.rust(step, check=False)["two.rs"].replace("//!", "").split())
     assert f"no more than {worst.operations} and {worst.functions}" in crate

@@ -14,7 +14,7 @@ from hgogen.emit.cstruct import Member, member, members, named, struct
 from hgogen.emit.csyntax import comment, harmless
 from hgogen.emit.described import of_signal, parameters
 from hgogen.emit.interface import of_section
-from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, late, own, rates, recovery
+from hgogen.emit.manual import FAULTS, RANGES, banner, late, order, own, rates, recovery
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
 from hgogen.reading.time_unit import pace
@@ -139,7 +139,7 @@ def _manual(step: Step, real: Real) -> list[str]:
         missing=_MISSING[bool(step.timed)],
         structs="\n".join(f"    {each.local}" for each in structs(step)),
         changes=" that changes" * bool(step.observer.form.system.tables),
-        parts=_PARTS.substitute(name=step.name, parts=parts, order=ORDER) if step.apart else "",
+        parts=_PARTS.substitute(name=step.name, parts=parts, order=order(step)) if step.apart else "",
         timed=_timed(step) if step.timed else "",
         late=f"\n{late(step, real)}\n" if step.ages else "",
     )

@@ -32,6 +32,12 @@ ORDER = (
     "the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one the bits "
     "about the estimate."
 )
+ORDER_OF_LATE = (
+    "in this order. Call them one by one, and or their statuses, where several samples of an output come in one "
+    "period, or none: predict once a period, an update for each sample, in any order; then adapt, once after them, "
+    "raises the bits about the estimate. Until then no sample is used. Without a sample leave its update out; with NaN "
+    "it raises MISSING."
+)
 _BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line from the value before to that now"}
 
 
@@ -59,6 +65,11 @@ def banner(step: Step, command: str, names: str = "") -> list[str]:
     return [*lines, *_assumed(observer)]
 
 
+def order(step: Step) -> str:
+    """How its sections are called one by one."""
+    return ORDER_OF_LATE if step.ages else ORDER
+
+
 def late(step: Step, real: Real) -> str:
     """How samples that come late are given, and what the worst of it costs; "" of a step without."""
     if step.plain is None:
@@ -71,13 +82,15 @@ def late(step: Step, real: Real) -> str:
     return (
         f"Late samples: {ages}, the number of periods ago in which it was taken, 0 for now, {most}. It is fused in "
         "that period, and what follows is run again, so that the estimate becomes what it would be had the sample come "
-        "in time, with the gains of now. Samples may come in any order, one of an output for each period; an older "
-        "one, a second one of its period, and one whose age is no whole number are not used, and the status says so. "
-        "Where several of an output come in one period, call its update for each, and then adapt, once: it does what "
-        "the samples ask for. MISSING is said of the call, any other bit of every period that the call ran, those that "
-        f"it ran again among them. A period takes {once.operations} operations and {once.functions} functions (root, "
-        f"sine, table, ..), a call that runs all of the {slots} that are remembered no more than {worst.operations} "
-        f"and {worst.functions}. The state has {worst.state} bytes with them, {once.state} without delays."
+        "in time; what is run again has the gains of now. Samples may come in any order, one of an output for each "
+        "period; an older one, a second one of its period, and one whose age is no whole number are not used, and the "
+        "status says so. "
+        "Where adapt is left out in a period, its samples wait; a predict that makes one that waits more than "
+        f"{slots - 1} periods old drops it, and says DROPPED. MISSING is said of the call, any other bit of every "
+        f"period that the call ran, those that it ran again among them. A period takes {once.operations} operations "
+        f"and {once.functions} functions (root, sine, table, ..), a call that runs all of the {slots} that are "
+        f"remembered, as each does of a sensor that is always so late, no more than {worst.operations} and "
+        f"{worst.functions}. The state has {worst.state} bytes with them, {once.state} without delays."
     )
 
 

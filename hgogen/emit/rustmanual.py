@@ -2,7 +2,7 @@
 
 from hgogen.emit import naming
 from hgogen.emit.code import indented
-from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, late, own, rates, recovery
+from hgogen.emit.manual import FAULTS, RANGES, banner, late, order, own, rates, recovery
 from hgogen.emit.ruststruct import doc
 from hgogen.emit.rustsyntax import line, rust_name
 from hgogen.emit.syntax import Real
@@ -61,7 +61,7 @@ def _manual(step: Step, real: Real) -> list[str]:
     every = pace(step.dt, step.time)
     begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
     sections = ", ".join(f"`{section.name}`" for section in step.sections)
-    parts = [f"`step` is {sections}: {ORDER}"] if step.apart else []
+    parts = [f"`step` is {sections}: {order(step)}"] if step.apart else []
     if step.timed:
         parts += [_TIMED.format(rates=rates(step), function=step.timed[-1].name, round=ROUND, oldest=OLDEST)]
     parts += [late(step, real)] if step.ages else []

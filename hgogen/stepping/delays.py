@@ -3,15 +3,17 @@
 A ring of K + 1 periods, of which `state.period_at` is now, holds of each the input that was given, the samples that
 were taken in it, and all memory of the step without delays, as its `predict` left it there.
 
-    predict     the next period takes the place of the oldest; predict, and remember the memory
+    predict     the next period takes the place of the oldest, whose samples are dropped if adapt was not called for
+                them; predict, and remember the memory
     update_y    the sample goes to the period in which it was taken, `age` periods ago
     adapt       the memory becomes that of the oldest period that is not complete; each period from there on to now:
                 predict (but for the first, which was), update with its samples, adapt
 
-So what is estimated is, bit for bit, what the step without delays makes of the samples in the order of time, with the
-gains and parameters of now. What is no number is held as `NONE`, which every guard takes for that too. The status
-tells what happened in any period that a call ran. Whatever a step remembers is carried back and on: counts of the law
-of recovery, theta, predictors. A restart behind a late sample comes again, or does not, as that sample has it.
+So what is estimated is, bit for bit, what the step without delays makes of the samples in the order of time. What is
+run again has the gains and parameters of now, from the correction in its first period on. What is no number is held as
+`NONE`, which every guard takes for that too. The status tells what happened in any period that a call ran. Whatever a
+step remembers is carried back and on: counts of the law of recovery, theta, predictors. A restart behind a late sample
+comes again, or does not, as that sample has it.
 """
 
 from collections.abc import Iterable, Mapping
@@ -52,6 +54,7 @@ NONE = 3.2e38  # a finite float beyond the largest number that counts as one
 PERIOD, MEMORY = "period", "memory"  # the two rings
 AT, FILLED, DUE = (Place("state", name) for name in ("period_at", "period_filled", "period_due"))
 DATED, SLOT, VACANT = (Place("work", name) for name in ("dated", "slot", "vacant"))
+WAITED = Place("work", "waited")
 RUNS, AGAIN, LATER = (Place("work", name) for name in ("runs", "again", "later"))
 MOST = 1000  # samples by which one may be late
 IN_TIME = Hypothesis(
@@ -235,8 +238,11 @@ class _Delayed:
             AT: ca.if_else(at >= most - 1, 0, at + 1),
             FILLED: ca.if_else(filled < most, filled + 1, most),
             DUE: ca.if_else(due < most, due + 1, most),
+            WAITED: due >= most,
         }
         nothing = {Place(PERIOD, "y_given"): ca.SX(column([NONE] * len(plain.outputs)))}
+        sampled = ca.mmin(ca.fabs(sym(PERIOD, "y_given", len(plain.outputs)))) <= LARGEST_NUMBER
+        late = When(WAITED, (Block("its samples wait no longer", {Place("status", "DROPPED"): sampled}),))
         raw = (sym("input", signal.name) for signal in plain.inputs)
         input = column(ca.if_else(ca.fabs(u) <= LARGEST_NUMBER, u, NONE) for u in raw)
         begin = {Place("state", "u_given"): input} if plain.inputs else {}
@@ -244,7 +250,7 @@ class _Delayed:
         program: Program = (
             Block("the next period takes the place of the oldest", after),
             *((Block("the input of this period", begin),) if begin else ()),
-            Loop(PERIOD, 1, (Block("a period without samples", {**nothing, **writes}),), start=AT),
+            Loop(PERIOD, 1, (late, Block("a period without samples", {**nothing, **writes})), start=AT),
             Call(predict),
             Call(self._remember),
         )
@@ -323,8 +329,10 @@ class _Delayed:
 
     @property
     def _bits(self) -> tuple[Bit, ...]:
-        """Its words for the status of samples that may be late."""
-        bits = []
+        """Its words for the status of samples that may be late, and of those that waited."""
+        oldest = self._count - 1
+        dropped = f"a sample waited for adapt until it was more than {oldest} periods old: dropped, not used"
+        bits = [Bit("DROPPED", dropped, "call adapt before predict makes a sample that waits older than that")]
         for output, age in self._ages.items():
             most = f"{age.interval[1]:g}"
             late = (

@@ -45,7 +45,7 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
     ),
     "UNDATED": (
         "the age of the sample of {} is no whole number of periods, 0 or more: not used",
-        "give the age in periods, 0 for a sample of now",
+        "round the age to whole periods, 0 for a sample of now",
     ),
     "REPEATED": ("a second sample of {} in one period: not used", "give each sample once"),
     "REUSED": (
