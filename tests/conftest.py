@@ -3,7 +3,16 @@
 import gc
 import os
 
+from hypothesis import HealthCheck, settings
+
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each process that a test starts would compile the whole package
+
+# How long an example takes says nothing: a first one may import what it needs. Where CI is set examples are the same
+# each time, with any version of hypothesis.
+settings.register_profile(
+    "hgogen", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize="CI" in os.environ
+)
+settings.load_profile("hgogen")
 
 
 def pytest_collection_finish() -> None:
