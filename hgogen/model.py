@@ -48,7 +48,8 @@ _PYTHON = MappingProxyType(
 )
 _PLAIN = MappingProxyType(
     {
-        "step": "an observer table, such as kind = 'high_gain', theta = 20, poles = [-1, -1], dt = 1e-3",
+        "step": "an observer table, such as kind = 'high_gain', theta = 20, poles = [-1, -1], dt = 1e-3, "
+        "or name one: --observer riccati",
         "trial": "a trial table, such as duration = 10, start = {x1 = 1}",
         "tuning": "a table [tuning.{observer}] with {arguments}",
     }

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.commands.fitting import _verdicts
+from hgogen.commands.fitting import By, _verdicts
 from hgogen.identification import lag as lag_module
 from hgogen.identification import robust as robust_module
 from hgogen.identification.fit import CannotFit
@@ -532,6 +532,8 @@ def test_what_predicts_worse_than_others_is_said() -> None:
         "y is predicted worse than before the fit, 5, 25 samples ahead, in the rows held out",
     ]
     assert list(_verdicts([{**row, "fitted": 1.0}])) == []
+    assert all("under feedback that refutes nothing" in said for said in _verdicts([row], By.PREDICTION))
+    assert "feedback" not in "".join(_verdicts([{**row, "ahead": 1}], By.PREDICTION))
 
 
 # --- values from a file -----------------------------------------------------------------------------------------
@@ -579,6 +581,35 @@ def test_the_command_writes_what_every_command_takes(here: Path) -> None:
     k = result["parameters"]["k"]
     assert hg.load(here / "spring.toml").valued({"k": k}).plant.nominal[hg.Signal("k", nominal=k, low=1, high=20)]
     assert json.loads(shown)["model"].endswith("spring.toml")
+
+
+def test_a_fit_at_another_period_is_on_its_grid(here: Path) -> None:
+    words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--starts", "1", "--json")
+    (record,) = json.loads(hgogen(*words, "--dt", str(2 * DT))[0])["records"]
+    assert (record["dt"], record["samples"]) == (2 * DT, (N + 1) // 2)
+
+
+def test_an_offset_is_taken_off_before_rows_held_out_judge(here: Path) -> None:
+    """So that they are predicted as if the sensor had none; the next commands are told to do the same."""
+    plain, moved = log(6), []
+    for constant in (0.0, 0.5):
+        numbers = np.column_stack([DT * np.arange(N), plain.u, plain.y + constant])
+        np.savetxt(here / "log.csv", numbers, delimiter=",", header="t,u,y", comments="")
+        words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1")
+        moved.append(json.loads(hgogen(*words, "--offset", "y", "--json")[0]))
+    before, after = ([one["fitted"] for one in each["predictions"]] for each in moved)
+    assert after == pytest.approx(before, rel=1e-4)
+    assert f"by --map 'y=[COLUMN] - ({moved[1]['offsets']['y']:.5g})'" in moved[1]["notes"][-1]
+
+
+def test_where_every_row_held_out_is_rejected_that_is_said(here: Path) -> None:
+    text = (here / "log.csv").read_text().splitlines()
+    cut = round(0.7 * N)
+    far = [",".join([*line.split(",")[:2], "1e6"]) for line in text[cut + 1 :]]
+    (here / "log.csv").write_text("\n".join([*text[: cut + 1], *far]) + "\n")
+    stdout, _ = hgogen("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--starts", "1")
+    said = "nothing judges the fit; there is no sample in the rows held out that its observer does not reject"
+    assert said in " ".join(stdout.split())
 
 
 def test_a_fit_is_written_as_a_model(here: Path) -> None:

@@ -391,7 +391,7 @@ def test_its_trial_is_the_one_written(tmp_path: Path) -> None:
 
 def test_missing_tables_are_named(tmp_path: Path) -> None:
     loaded = load(written(tmp_path, PLANT))
-    with pytest.raises(MissingPart, match="defines no step, which this command needs; add an observer table"):
+    with pytest.raises(MissingPart, match=r"add an observer table.*, or name one: --observer riccati"):
         loaded.step()
     with pytest.raises(MissingPart, match="defines no trial, which this command needs; add a trial table"):
         loaded.trials()

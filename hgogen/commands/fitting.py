@@ -10,6 +10,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from hgogen.call import CallableStep
@@ -49,6 +50,10 @@ BEGUN = "fit_begun.json"  # the file of a fit that is not done
 EVERY = 1.0  # seconds, or more, between two writings of it
 _AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
 _JUDGE = "riccati"  # the observer that starts predictions where the model has none
+_FEEDBACK = (
+    "under feedback that refutes nothing, since inputs ahead answer noise that is still to come: judge by hgogen tune, "
+    "one sample ahead"
+)
 
 
 class By(StrEnum):
@@ -118,7 +123,17 @@ def fit_(
 
     plant = loaded.plant
     held = WINDOWS["forward"]  # the fit holds an input from its sample to the next
-    logs = logs_of(plant, data, held_out, time=time, period=period, pairs=map_ or (), shift=shift or (), window=held)
+    logs = logs_of(
+        plant,
+        data,
+        held_out,
+        dt=setting.dt,
+        time=time,
+        period=period,
+        pairs=map_ or (),
+        shift=shift or (),
+        window=held,
+    )
     records, cuts = logs.records, logs.cuts
     with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, _writing(folder, bar) as each:
         result = fit(
@@ -137,7 +152,7 @@ def fit_(
     judged, unjudged = (
         _judgement(loaded, observer, result, records, cuts) if held_out else ([], "no rows were held out")
     )
-    verdicts = tuple(_verdicts(judged))
+    verdicts = (*_verdicts(judged, by), *_without_offset(result))
     drawn = {
         f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(plant.outputs)[:cut], y)
         for k, (record, cut, y) in enumerate(zip(records, cuts, result.fitted, strict=True), 1)
@@ -229,11 +244,12 @@ def _judgement(
 ) -> tuple[list[dict[str, Any]], str]:
     """The errors, or why there are none: an observer that does not take the plant leaves the fit what it is."""
     try:
-        return list(_judged(model, observer, result, records, cuts)), ""
+        judged = list(_judged(model, observer, result, records, cuts))
     except HgogenError as error:
         if observer is not None:  # asked for by name
             raise
         return [], f"no observer estimates the rows held out: {error}"
+    return judged, "" if judged else "there is no sample in the rows held out that its observer does not reject"
 
 
 def _judged(
@@ -243,7 +259,11 @@ def _judged(
     plant as it was."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     for record, cut in zip(records, cuts, strict=True):
-        after, before = (_predicted(_step(one, observer, record.report.dt), record, cut) for one in (fitted, model))
+        u, y = record.of(model.plant.inputs), record.of(model.plant.outputs)
+        after, before = (
+            _predicted(_step(one, observer, record.report.dt), u, read, cut)
+            for one, read in ((fitted, y - _offsets(result)), (model, y))
+        )
         for one, other in zip(after, before, strict=True):
             yield {
                 "record": record.report.path,
@@ -255,15 +275,17 @@ def _judged(
             }
 
 
-def _verdicts(judged: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _verdicts(judged: Sequence[Mapping[str, Any]], by: By = By.SIMULATION) -> Iterator[str]:
     """Where rows held out are predicted worse than by other means."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
     for record, output in dict.fromkeys((one["record"], one["output"]) for one in judged):
         rows = [one for one in judged if (one["record"], one["output"]) == (record, output) and one["ahead"]]
         for rival, than in rivals.items():
-            worse = [str(one["ahead"]) for one in rows if one["fitted"] > WORSE * (one[rival] or math.inf)]
+            worse = [one["ahead"] for one in rows if one["fitted"] > WORSE * (one[rival] or math.inf)]
+            doubt = f"; {_FEEDBACK}" if by is By.PREDICTION and max(worse, default=1) > 1 else ""
             if worse:
-                yield f"{output} is predicted worse {than}, {', '.join(worse)} samples ahead, in the rows held out"
+                ahead = ", ".join(map(str, worse))
+                yield f"{output} is predicted worse {than}, {ahead} samples ahead, in the rows held out{doubt}"
 
 
 def _step(model: Model, observer: str | None, dt: float) -> CallableStep:
@@ -272,8 +294,20 @@ def _step(model: Model, observer: str | None, dt: float) -> CallableStep:
     return model.set(replace(model.setting, dt=dt, parameters=None)).step(observer or (None if own else _JUDGE))
 
 
-def _predicted(step: CallableStep, record: Record, cut: int) -> tuple[Prediction, ...]:
-    u, y = record.of(step.inputs), record.of(step.outputs)
+def _offsets(result: Fit) -> np.ndarray:
+    """The constant that the sensor of each output adds (p,)."""
+    values = {one.name: one.value for one in result.offsets}
+    return np.array([values.get(y.name, 0.0) for y in result.plant.outputs])
+
+
+def _without_offset(result: Fit) -> Iterator[str]:
+    """What to do about an offset in the commands that follow, whose observers know of none."""
+    for one in result.offsets:
+        taken = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
+        yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {taken}, in its unit"
+
+
+def _predicted(step: CallableStep, u: np.ndarray, y: np.ndarray, cut: int) -> tuple[Prediction, ...]:
     step = step.undelayed
     done = step.run(u=u, y=y, engine=engine_here())
     return predictions(step, done.since(cut), u[cut:], y[cut:], _AHEAD)

@@ -27,6 +27,7 @@ from hgogen.reading.tabular import log_of
 from hgogen.reading.time_unit import plural, seconds
 from hgogen.signal import Signal
 
+_BEAT = 0.01  # of a period or more off a whole multiple: rows and samples drift past each other
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
 
 
@@ -202,7 +203,13 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     """A note where the record is much slower or faster than the step."""
     factor = period / dt
     if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
-        return ()
+        whole = max(factor, 1 / factor)
+        if abs(whole - round(whole)) < _BEAT:
+            return ()
+        return (
+            f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: rows and "
+            f"samples fall apart; with --dt {period:.5g} (dt=) each sample has its row",
+        )
     if 500 < factor < 2000:
         doubt = f"are its times milli{plural(unit)}? They are read as {plural(unit)}"
     elif factor > 1:
