@@ -78,6 +78,14 @@ def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp
     return function(cells, order or cells.plain)(*arguments)
 
 
+def held(expression: sp.Expr) -> sp.Expr:
+    """The expression with every table held at its ends, as programs compute it: where arguments may leave its points,
+    what stands for it between them is another function."""
+    return expression.replace(
+        lambda node: isinstance(node, Table), lambda node: applied(node.cells.holding(), node.args, node.order)
+    )
+
+
 def next_order(order: Index, k: int) -> Index:
     """The order of the derivative by argument k, from 0."""
     return (*order[:k], order[k] + 1, *order[k + 1 :])
