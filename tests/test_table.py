@@ -593,6 +593,19 @@ def test_beyond_the_image_of_the_plant_s_box_a_phase_form_s_table_is_held() -> N
     assert 40 < rise <= bound.high  # 2 of it without the table
 
 
+def test_a_slope_is_not_taken_for_another_table_of_its_name() -> None:
+    """The slope of T beside a table that is called T_1, T between its ends beside T_within_0: in SymPy's order, and in
+    numpy's functions."""
+    T, other, third = (
+        hg.table(X, [0, 1, 2], ys, name=name)
+        for name, ys in (("T", [0, 1, 3]), ("T_1", [5, 6, 5]), ("T_within_0", [8, 7, 9]))
+    )
+    between = one_sided(T, {X: (Fraction(0), Fraction(2))})
+    for a, b, difference in ((T.diff(X), other, 1 - 5.5), (between, third, 0.5 - 7.5)):
+        assert sp.Add(a, -b) == sp.Add(-b, a)
+        assert sp.lambdify(X, a - b)(0.5) == difference
+
+
 # --- plain text ---------------------------------------------------------------------------------------------
 
 CELL = """

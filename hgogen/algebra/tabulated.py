@@ -98,9 +98,9 @@ def function(cells: Cells, order: Index) -> FunctionClass:
     kind = Stepped if left < 0 else Kinked if left == 0 else Table
     held = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
     held["_imp_"] = staticmethod(_floats(cells, order))
-    within = "".join(f"_within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
-    name = "_".join([f"{cells.name}{within}", *(map(str, order) if any(order) else ())])  # of its own for lambdify
-    return FunctionClass(name, (kind,), held)
+    within = (f"within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
+    parts = (cells.name, *within, *(map(str, order) if any(order) else ()))
+    return FunctionClass("__".join(parts), (kind,), held)  # for lambdify, a name that no other table has
 
 
 def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
