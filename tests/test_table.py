@@ -32,6 +32,7 @@ from hgogen.emit.csyntax import C
 from hgogen.emit.portable import tables
 from hgogen.emit.pygraph import DTYPE, evaluated
 from hgogen.graph import to_casadi
+from hgogen.intervals.box import box
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import nonzero
@@ -575,6 +576,34 @@ def test_a_form_that_asks_for_more_smoothness_says_so() -> None:
         assert "has no derivative somewhere" in str(rank.reason)
         assert rank.fix
         assert hg.observability(plant).rank == 2  # between its ends; beyond them a table shows nothing
+
+
+def test_beyond_the_image_of_the_plant_s_box_a_phase_form_s_table_is_held() -> None:
+    """T(v)/(6 + v) is 1 on the box of v, where T is 6 + v; the box of z reaches to v = -5, where T is 5, and the slope
+    of what is computed is -10 5/(6 + v)^2."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    flow = [v - 2 * x, 10 * hg.table(v, [-1, 1], [5, 7], name="T") / (6 + v)]
+    form = hg.forms.phase(hg.System("p", states=(x, v), outputs=(hg.Signal("y"),), flow=flow, output=[x]))
+    bound = lipschitz_bound(form.b, form.states, box(form.states))
+    z = ca.SX.sym("z", 2)
+    phi = ca.Function("phi", [z], to_casadi([form.b[1]], dict(zip(form.states, ca.vertsplit(z), strict=True))))
+    low = form.states[1].low
+    rise = abs(float(phi([-1, low + 1e-3]) - phi([-1, low]))) / 1e-3
+    assert bound.verdict is Verdict.PROVED
+    assert 40 < rise <= bound.high  # 2 of it without the table
+
+
+def test_a_slope_is_not_taken_for_another_table_of_its_name() -> None:
+    """The slope of T beside a table that is called T_1, T between its ends beside T_within_0: in SymPy's order, and in
+    numpy's functions."""
+    T, other, third = (
+        hg.table(X, [0, 1, 2], ys, name=name)
+        for name, ys in (("T", [0, 1, 3]), ("T_1", [5, 6, 5]), ("T_within_0", [8, 7, 9]))
+    )
+    between = one_sided(T, {X: (Fraction(0), Fraction(2))})
+    for a, b, difference in ((T.diff(X), other, 1 - 5.5), (between, third, 0.5 - 7.5)):
+        assert sp.Add(a, -b) == sp.Add(-b, a)
+        assert sp.lambdify(X, a - b)(0.5) == difference
 
 
 # --- plain text ---------------------------------------------------------------------------------------------

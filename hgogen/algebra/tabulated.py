@@ -78,6 +78,14 @@ def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp
     return function(cells, order or cells.plain)(*arguments)
 
 
+def held(expression: sp.Expr) -> sp.Expr:
+    """The expression with every table held at its ends, as programs compute it: where arguments may leave its points,
+    what stands for it between them is another function."""
+    return expression.replace(
+        lambda node: isinstance(node, Table), lambda node: applied(node.cells.holding(), node.args, node.order)
+    )
+
+
 def next_order(order: Index, k: int) -> Index:
     """The order of the derivative by argument k, from 0."""
     return (*order[:k], order[k] + 1, *order[k + 1 :])
@@ -90,9 +98,9 @@ def function(cells: Cells, order: Index) -> FunctionClass:
     kind = Stepped if left < 0 else Kinked if left == 0 else Table
     held = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
     held["_imp_"] = staticmethod(_floats(cells, order))
-    within = "".join(f"_within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
-    name = "_".join([f"{cells.name}{within}", *(map(str, order) if any(order) else ())])  # of its own for lambdify
-    return FunctionClass(name, (kind,), held)
+    within = (f"within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
+    parts = (cells.name, *within, *(map(str, order) if any(order) else ()))
+    return FunctionClass("__".join(parts), (kind,), held)  # for lambdify, a name that no other table has
 
 
 def _floats(cells: Cells, order: Index) -> Callable[..., Any]:

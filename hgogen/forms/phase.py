@@ -19,7 +19,7 @@ import sympy as sp
 from hgogen.algebra.kinks import at_kinks
 from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
-from hgogen.algebra.tabulated import Table
+from hgogen.algebra.tabulated import Table, held
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
@@ -161,7 +161,8 @@ def _map(plant: System) -> _Map:
 def _changed(
     whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...], recovered: bool
 ) -> Form:
-    """The form in z = (y, y', ..), each with the range that Phi has on the box."""
+    """The form in z = (y, y', ..), each with the range that Phi has on the box. Beyond the image of the plant's box the
+    arguments of tables may leave their points."""
     plant, n = whole.plant, len(z)
     box_x = box(plant.signals, plant.nominal)
     (y,) = plant.outputs
@@ -169,8 +170,8 @@ def _changed(
         _derivative(s.name, y, e, k, box_x, plant.time) for k, (s, e) in enumerate(zip(z, whole.Phi, strict=True))
     )
     rename = dict(zip(z, states, strict=True))
-    psi = {x: e.xreplace(rename) for x, e in back.items()}
-    phi = min((e := whole.phi.xreplace(psi), tidy(e)), key=lambda e: size([e]))
+    psi = {x: held(e.xreplace(rename)) for x, e in back.items()}
+    phi = min((e := held(whole.phi).xreplace(psi), tidy(e)), key=lambda e: size([e]))
     around = box((*states, *plant.inputs, *plant.parameters), plant.nominal)
     direct = not recovered and bound(phi, around, boxes=_POLES).defined
     zeros = (sp.S.Zero,) * (n - 1)
