@@ -25,6 +25,7 @@ from hgogen.emit.syntax import Real
 from hgogen.program import Place, Program
 from hgogen.reading.given import BadGain
 from hgogen.step import CannotUpdate
+from hgogen.stepping import delays
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.machine import Machine
 
@@ -371,6 +372,13 @@ def test_bad_delays(name: str) -> None:
     make, said = BAD[name]
     with pytest.raises(BadGain, match=said):
         make()
+
+
+def test_its_theorem_is_claimed_under_a_model_that_foretells_to_now() -> None:
+    late = hg.delayed(observer("linear"), y=5)
+    (added,) = set(late.theorem.hypotheses) - set(observer("linear").theorem.hypotheses)
+    assert added == delays.IN_TIME
+    assert added.verdict is hg.Verdict.UNKNOWN
 
 
 def test_a_name_that_the_plant_has_already() -> None:

@@ -724,3 +724,13 @@ def test_the_checker_knows_which_derivative_of_a_table_jumps() -> None:
     numbers = list(map(Fraction, (0, 0, 1, 1, 2, 3)))
     names = [tables_module.name_of("Linear", [Fraction(order), *numbers]) for order in (0, 1)]
     assert [tables_module.jumps(name) for name in names] == [False, True]
+
+
+def test_the_checker_s_ranges_of_cubics_end_where_their_pieces_do() -> None:
+    numbers = list(map(Fraction, (0, 0, 1, 1, 2, 3, 3, 3)))
+    value, bend = (rechecked.name_of("Monotone", [Fraction(order), *numbers]) for order in (0, 2))
+    half = rechecked.value_at(value, [Fraction(1, 2)])
+    for high in (Fraction(5, 2), math.inf):  # at rest from 2 on
+        assert rechecked.range_on(value, [(Fraction(1, 2), high)]) == (half, 3)
+    assert rechecked.range_on(bend, [(Fraction(1), Fraction(1))]) == (Fraction(1, 3), Fraction(20, 3))
+    assert rechecked.value_at(bend, [Fraction(1)]) is None  # it jumps there
