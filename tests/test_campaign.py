@@ -458,6 +458,7 @@ def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
     assert file.read_text().splitlines(keepends=True) == after
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_a_truth_is_ended_by_ctrl_c_and_not_taken_for_a_failure() -> None:
     """CasADi takes what a handler raises for a plant that cannot be integrated."""
     long = Trial("long", 2000.0, {"x1": 1.0, "x2": 0.0}, {"u": sp.sin(t)})

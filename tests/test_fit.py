@@ -478,6 +478,7 @@ def test_bad_records_are_refused() -> None:
         hg.fit(plants.chain(2), hg.Log(np.zeros((20, 0)), np.zeros(20), 0.1))
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_ends_it() -> None:
     """CasADi would take it for a model that has no value, and go on."""
     calls = []
@@ -486,15 +487,11 @@ def test_an_interrupt_ends_it() -> None:
         calls.append((progress.start, progress.iteration))
         os.kill(os.getpid(), signal.SIGINT)
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            hg.fit(PLANT, log(count=40), starts=2, each=each)
-        assert calls == [(0, 0)]
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of a process in the background
-        assert len(hg.fit(PLANT, log(count=40), starts=2, each=each).starts) == 2
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with pytest.raises(KeyboardInterrupt):
+        hg.fit(PLANT, log(count=40), starts=2, each=each)
+    assert calls == [(0, 0)]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of a process in the background
+    assert len(hg.fit(PLANT, log(count=40), starts=2, each=each).starts) == 2
 
 
 def test_a_chaotic_plant_is_fitted_from_one_output() -> None:

@@ -79,6 +79,7 @@ def test_what_no_fit_left_is_refused(table: dict[str, Any]) -> None:
         progress_of(table)
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_the_command_goes_on_after_a_stop(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     """The file is there after Ctrl-C, serves once, and is gone at the end."""
     words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
@@ -95,13 +96,9 @@ def test_the_command_goes_on_after_a_stop(here: Path, monkeypatch: pytest.Monkey
 
         return whole(*records, each=then, **options)
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with monkeypatch.context() as patched:
-            patched.setattr(fitting, "fit", cut)
-            _, said = hgogen(*words, status=2)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with monkeypatch.context() as patched:
+        patched.setattr(fitting, "fit", cut)
+        _, said = hgogen(*words, status=2)
     assert "the same command with --resume goes on from iteration 3 of search 1" in " ".join(said.split())
     begun = here / "out" / "fit_begun.json"
     assert progress_of(json.loads(begun.read_text())).iteration == 3
