@@ -97,10 +97,14 @@ class Cells:
             min(each[first:last], default=NEVER) for each, (first, last) in zip(self.smooth, spans, strict=True)
         )
 
+    def continuous(self, spans: Spans, order: Sequence[int]) -> tuple[bool, ...]:
+        """For each axis, whether a derivative has no jump at a breakpoint between two cells."""
+        return tuple(k < smooth for k, smooth in zip(order, self.least_smooth(spans), strict=True))
+
     def at(self, place: Sequence[Fraction], order: Index) -> Fraction | None:
         """The value of a derivative; None where it jumps."""
         spans = self.met([(t, t) for t in place])
-        if any(smooth <= k for smooth, k in zip(self.least_smooth(spans), order, strict=True)):
+        if not all(self.continuous(spans, order)):
             return None
         cell = tuple(last for _, last in spans)
         d = [t - start for t, start in zip(place, self.starts(cell), strict=True)]
@@ -115,7 +119,7 @@ class Cells:
         """Numbers between which a derivative lies on a box, with all its limits where it jumps; None where one before
         it jumps as well."""
         spans = self.met(box)
-        if any(smooth < k for smooth, k in zip(self.least_smooth(spans), order, strict=True)):
+        if not all(self.continuous(spans, [k - 1 for k in order])):
             return None
         whole = _whole(self, order)
         ends = [

@@ -101,7 +101,7 @@ def _table(place: Sequence[Ball], cells: Cells, order: Index) -> Ball:
     if not all(a.is_finite() for a in place):
         return _NAN
     spans = cells.met(list(map(ends, place)))
-    if any(smooth <= k for smooth, k in zip(cells.least_smooth(spans), order, strict=True)):
+    if not all(cells.continuous(spans, order)):
         return _NAN
     pieces = cells.of_order(order)
     distances = ([a - _rational(s) for a, s in zip(place, cells.starts(cell), strict=True)] for cell in over(spans))

@@ -16,12 +16,14 @@ Array = np.ndarray
 def arriving(step: Step, y: Array) -> Array:
     """Samples y (N, p) in the order of time as they come where each is as late as it may be; of a step without delays
     as they are."""
+    if not step.ages:
+        return y
     came = [y[:, j] for j in range(len(step.outputs))]
     for output, age in zip(step.late, step.ages, strict=True):
         j, most = step.outputs.index(output), int(age.interval[1])
         came[j] = np.concatenate([np.full(min(most, len(y)), np.nan), y[: max(0, len(y) - most), j]])
         came.append(np.full(len(y), float(most)))
-    return np.column_stack(came) if came else y
+    return np.column_stack(came)
 
 
 def in_time(step: Step, samples: Array) -> Array:

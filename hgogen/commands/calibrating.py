@@ -108,10 +108,10 @@ def tune_(
         dt=setting.dt,
         time=time,
         period=period,
-        pairs=map_ or (),
+        pairs=map_,
+        shift=shift,
         beside=beside,
         options=options,
-        shift=shift or (),
         window=WINDOWS[between.value],
     )
     measured = [{state: columns[name] for state, (name, _) in true.items()} for columns in logs.columns(list(beside))]

@@ -123,17 +123,7 @@ def fit_(
 
     plant = loaded.plant
     held = WINDOWS["forward"]  # the fit holds an input from its sample to the next
-    logs = logs_of(
-        plant,
-        data,
-        held_out,
-        dt=setting.dt,
-        time=time,
-        period=period,
-        pairs=map_ or (),
-        shift=shift or (),
-        window=held,
-    )
+    logs = logs_of(plant, data, held_out, dt=setting.dt, time=time, period=period, pairs=map_, shift=shift, window=held)
     records, cuts = logs.records, logs.cuts
     with Bar("iterations", (starts + AGAIN * robust) * ITERATIONS) as bar, _writing(folder, bar) as each:
         result = fit(
@@ -195,25 +185,26 @@ def _begun(folder: Folder) -> dict[str, Any]:
 def _writing(folder: Folder, bar: Bar) -> Iterator[Callable[[Progress], None]]:
     """A function that shows the progress that it is called with, and writes it, no more often than every `EVERY`
     seconds; the last one is written at a Ctrl-C."""
-    last: list[Progress] = []
-    written = [-math.inf]
+    last: Progress | None = None
+    written = -math.inf
 
     def each(progress: Progress) -> None:
-        last[:] = [progress]
+        nonlocal last, written
+        last = progress
         bar.reach(progress.start * ITERATIONS + progress.iteration)
-        if monotonic() - written[0] > EVERY:
-            write()
+        if monotonic() - written > EVERY:
+            write(progress)
+            written = monotonic()
 
-    def write() -> None:
-        folder.write({BEGUN: json_text(last[0].as_dict(), indent=0) + "\n"})
-        written[0] = monotonic()
+    def write(progress: Progress) -> None:
+        folder.write({BEGUN: json_text(progress.as_dict(), indent=0) + "\n"})
 
     try:
         yield each
     except KeyboardInterrupt:
-        if last:
-            write()
-            where = f"iteration {last[0].iteration} of search {last[0].start + 1}"
+        if last is not None:
+            write(last)
+            where = f"iteration {last.iteration} of search {last.start + 1}"
             note(f"the fit was stopped; the same command with --resume goes on from {where}")
         raise
 

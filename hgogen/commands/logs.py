@@ -12,7 +12,7 @@ import typer
 
 from hgogen.identification.records import Log, beyond
 from hgogen.reading.assigned import mapping, shifts_of
-from hgogen.reading.averaged import WINDOWS, Window
+from hgogen.reading.averaged import Window
 from hgogen.reading.measured import Record, read
 from hgogen.system import System
 
@@ -80,20 +80,20 @@ def logs_of(
     dt: float | None = None,
     time: str | None,
     period: float | None,
-    pairs: Sequence[str],
+    pairs: Sequence[str] | None,
     beside: Mapping[str, str] = MappingProxyType({}),
     options: Mapping[str, str] = MappingProxyType({}),
-    shift: Sequence[str] = (),
-    window: Window = WINDOWS["line"],
+    shift: Sequence[str] | None,
+    window: Window,
 ) -> Logs:
     """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
-    other columns by name, which `options` name; `shift`: texts SIGNAL=SAMPLES; `window`: that of inputs which are
-    averaged.
+    other columns by name, which `options` name; `shift`: texts SIGNAL=SAMPLES; None for no texts; `window`: that of
+    inputs which are averaged.
 
     Raises: `BadRecord`.
     """
-    columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **beside}
-    shifts = shifts_of(str(data[0]), shift, plant.inputs, plant.outputs)
+    columns = {**mapping(str(data[0]), pairs or (), plant.inputs, plant.outputs), **beside}
+    shifts = shifts_of(str(data[0]), shift or (), plant.inputs, plant.outputs)
     inputs = {s.name: window for s in plant.inputs}
     first = plant.declared
     units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}

@@ -54,6 +54,11 @@ class Task:
         """The parameters that are fitted."""
         return (*self.chosen, *self.lags)
 
+    @cached_property
+    def spread(self) -> Array:
+        """Of the samples of each output, about their mean."""
+        return np.asarray(np.nanstd(np.concatenate([record.y for record in self.records]), axis=0))
+
     def corners(self, unknowns: Array) -> Array:
         """The corner of the loss of each output, from its residuals there."""
         return np.array([corner(e) for e in self.problem.residuals(unknowns)])
@@ -64,8 +69,7 @@ class Task:
         period = max(record.dt for record in self.records)
         steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
-        spread = np.nanstd(np.concatenate([record.y for record in self.records]), axis=0)
-        scale = np.where(spread > 0, spread, 1.0)
+        scale = np.where(self.spread > 0, self.spread, 1.0)
         return BY[self.by](self, scale, samples, steps, growing * period)
 
     def shooting(self, scale: Array, samples: int, steps: int, growing: float) -> Problem:
@@ -143,7 +147,7 @@ class Task:
             tuple(first),
             tuple(record.y - e for record, e in zip(self.records, known.residuals, strict=True)),
             self._by_output(map(_rms, known.outputs)),
-            self._by_output(np.nanstd(np.concatenate([record.y for record in self.records]), axis=0).tolist()),
+            self._by_output(self.spread.tolist()),
             self._by_output(map(_rms, before.outputs)),
             self._by_output(follow),
             untold,

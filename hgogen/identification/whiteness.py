@@ -51,12 +51,13 @@ def whiteness(e: Array) -> Whiteness | None:
 
 
 def correlations(e: Array, lags: int) -> Array | None:
-    """The first autocorrelations of a sequence (N,); None where it stands still."""
+    """The first autocorrelations of a sequence (N,), N - 1 at most; None where it stands still."""
     centred = e - e.mean() if len(e) else e
     power = float(centred @ centred)
     if not power > 0:
         return None
-    return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+    spectrum = np.abs(np.fft.rfft(centred, 2 * len(e))) ** 2  # of twice the length, so that its ends do not meet
+    return np.asarray(np.fft.irfft(spectrum)[1 : min(lags + 1, len(e))] / power)
 
 
 def quantile(p: float, freedom: float) -> float:
@@ -67,10 +68,5 @@ def quantile(p: float, freedom: float) -> float:
 
 def alike(residuals: Array) -> float:
     """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
-    N, centred = len(residuals), residuals - residuals.mean()
-    power = float(centred @ centred)
-    if not power:
-        return 1.0
-    r = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * N)) ** 2)[:N] / power
-    first = int(np.argmax(r <= 0)) or N
-    return max(1.0, 1.0 + 2.0 * float(r[1:first].sum()))
+    r = correlations(residuals, len(residuals))
+    return 1.0 if r is None else 1.0 + 2.0 * float(r[np.cumsum(r <= 0) == 0].sum())

@@ -31,9 +31,4 @@ def _on(cells: Cells, order: Index, box: tuple[Ends, ...]) -> tuple[float, float
     if range is None:
         return -np.inf, np.inf, False, (False,) * len(order)
     least, most = (end if isinstance(end, float) else number(end)[way] for way, end in enumerate(range))
-    return (
-        least,
-        most,
-        True,
-        tuple(k < smooth for k, smooth in zip(order, cells.least_smooth(cells.met(box)), strict=True)),
-    )
+    return least, most, True, cells.continuous(cells.met(box), order)

@@ -22,7 +22,7 @@ from hgogen.kalman.innovation import Innovation
 from hgogen.observer import Observer, gain
 from hgogen.reading.given import BadGain, positive, real
 from hgogen.starting import starts
-from hgogen.stepping.parallel import Parallel
+from hgogen.stepping.parallel import Parallel, demand_one
 from hgogen.theorem import Hypothesis
 
 REFERENCE = "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides)"
@@ -67,13 +67,12 @@ def bank(
 
     Raises: `BadGain`; `BadPeriod` from `sample` for a period shorter than dt or no whole number of samples.
     """
-    if not isinstance(member, Observer):
-        kind = type(member).__name__
-        raise BadGain("bank", f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
-    if any(isinstance(part, Parallel) for part in member.parts):
-        raise BadGain("bank", "goes around one observer, not around another bank; give it more members")
-    if member.delays:
-        raise BadGain("bank", "goes around an observer whose samples come at once, not around hg.delayed(..)")
+    demand_one(
+        "bank",
+        member,
+        bank="goes around one observer, not around another bank; give it more members",
+        late="goes around an observer whose samples come at once, not around hg.delayed(..)",
+    )
     if real("count", count) not in range(2, MOST + 1):
         reason = f"must be a whole number of members, from 2 (one runs while another restarts) to {MOST}"
         raise BadGain(f"count = {count!r}", reason)

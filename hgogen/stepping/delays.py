@@ -47,7 +47,7 @@ from hgogen.signal import Signal
 from hgogen.step import CannotUpdate, Step, status_bits
 from hgogen.stepping.guards import LARGEST_NUMBER
 from hgogen.stepping.members import Moved
-from hgogen.stepping.parallel import Parallel
+from hgogen.stepping.parallel import demand_one
 from hgogen.theorem import Hypothesis
 
 NONE = 3.2e38  # a finite float beyond the largest number that counts as one
@@ -75,13 +75,12 @@ def delayed(observer: Observer, /, **steps: int) -> Observer:
 
     Raises: `BadGain`; `CannotUpdate` from `sample` for an observer that integrates with the measurement.
     """
-    if not isinstance(observer, Observer):
-        kind = type(observer).__name__
-        raise BadGain("delayed", f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
-    if any(isinstance(part, Parallel) for part in observer.parts):
-        raise BadGain("delayed", "goes around one observer, not around a bank; delay what would be its member")
-    if observer.delays:
-        raise BadGain("delayed", "goes around an observer without delays; name all late outputs in one call")
+    demand_one(
+        "delayed",
+        observer,
+        bank="goes around one observer, not around a bank; delay what would be its member",
+        late="goes around an observer without delays; name all late outputs in one call",
+    )
     outputs = [output.name for output in observer.form.system.outputs]
     if strangers := steps.keys() - set(outputs):
         raise BadGain(f"delayed({min(strangers)}=)", f"names no output; the outputs are {', '.join(outputs)}")

@@ -6,6 +6,7 @@ those of its score, by which the members are compared: `score`, the smaller the 
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 
@@ -17,6 +18,7 @@ from hgogen.kalman.innovation import Innovation, staggered
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Place, Program, When, scalar, sym
+from hgogen.reading.given import BadGain
 from hgogen.stepping.guards import guard_state
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.structure.dynamics import HUGE
@@ -40,6 +42,18 @@ class BadPeriod(HgogenError):
         wrong = "is shorter than" if self.period < self.dt else "is no whole number of samples of"
         fit = max(1, round(self.period / self.dt)) * self.dt
         return f"the restart period {self.period:g} {wrong} dt = {self.dt:g}; take {fit:.6g}, or another dt"
+
+
+def demand_one(name: str, observer: Any, bank: str, late: str) -> None:
+    """Raise `BadGain` for what is no single observer whose samples come at once: of a bank the sentence is `bank`, of
+    one for late samples `late`."""
+    if not isinstance(observer, Observer):
+        kind = type(observer).__name__
+        raise BadGain(name, f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
+    if any(isinstance(part, Parallel) for part in observer.parts):
+        raise BadGain(name, bank)
+    if observer.delays:
+        raise BadGain(name, late)
 
 
 @dataclass(frozen=True, eq=False)

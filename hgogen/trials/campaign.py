@@ -125,9 +125,8 @@ def campaign(
 
 
 def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
-    ready = Ready(
-        replace(each, draws=each.drawn(())), len(each.draws) >= MANY
-    )  # meets what does not fit, and compiles once for all
+    # meets what does not fit, and compiles once for all
+    ready = Ready(replace(each, draws=each.drawn(())), len(each.draws) >= MANY)
     size = ALONE if each.draws.moves else BATCH
     batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
     pieces = ((batch, each.drawn(batch)) for batch in batches)
