@@ -1,6 +1,7 @@
 """A fit that was stopped goes on from its last iterate, and from that of the same fit only."""
 
 import json
+import math
 import os
 import signal
 from collections.abc import Callable
@@ -73,7 +74,15 @@ def test_it_does_not_go_on_with_something_else(what: str) -> None:
         hg.fit(*made(), starts=1, resume=progress, **options)
 
 
-@pytest.mark.parametrize("table", [{}, {"task": 1, "ended": [], "iteration": 0, "at": []}, {"ended": [{}]}])
+@pytest.mark.parametrize(
+    "table",
+    [
+        {},
+        {"task": 1, "ended": [], "iteration": 0, "at": []},
+        {"task": {}, "ended": [], "iteration": math.inf, "at": []},  # 1e400 in a file
+        {"ended": [{}]},
+    ],
+)
 def test_what_no_fit_left_is_refused(table: dict[str, Any]) -> None:
     with pytest.raises(CannotGoOn, match="is not as a fit leaves it; fit anew"):
         progress_of(table)

@@ -55,7 +55,7 @@ def progress_of(table: Mapping[str, Any]) -> Progress:
         )
         at = np.array(table["at"], dtype=float)
         return Progress({str(k): str(v) for k, v in table["task"].items()}, ended, int(table["iteration"]), at)
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise CannotGoOn("the stopped fit", "is not as a fit leaves it; fit anew") from None
 
 
