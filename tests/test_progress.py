@@ -8,14 +8,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from test_cli import hgogen
-from test_fit import PLANT, TRUE, here, log  # noqa: F401, the fixture
+from test_fit import DT, PLANT, TRUE, here, log  # noqa: F401, the fixture
 
 import hgogen as hg
 from hgogen.commands import fitting
+from hgogen.identification.innovations import SURE
 from hgogen.identification.progress import CannotGoOn, Progress, progress_of
 from hgogen.structure.valued import valued
+from hgogen.trials.prediction import predictions
 
 
 class Stopped(Exception):
@@ -123,10 +126,30 @@ def test_the_command_fits_by_prediction_error(here: Path) -> None:  # noqa: F811
     stdout, _ = hgogen(*words, "--by", "prediction", "--held-out", "0.7")
     assert "RMS error of predictions one sample ahead" in stdout
     assert "process noise of v" in stdout
-    assert "process noise of x" not in stdout  # x' = v is a definition
     result = json.loads((here / "out" / "fitted.json").read_text())
     assert result["by"] == "prediction"
+    process = result["noise"]["process"]
+    assert process["x"] == pytest.approx(SURE * 10**2 / (120 * DT))  # next to nothing: x' = v is a definition
     assert result["noise"]["sample"]["y"] == pytest.approx(0.01, rel=0.4)  # of 120 samples
     assert result["whiteness"]["y"]["test"] == "Ljung-Box"
     for name, value in result["parameters"].items():
         assert abs(value - TRUE[name]) < 4 * result["deviation"][name]
+
+
+def test_rows_held_out_are_predicted_with_the_noise_that_was_fitted(here: Path) -> None:  # noqa: F811
+    """By the filter that has it as Q and R, of the fitted plant and of the plant as it was."""
+    text, _, _ = (here / "spring.toml").read_text().partition("[observer]")
+    (here / "bare.toml").write_text(text)
+    words = ("fit", "bare.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
+    hgogen(*words, "--by", "prediction")
+    result = json.loads((here / "out" / "fitted.json").read_text())
+    Q, R = result["noise"]["process"], {y: sigma**2 * DT for y, sigma in result["noise"]["sample"].items()}
+    _, u, y = np.loadtxt(here / "log.csv", delimiter=",", skiprows=1).T
+    cut, plant = round(0.7 * len(y)), hg.load("bare.toml").plant
+    for which, one in (("fitted", hg.load("bare.toml").valued(result["parameters"]).plant), ("unfitted", plant)):
+        step = hg.sample(hg.observers.riccati(hg.forms.original(one), Q=Q, R=R), dt=DT)
+        there = predictions(step, step.run(u=u, y=y).since(cut), u[cut:, None], y[cut:, None], (1, 5, 25))
+        assert [row[which] for row in result["predictions"]] == pytest.approx([p.model for p in there], rel=1e-6)
+    ahead = {row["ahead"]: row for row in result["predictions"]}
+    assert ahead[5]["fitted"] < ahead[5]["unfitted"]
+    assert ahead[25]["fitted"] < 0.1 * ahead[25]["copying"]

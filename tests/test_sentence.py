@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 import sympy as sp
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from plants import MODELS, model
 
@@ -110,6 +110,7 @@ def test_a_bound_is_written_as_it_is_rounded(value: float, digits: int) -> None:
     )
 
 
+@example(-(10**14) - 1, 20, 0)  # 15 digits and a sign
 @given(st.integers(-(10**16), 10**16), st.integers(0, 30), st.integers(0, 300))
 def test_the_tables_shorten_whole_numbers_of_many_zeros(number: int, zeros: int, more: int) -> None:
     """As a search in the text would find them, of up to 15 digits before 20 zeros and more."""

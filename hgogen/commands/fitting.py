@@ -110,8 +110,9 @@ def fit_(
     with the values before), alike (residuals that tell as much as one), untold (directions), joint (null, or of count
     parameters and offsets how many sums the outputs tell, hidden, unseen, repairs), confined (states), outlying (share
     by output), whiteness (by output: test, statistic, limit, lags, white), noise (by prediction: process, the density
-    by state, sample, the deviation by output), starts (cost, status, iterations), predictions (of the rows held out:
-    record, output, ahead, fitted, unfitted, copying), unjudged (why there are none, or empty), notes, files.
+    by state, sample, the deviation by output; where the model has no observer, it predicts the rows held out), starts
+    (cost, status, iterations), predictions (of the rows held out: record, output, ahead, fitted, unfitted, copying),
+    unjudged (why there are none, or empty), notes, files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -247,12 +248,12 @@ def _judged(
     model: Model, observer: str | None, result: Fit, records: Sequence[Record], cuts: Sequence[int]
 ) -> Iterator[dict[str, Any]]:
     """The errors of predictions from the estimates of an observer, in the rows held out: of the fitted plant and of the
-    plant as it was."""
+    plant as it was, with the same gains."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     for record, cut in zip(records, cuts, strict=True):
         u, y = record.of(model.plant.inputs), record.of(model.plant.outputs)
         after, before = (
-            _predicted(_step(one, observer, record.report.dt), u, read, cut)
+            _predicted(_step(one, observer, record.report.dt, result.noise), u, read, cut)
             for one, read in ((fitted, y - _offsets(result)), (model, y))
         )
         for one, other in zip(after, before, strict=True):
@@ -279,10 +280,18 @@ def _verdicts(judged: Sequence[Mapping[str, Any]], by: By = By.SIMULATION) -> It
                 yield f"{output} is predicted worse {than}, {ahead} samples ahead, in the rows held out{doubt}"
 
 
-def _step(model: Model, observer: str | None, dt: float) -> CallableStep:
-    """That of an observer by name, else the model's own, else one that takes any plant, at the period of a record."""
+def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[str, float], ...]) -> CallableStep:
+    """That of an observer by name, else the model's own, else one that takes any plant, with the noise that was fitted
+    where there is some, at the period of a record."""
     own = model.has("step") or model.tuning.tables
-    return model.set(replace(model.setting, dt=dt, parameters=None)).step(observer or (None if own else _JUDGE))
+    model = model.set(replace(model.setting, dt=dt, parameters=None))
+    if own or observer is not None:
+        return model.step(observer)
+    process, sample = noise
+    if not process:
+        return model.step(_JUDGE)
+    R = {name: sigma**2 * dt for name, sigma in sample.items()}
+    return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "R": R}}).step(_JUDGE, dt)
 
 
 def _offsets(result: Fit) -> np.ndarray:

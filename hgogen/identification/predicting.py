@@ -52,13 +52,13 @@ class Predicting(Problem):
         return (*[PROCESS] * len(self.noisy), *[SAMPLE] * len(self.plant.outputs))
 
     def noise(self, unknowns: Array) -> tuple[dict[str, float], dict[str, float]]:
-        """Q_i, by state that has noise of its own, and the deviation of a sample, by output."""
+        """Q_i by state, next to nothing of one without noise of its own, and the deviation of a sample, by output."""
         logs = np.asarray(unknowns)[self.size - len(self.levels) :]
         process = self._density(ca.DM(logs)).full().ravel()
         samples = self.scale * np.exp(logs[len(self.noisy) :] / 2)
-        density = dict(zip([x.name for x in self.plant.states], process.tolist(), strict=True))
+        density = zip([x.name for x in self.plant.states], process.tolist(), strict=True)
         deviation = zip([y.name for y in self.plant.outputs], samples.tolist(), strict=True)
-        return {name: density[name] for name in self.noisy}, dict(deviation)
+        return dict(density), dict(deviation)
 
     @cached_property
     def graph(self) -> tuple[Any, Any, Any]:

@@ -45,8 +45,9 @@ class Fit:
     units of ranges; `joint`: where there are some, what no record tells; `confined`: the states that lie at an end of
     their range; `starts`: how each ended, of a robust fit its last pass; `outlying`: of each output the share of the
     residuals beyond 5 deviations, these by their median; `whiteness`: Ljung and Box's test of each output's residuals,
-    of innovations over their deviations; `noise`: by prediction, the density of process noise by state and the
-    deviation of a sample by output.
+    of innovations over their deviations; `noise`: by prediction, the density of process noise by state, next
+    to nothing of one whose rate is by definition another state, and the deviation of a sample by output: Q, and R over
+    the period, of a `riccati` on the plant's own coordinates.
     """
 
     by: str
