@@ -586,6 +586,22 @@ def test_a_fit_at_another_period_is_on_its_grid(here: Path) -> None:
     assert (record["dt"], record["samples"]) == (2 * DT, (N + 1) // 2)
 
 
+def test_a_model_without_a_period_runs_at_that_of_the_record(here: Path) -> None:
+    """To which starting gains are made; one that says its own, or --dt, keeps it."""
+    text, _, _ = (here / "spring.toml").read_text().partition("[observer]")
+    (here / "bare.toml").write_text(text + "[tuning.loose]\nkind = 'high_gain'\ntheta = 4\npoles = [-1, -1]\n")
+    words = ("--data", "log.csv", "--time", "t", "--json")
+    assert hg.load("bare.toml").step("riccati").dt != DT
+    for command in (("run",), ("noise", "--window", "1")):
+        for name in ("riccati", "loose"):
+            record = json.loads(hgogen(*command, "bare.toml", "--observer", name, *words)[0])["record"]
+            assert (record["dt"], record["samples"]) == (DT, N)
+        record = json.loads(hgogen(*command, "bare.toml", "--observer", "riccati", "--dt", "0.1", *words)[0])["record"]
+        assert record["dt"] == 0.1
+    (here / "slow.toml").write_text(MODEL.replace("dt = 0.05", "dt = 0.1"))
+    assert json.loads(hgogen("run", "slow.toml", *words)[0])["record"]["dt"] == 0.1
+
+
 def test_an_offset_is_taken_off_before_rows_held_out_judge(here: Path) -> None:
     """So that they are predicted as if the sensor had none; the next commands are told to do the same."""
     plain, moved = log(6), []

@@ -216,6 +216,24 @@ def test_a_period_is_what_was_written(tmp_path: Path, period: float, first: floa
     assert len(repr(got.report.dt)) <= len(repr(period))
 
 
+@pytest.mark.parametrize("kind", ["uniform", "late", "dropped", "pauses", "first"])
+def test_the_grid_of_a_clock_that_jitters_ends_where_its_rows_do(tmp_path: Path, kind: str) -> None:
+    """The median of its steps is off by so much that the rows would lie some samples beside the grid at the end. A line
+    through 3,000 times that are off by a tenth of a period is off by 0.1 sqrt(12/3000) of a period there, some 0.006."""
+    draw, period = np.random.default_rng(3), 0.0103
+    number = np.arange(3000)
+    off = draw.exponential(0.1, 3000) if kind == "late" else draw.uniform(-0.12, 0.12, 3000)
+    if kind == "pauses":
+        number = number + 4567 * (number > 900) + 12 * (number > 2000)
+    times = (number + off) * period + (1.7e9 if kind == "first" else 0.0)
+    if kind == "dropped":
+        times = times[draw.random(3000) > 0.2]
+    rows = "".join(f"{float(t)!r},1\n" for t in times)
+    report = read(log(tmp_path, "t,y\n" + rows), {"y": "y"}, dt=None, time="t").report
+    assert abs(report.dt / period - 1) * 3000 < (0.5 if kind == "late" else 0.1)
+    assert abs(float(np.median(np.diff(times))) / period - 1) * 3000 > 1
+
+
 @pytest.mark.parametrize(
     ("period", "said"),
     [

@@ -26,7 +26,7 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, truth_name, truth_of
-from hgogen.model import load
+from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.averaged import WINDOWS
@@ -105,7 +105,7 @@ def run_(
     whose status differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
-    loaded = load(model).set(setting)
+    loaded = _timed(load(model).set(setting), data, time, period)
     folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
     folder.demand(f"{name}_report.json")
     step = loaded.step(observer)
@@ -229,6 +229,14 @@ def _rms(errors: np.ndarray) -> float | None:
     return rms(there) if len(there) else None
 
 
+def _timed(model: Model, data: Path, time: str | None, period: float | None) -> Model:
+    """The model, of one that says no period that of the record, to which starting gains are made."""
+    if model.has("step") or model.setting.dt is not None:
+        return model
+    clock = read(data, {}, dt=None, time=time, period=period, unit=model.plant.time)
+    return model.set(replace(model.setting, dt=clock.report.dt, parameters=None))
+
+
 def _record(
     step: CallableStep,
     data: Path,
@@ -268,7 +276,7 @@ def noise_(
     JSON keys: model, record (as in `run`), noise (a list of: output, samples, sigma, tau, d, spread,
     gamma_0, gamma_1, R, notes).
     """
-    loaded = load(model).set(setting)
+    loaded = _timed(load(model).set(setting), data, time, period)
     step = loaded.step(observer)
     d = d if d is not None else jobs.window(loaded, "--window", observer)
     record = _record(step, data, time, period, map_, step.outputs)

@@ -28,6 +28,7 @@ from hgogen.reading.time_unit import plural, seconds
 from hgogen.signal import Signal
 
 _BEAT = 0.01  # of a period or more off a whole multiple: rows and samples drift past each other
+_DOUBT = 0.4  # of a period, from a whole multiple: how many periods a step is
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
 
 
@@ -227,12 +228,31 @@ def _averaged(names: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _typical(steps: np.ndarray, latest: float) -> float:
-    """The median of the times between rows, with the fewest digits that lie within the rounding of the times, of which
-    `latest` is the largest: 0.01 and no 0.00999999999999979."""
-    middle, rounding = float(np.median(steps)), 2 * float(np.spacing(latest))
-    shorter = (float(f"{middle:.{digits}g}") for digits in range(1, 18))
-    return next(each for each in shorter if abs(each - middle) <= rounding)
+def _typical(times: np.ndarray) -> float:
+    """The period of ascending times, 0 of a single one, with the fewest digits for which the grid ends within their
+    rounding or, where they jitter, `_BEAT` of a period: 0.01 and no 0.00999999999999979."""
+    steps = np.diff(times)
+    if not len(steps):
+        return 0.0
+    period = _slope(times, steps, float(np.median(steps)))
+    off = 2 * float(np.spacing(np.abs(times).max()))
+    if np.abs(steps / period - np.rint(steps / period)).max() * period > off:
+        off = max(off, _BEAT * period)
+    shorter = (float(f"{period:.{digits}g}") for digits in range(1, 18))
+    return next(each for each in shorter if abs(each - period) * len(steps) <= off or each == period)
+
+
+def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
+    """That of the line through the times over their numbers, one slope for all pieces between steps of which it is in
+    doubt how many periods they are; where too many are, the median `middle` of the steps, which jitter moves."""
+    counts = np.rint(steps / middle)
+    off = np.abs(steps / middle - counts)
+    if np.mean(off > averaged.UNEVEN) > averaged.SHARE:
+        return middle
+    piece = np.concatenate([[0], np.cumsum((off > _DOUBT) | (counts > averaged.HELD))])
+    number = np.concatenate([[0.0], np.cumsum(counts)])
+    number, since = (each - (np.bincount(piece, each) / np.bincount(piece))[piece] for each in (number, times))
+    return float(number @ since / (number @ number)) if np.any(number) else middle
 
 
 def _gridded(
@@ -249,7 +269,7 @@ def _gridded(
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
     steps = np.diff(np.unique(times))
-    period = _typical(steps, float(np.abs(times).max(initial=0.0))) if len(steps) else step or 0.0
+    period = _typical(np.unique(times)) or step or 0.0
     dt = step or period
     if not dt:
         raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
