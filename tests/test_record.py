@@ -219,7 +219,7 @@ def test_a_period_is_what_was_written(tmp_path: Path, period: float, first: floa
 @pytest.mark.parametrize("kind", ["uniform", "late", "dropped", "pauses", "first"])
 def test_the_grid_of_a_clock_that_jitters_ends_where_its_rows_do(tmp_path: Path, kind: str) -> None:
     """The median of its steps is off by so much that the rows would lie some samples beside the grid at the end. A line
-    through 3,000 times that are off by a tenth of a period is off by 0.1 sqrt(12/3000) of a period there, some 0.006."""
+    through 3,000 times that are off by a tenth of a period is off by 0.1 sqrt(12/3000), some 0.006 periods, there."""
     draw, period = np.random.default_rng(3), 0.0103
     number = np.arange(3000)
     off = draw.exponential(0.1, 3000) if kind == "late" else draw.uniform(-0.12, 0.12, 3000)
