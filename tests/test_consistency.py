@@ -252,6 +252,17 @@ def test_little_to_judge_by_is_no_error() -> None:
         assert [one.count for one in whole.outputs] == [int(np.isfinite(y[:, 0]).sum())] * 2
         assert whole.states is None
     assert whiteness(np.ones(100)) is None
+
+
+def test_the_statistic_is_ljung_and_boxs() -> None:
+    """N (N + 2) sum_k r_k^2/(N - k), by sums written out."""
+    e = np.random.default_rng(2).normal(size=30).cumsum()
+    d, N = e - e.mean(), 30
+    r = [float(d[k:] @ d[: N - k] / (d @ d)) for k in range(11)]
+    test = whiteness(e)
+    assert test is not None
+    assert test.lags == 10
+    assert test.statistic == pytest.approx(N * (N + 2) * sum(r[k] ** 2 / (N - k) for k in range(1, 11)), rel=1e-9)
     gappy = np.where(np.arange(N) % 7 == 0, 0.0, np.nan)
     assert hg.consistency(filtering(plant()).run(y=np.zeros((N, 2))), {"w": gappy}).states.count == len(range(0, N, 7))
 

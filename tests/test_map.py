@@ -771,3 +771,17 @@ def test_the_shipped_map_is_as_it_says() -> None:
         list(row) == [-z for z in other] for row, other in zip(friction.values, friction.values[::-1], strict=True)
     )
     assert friction.range([(-0.8, 0.8), (-10, 90)], (1, 0)) == (-7, 24)
+
+
+def test_a_map_that_goes_on_is_unbounded_where_it_is_not_level() -> None:
+    """x y between 0 and 2: along each axis that is not held it goes on for ever, but for the line on which it is 0."""
+    axes, rows = [[Fraction(0), Fraction(2)]] * 2, [[Fraction(0), Fraction(0)], [Fraction(0), Fraction(4)]]
+    whole = cells_of(axes, rows, "linear", "product")
+    inside, beyond, level = (Fraction(0), Fraction(1)), (Fraction(1), math.inf), (Fraction(0), Fraction(0))
+    for k, held in enumerate(((False, True), (True, False))):
+        on = whole.holding(*held)
+        sides = [(inside, beyond), (beyond, inside)][1 - k]
+        assert on.range(sides, (0, 0)) == (-math.inf, math.inf)
+        assert on.range([level if side == inside else side for side in sides], (0, 0)) is not None
+        assert whole.range(sides, (0, 0)) == (0, 2)
+        assert on.range(sides, (1, 1)) == (1, 1)

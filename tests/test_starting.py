@@ -84,6 +84,19 @@ def test_a_state_that_hardly_shows_has_no_noise_before_it(coupling: str, linked:
     assert numbers.process["x"] == pytest.approx(wanted)
 
 
+def test_noise_is_bounded_from_the_end_of_a_chain_on() -> None:
+    """Q_v by Q_w, then Q_x by the Q_v that is left."""
+    x, v, w = (hg.Signal(name, low=-1, high=1) for name in "xvw")
+    plant = hg.System(
+        "chain", states=(x, v, w), outputs=(hg.Signal("y"),), flow=[-x + v / 10, -v + w / 100, -w], output=[x]
+    )
+    numbers = scale(hg.forms.original(plant))
+    D, (Q_x, Q_v, Q_w) = numbers.longest, numbers.process.values()
+    assert Q_w == pytest.approx(1 / D)
+    assert Q_v == pytest.approx((D / 100) ** 2 * Q_w)
+    assert Q_x == pytest.approx((D / 10) ** 2 * Q_v) != pytest.approx((D / 10) ** 2 / D)
+
+
 @pytest.mark.parametrize("name", ["contois", "series_dc_motor", "magnetic_levitation"])
 def test_the_hidden_state_of_a_trial_settles(name: str) -> None:
     """Of plants whose hidden state moves the measured one much less than that moves itself; with S^2/D none did."""

@@ -734,3 +734,16 @@ def test_the_checker_s_ranges_of_cubics_end_where_their_pieces_do() -> None:
         assert rechecked.range_on(value, [(Fraction(1, 2), high)]) == (half, 3)
     assert rechecked.range_on(bend, [(Fraction(1), Fraction(1))]) == (Fraction(1, 3), Fraction(20, 3))
     assert rechecked.value_at(bend, [Fraction(1)]) is None  # it jumps there
+
+
+def test_a_third_derivative_that_jumps_is_the_checker_s_too() -> None:
+    """At 2 the chords turn round, and value, slope and bend are continuous: only the third derivative jumps."""
+    numbers = list(map(Fraction, (0, 0, 1, 3, 2, 0, 3, 7)))
+    third, fourth = (rechecked.name_of("Monotone", [Fraction(order), *numbers]) for order in (3, 4))
+    assert rechecked.table_of(third)[0].jumps == ((1, 2, 3, 1),)
+    around = [(Fraction(3, 2), Fraction(5, 2))]
+    least, most = rechecked.range_on(third, around)
+    assert least < most
+    assert rechecked.range_on(fourth, around) is None
+    assert rechecked.range_on(fourth, [(Fraction(5, 4), Fraction(7, 4))]) == (0, 0)
+    assert curve(numbers[::2], numbers[1::2], "monotone", "turned").smooth == ((1, 2, 3, 1),)
