@@ -28,6 +28,7 @@ from hgogen.model import summary
 from hgogen.modelfiles.setting import UnknownCase
 from hgogen.target import Files
 from hgogen.trials.agreement import Agreement
+from hgogen.trials.proposed import proposed_trial
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"
@@ -280,6 +281,18 @@ def test_generate_of_a_model_without_a_trial(here: Path):
     _, err = hgogen("generate", "untried.py")
     assert "no trial()" in err
     assert len(files(here / "generated" / "untried")) == 3
+
+
+def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here: Path):
+    """And that is said; as `advise` does, whose file the next command takes."""
+    text = NEURON.read_text()
+    (here / "untried.py").write_text(text[: text.index("def trial")])
+    made = proposed_trial(hg.load("untried.py").plant)
+    for command in (("simulate",), ("compare", "-o", "out")):
+        out, err = hgogen(*command, "untried.py", "--engine", "python", "--json")
+        (trial,) = json.loads(out)["trials"]
+        assert trial["trial"] == made.name == "proposed"
+        assert f"untried.py has no trial; it is tried on one that stays in its ranges, over {made.duration:.3g}" in err
 
 
 @needs_compiler
@@ -557,7 +570,7 @@ def test_noise(here: Path):
         (("check", "empty.py"), "defines no plant"),
         (("build", "plantless.py"), "defines no step"),
         (("build", "untried.py"), "defines no trial"),
-        (("simulate", "untried.py"), "defines no trial"),
+        (("simulate", "untried.py", "--trial", "short"), "'short' is none of proposed"),
         (("simulate", "neuron", "--trial", "long"), "'long' is none of short"),
         (("simulate", "neuron", "--engine", "rust"), "rust"),
         (("simulate", "neuron", "--seeds", "0"), "seeds"),

@@ -31,6 +31,9 @@ pytest.importorskip("pint")
         ("p [bar]", "Pa", 1e5, 0),
         ("Q (Ah)", "A s", 3600, 0),
         ("valve (%)", "1", 0.01, 0),
+        ("acc_x [g]", "m/s^2", 9.80665, 0),
+        ("acc_x (mg)", "m/s2", 9.80665e-3, 0),
+        ("m [g]", "kg", 1e-3, 0),
     ],
 )
 def test_units_convert_by_a_factor_and_an_offset(column: str, unit: str, factor: float, offset: float) -> None:

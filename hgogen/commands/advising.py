@@ -24,6 +24,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.jobs import trials
 from hgogen.commands.logs import Deep, names_in, numbers_by_name
 from hgogen.commands.process import note
 from hgogen.emit.cost import cost
@@ -32,7 +33,7 @@ from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.trials.proposed import NoTrial, proposed_trial
+from hgogen.trials.proposed import NoTrial
 
 
 @command()
@@ -105,17 +106,11 @@ def advise_(
 
 
 def _trial(model: Model, name: str | None) -> Trial | None:
-    if name is not None or model.has("trial"):
-        return one_or_all(model.trials(), name)[0]
     try:
-        trial = proposed_trial(model.plant)
+        return one_or_all(trials(model), name)[0]
     except NoTrial as error:
         note(f"values of theta are not tried: {error}")
         return None
-    at = ", ".join(f"{state} = {value:g}" for state, value in trial.start.items())
-    span = f"over {trial.duration:.3g} {model.plant.time} from {at}"
-    note(f"{model.path} has no trial; values of theta are tried on one that stays in its ranges, {span}")
-    return trial
 
 
 def _rank(one: Advised) -> tuple[bool, int, int]:

@@ -237,7 +237,7 @@ def simulate_(
     one that had it; with --repeat its run: varied, metrics, failed).
     """
     loaded = load(model).set(setting)
-    step, trials = loaded.step(observer), loaded.trials()
+    step, trials = loaded.step(observer), jobs.trials(loaded)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     gains = {gain.name: by_name(gain) for gain in step.gains}
     if asked:

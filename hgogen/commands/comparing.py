@@ -68,7 +68,7 @@ def compare_(
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     names = _names(loaded, observers)
-    chosen, engine = one_or_all(loaded.trials(), trial), engine_here(reader)
+    chosen, engine = one_or_all(jobs.trials(loaded), trial), engine_here(reader)
     if not asked:
         folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps = {one.name: _started(loaded, names, one) for one in chosen}

@@ -13,6 +13,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
 from hgogen.check import Check, Refuted, refuted
+from hgogen.commands.process import note
 from hgogen.form import Form
 from hgogen.model import MissingPart, Model
 from hgogen.program import Field
@@ -27,6 +28,7 @@ from hgogen.trials.agreement import Agreement, agreement
 from hgogen.trials.comparison import Measured
 from hgogen.trials.leaving import Left, left, notes
 from hgogen.trials.metrics import Metrics, Summary, metrics, summary
+from hgogen.trials.proposed import proposed_trial
 from hgogen.which_forms import Survey
 
 if TYPE_CHECKING:
@@ -157,6 +159,17 @@ def _alone(model: Model, asked: Survey, form: Form) -> str:
     if proved:
         return f"{model.path} has no observer; of the forms asked its plant is in {proved}, proved, and in no other"
     return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
+
+
+def trials(model: Model) -> tuple[Trial, ...]:
+    """The model's own, else one that is made of its ranges, and said. Raises: `NoTrial`, `MissingPart`."""
+    if model.has("trial"):
+        return model.trials()
+    trial = proposed_trial(model.plant)
+    at = ", ".join(f"{state} = {value:g}" for state, value in trial.start.items())
+    span = f"over {trial.duration:.3g} {model.plant.time} from {at}"
+    note(f"{model.path} has no trial; it is tried on one that stays in its ranges, {span}")
+    return (trial,)
 
 
 @dataclass(frozen=True, eq=False)

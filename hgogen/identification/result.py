@@ -143,10 +143,9 @@ class Fit:
         if test is None or test.white or self.error[name] <= FINE * self.spread[name]:
             return
         what = "residuals" if self.by == "simulation" else "innovations"
-        yield (
-            f"{what} of {name} are not white (Ljung-Box {test.statistic:.3g}, limit {test.limit:.3g}), "
-            f"{tau:.3g} of them tell as much as one, which the standard errors count: {_COLOURED[self.by]}"
-        )
+        count = f", {tau:.3g} of them tell as much as one, which the standard errors count" if tau > 1.05 else ""
+        limits = f"Ljung-Box {test.statistic:.3g}, limit {test.limit:.3g}"
+        yield f"{what} of {name} are not white ({limits}){count}: {_COLOURED[self.by]}"
 
     def _searched(self) -> Iterator[str]:
         """How the starts ended."""

@@ -16,6 +16,7 @@ FAR = 1e9  # where a conversion is asked for besides 0: its offset then costs no
 _UNIT = re.compile(r"[\[(]([^\[\]()]+)[\])]\s*$")
 _POWER = re.compile(r"(?<=[A-Za-z°µ])\^?(-?\d)")
 _SIGNS = {"²": "**2", "³": "**3", "·": "*", "°C": "degC", "°F": "degF", "°": "degree", "%": "percent", "Ω": "ohm"}
+_GRAVITY = {"g": "standard_gravity", "G": "standard_gravity", "mg": "millistandard_gravity"}  # of an acceleration
 _ANGLES = {"radian", "degree", "revolution", "turn"}
 
 
@@ -57,6 +58,8 @@ def conversion(name: str, column: str, unit: str) -> Conversion | str:
     if None in pair:
         return ""
     first, second = pair
+    if source in _GRAVITY and second.dimensionality == registry.Unit(_GRAVITY[source]).dimensionality:
+        first = registry.Unit(_GRAVITY[source])
     if first.dimensionality != second.dimensionality or _turns(first, second):
         raise Inconvertible(f"is in {source}, which does not convert to {unit}, the unit of {name}")
     try:
