@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
+from itertools import groupby
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -24,6 +25,19 @@ def interruptible() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--every", type=int, default=1, metavar="K", help="run every K-th test of each file")
+
+
+@pytest.hookimpl(trylast=True)  # of the tests that marks leave
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
+    chosen = [item for tests in files for item in tests[:: config.getoption("every")]]
+    others = set(map(id, items)) - set(map(id, chosen))
+    config.hook.pytest_deselected(items=[item for item in items if id(item) in others])
+    items[:] = chosen
 
 
 def pytest_collection_finish() -> None:
