@@ -45,5 +45,5 @@ def drawn(cases: Mapping[str, Any]) -> Figure:
         axes.set_ylabel("of CasADi's")
         axes.set_title(title, fontsize=10)
         axes.spines[["top", "right"]].set_visible(False)
-    figure.axes[0].legend(frameon=False, ncols=4, fontsize=8)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False)
     return figure
