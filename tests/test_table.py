@@ -11,6 +11,7 @@ from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import casadi as ca
 import emitted
@@ -44,6 +45,7 @@ from hgogen.recheck import tables as tables_module
 from hgogen.recheck.interval import between, intervals
 from hgogen.recheck.verification import recheck
 from hgogen.signal import BadName
+from hgogen.structure.inset import inset
 from hgogen.system import BadSystem
 
 KINDS = ("linear", "monotone")
@@ -591,6 +593,89 @@ def test_beyond_the_image_of_the_plant_s_box_a_phase_form_s_table_is_held() -> N
     rise = abs(float(phi([-1, low + 1e-3]) - phi([-1, low]))) / 1e-3
     assert bound.verdict is Verdict.PROVED
     assert 40 < rise <= bound.high  # 2 of it without the table
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("end", [1.0, 0.97, 0.0, -1e-3, 1e-200, 1e300])
+def test_a_slope_at_the_ends_of_a_table_is_the_limit_from_within(kind: str, end: float) -> None:
+    """In single precision as well; beyond, the table is held."""
+    first = end - max(1.0, abs(end))
+    slope = Lookup(curve([first, end], [0, 2 * max(1.0, abs(end))], kind, "T"), (1,))
+    at = slope.graph
+    beyond = end + max(1.0, abs(end)) * 2.0**-20
+    assert [float(at(x)) for x in (first, end, beyond)] == pytest.approx([2, 2, 0])
+    if abs(end) < 1e30 and abs(end) not in (1e-200,):
+        assert np.float32(slope.axes[0].breaks[-1]) > np.float32(end)
+
+
+def _two_states(*flow: sp.Expr, x: hg.Signal, v: hg.Signal) -> hg.System:
+    return hg.System("p", states=(x, v), outputs=(hg.Signal("y"),), flow=flow, output=[x])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_a_table_ends_with_the_ranges_what_is_computed_keeps_to_the_proved_slope(kind: str) -> None:
+    """phi = -x + v T'(x) in the phase form; z_1 is clamped to the last point of T."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    form = hg.forms.phase(_two_states(v + hg.table(x, [-1, 1], [-2, 2], kind=kind, name="T"), -x, x=x, v=v))
+    observer = hg.observers.high_gain(form, theta=50, poles=[-1, -1])
+    bound = lipschitz_bound(form.b, form.states, box(form.states))
+    z = ca.SX.sym("z", 2)
+    b = ca.Function("b", [z], [observer.dynamics.nonlinear(z, ca.SX(0, 1))])
+    assert bound.verdict is Verdict.PROVED
+    assert {check.id: check for check in observer.checks}["high_gain.convergence"].verdict is Verdict.PROVED
+    for inner, outer in (([0.999, 1], [1, 1]), ([0.999, 1], [1.1, 1]), ([-0.999, 1], [-1.1, 1])):
+        rise = float(ca.norm_2(b(outer) - b(inner)))
+        assert rise <= bound.high * math.dist(inner, outer)
+
+
+@pytest.mark.parametrize("argument", ["v", "-v", "v/3"])
+@pytest.mark.parametrize("xs", [[-1, 1], [-1, 0.25, 1, 3], [-1, 1, 3]])
+def test_where_a_point_of_a_table_ends_the_ranges_a_slope_is_one_within(argument: str, xs: list[Any]) -> None:
+    """dPhi/dx = diag(1, T'(..)), and it is never 0 on the ranges, beyond them it is."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    a = sp.sympify(argument, {"v": v})
+    scale = sp.Rational(1, 3) if "3" in argument else 1
+    ys = [min(place, 1) * 2 for place in xs]
+    T = hg.table(a, [place * scale for place in xs], ys, name="T")
+    form = hg.forms.phase(_two_states(T, -x, x=x, v=v), original=True)
+    dynamics = hg.observers.high_gain(form, theta=5, poles=[-1, -1]).dynamics
+    z = ca.SX.sym("z", 2)
+    outputs = [dynamics.pulled(ca.DM([1, 1]), z, ca.SX(0, 1), None), dynamics.jacobian(z, ca.SX(0, 1))[0, 1]]
+    at = ca.Function("at", [z], outputs)
+    slope = float(2 / scale) * (-1 if "-" in argument else 1) * float(scale)
+    for place in (-1.5, -1, 0.5, 1, 1.5):
+        pushed, steep = at([0, place])
+        assert float(steep) == pytest.approx(slope)
+        assert float(pushed[1]) == pytest.approx(1 / slope)
+
+
+def test_a_gain_that_is_updated_takes_no_slope_beyond_the_ranges() -> None:
+    """Gamma at an estimate that is clamped to the end of the range of v, where T goes on with 100 times the slope."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    T = hg.table(v, [-1, 1, 2], [-1, 1, 101], name="T")
+    form = hg.forms.triangular(_two_states(v, T, x=x, v=v))
+    observer = hg.observers.updated_gain(form, p_1=1, p_2=2, p_3=10, cap=60, poles=[-1, -1])
+    z = ca.SX.sym("z", 2)
+    slope = ca.Function("slope", [z], [observer.dynamics.jacobian(z, ca.SX(0, 1))[1, 1]])
+    assert {check.id: check for check in observer.checks}["updated_gain.cap"].verdict is Verdict.PROVED
+    assert [float(slope([0, place])) for place in (-2, 0, 1, 2)] == pytest.approx([1, 1, 1, 1])
+
+
+def test_slopes_are_taken_inside_the_ranges_only_where_a_table_asks_for_it() -> None:
+    x, v, u = (hg.Signal(name, low=-1, high=1) for name in "xvu")
+
+    def ends(argument: sp.Expr, xs: list[float]) -> tuple[tuple[float, float], ...]:
+        row = hg.table(argument, xs, range(len(xs)), name="T")
+        return inset([row], (x, v), box((x, v, u)))
+
+    whole, within = (-1, 1), (-1 + 2**-17, 1 - 2**-17)
+    assert ends(v, [-1, 0, 1]) == (whole, within)
+    assert ends(v, [-1, 0, 3]) == (whole, whole)
+    assert ends(x + v, [-2, 2]) == (within, within)
+    assert ends(x * v + u, [0, 2]) == (within, within)
+    assert ends(sp.sin(u), [0, 0.5]) == (whole, whole)
+    free = hg.Signal("w")
+    assert inset([hg.table(v + free, [-1, 1], [0, 1], name="T")], (v, free), box((v, free)))[0] == whole
 
 
 def test_a_slope_is_not_taken_for_another_table_of_its_name() -> None:

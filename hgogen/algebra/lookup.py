@@ -6,6 +6,9 @@ of the cells of `hgogen.algebra.cells`, and of two arguments a search along each
 
     f(x, y) = c_00 + e c_01 + d (c_10 + e c_11)        of the cell (k, l)
 
+At the last point a derivative is that of the cell below it, the limit from within the points, as at the first that of
+the cell above: where the ranges end with the points, an estimate that is clamped to them stays there.
+
 Of what is not a number k is 0 and d is not a number, nor is the value: a lookup needs no guard. In a graph of CasADi it
 is a call of its `graph`, whose name leads back to it.
 
@@ -14,6 +17,7 @@ CasADi differentiates through a call by the function's own derivative, and mista
 """
 
 import hashlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -21,6 +25,7 @@ from itertools import pairwise
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from hgogen.algebra.cells import Cells, Index
 from hgogen.algebra.piece import Polynomial, columns, value
@@ -28,6 +33,7 @@ from hgogen.algebra.tabulated import next_order
 
 Graph = Any
 _KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else
+_TINY = 2.0**-120  # within single precision
 _TERMS = 2  # of a polynomial in a graph, at least
 _NAMES = (("x", "start", "k", "d"), ("y", "start_y", "j", "e"))
 
@@ -82,7 +88,8 @@ class Lookup:
     def axes(self) -> tuple[Argument, ...]:
         """Its arguments."""
         starts = (tuple(map(float, axis.starts)) for axis in self.cells.axes)
-        return tuple(Argument(*names, each) for names, each in zip(_NAMES, starts, strict=False))
+        closed = ((*each[:-1], _next(each[-1])) if k else each for each, k in zip(starts, self.order, strict=True))
+        return tuple(Argument(*names, each) for names, each in zip(_NAMES, closed, strict=False))
 
     @cached_property
     def coefficients(self) -> Polynomial:
@@ -128,6 +135,13 @@ class Lookup:
         cell = reduce(lambda whole, part: whole * len(part[0].starts) + part[1], zip(self.axes, cells, strict=True), 0)
         result = value(_filled(self.coefficients, len(d)), d, lambda column: _element(column, cell))
         return ca.Function(name, arguments, [result], names, ["value"], {"never_inline": True})
+
+
+def _next(x: float) -> float:
+    """A number above x, in single precision as well."""
+    if x and not _TINY < abs(x) < 1 / _TINY:
+        return math.nextafter(x, math.inf)
+    return float(np.nextafter(np.float32(x), np.float32(np.inf))) if x else _TINY
 
 
 def _rounded(coefficients: Polynomial) -> Polynomial:

@@ -2,8 +2,9 @@
 
 sat clamps the argument of b to the declared box of the states; the linear part is never clamped; the Jacobian is the
 model's, A(u) + b*(sat(z), u), at the clamped point: no clamp has a slope in it, neither that of z nor that of a state
-x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. Parameters with a range become places `plant.NAME`,
-the others are folded.
+x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. Where the box may end on a point of a table, slopes
+are taken a little inside (structure/inset.py). Parameters with a range become places `plant.NAME`, the others are
+folded.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,6 +25,7 @@ from hgogen.intervals.box import box
 from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
+from hgogen.structure.inset import inset
 from hgogen.structure.sided import Sided, sided
 from hgogen.system import System
 
@@ -96,6 +98,10 @@ class Dynamics:
         """The state z clamped to the box."""
         return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self.box))
 
+    def inside(self, z: Graph) -> Graph:
+        """The state z clamped to where slopes are taken (structure/inset.py)."""
+        return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self._inset))
+
     def flow(self, z: Graph, u: Graph) -> Graph:
         """The rate z' (n), with the argument of b clamped."""
         linear, nonlinear = self._graphs(self.saturated(z), u)
@@ -121,7 +127,7 @@ class Dynamics:
         slope = jacobian(rest, self._z)
         if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
             slope += jacobian(linear @ self._z, self._z) - linear
-        return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
+        return ca.substitute([linear + slope], [self._z, self._u], [self.inside(z), u])[0]
 
     def output(self, z: Graph, u: Graph) -> Graph:
         """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped."""
@@ -130,13 +136,13 @@ class Dynamics:
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
         """The Jacobian dh/dz (p, n) of the output."""
         slope = jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
-        return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
+        return ca.substitute([slope], [self._z, self._u], [self.inside(z), u])[0]
 
     def output_curvature(self, z: Graph, u: Graph) -> tuple[Graph, ...]:
         """The second derivatives d2h_j/dz2 (n, n) at (sat(z), u) of each output."""
         rows = column(self._convert(self.form.output, self._z, self._u))
         hessians = tuple(hessian(rows[j], self._z) for j in range(self.outputs))
-        return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u]))
+        return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.inside(z), u]))
 
     def estimate(self, z: Graph, u: Graph) -> Graph:
         """The plant's states, as first declared, from z (n) and u (m).
@@ -192,7 +198,7 @@ class Dynamics:
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
         """The product (dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); with None for `least` the
         determinant is proved to have no zero."""
-        n, place = self.n, self.saturated(z)
+        n, place = self.n, self.inside(z)
         map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
         if least is None:
             return ca.solve(map_, vector)
@@ -280,7 +286,19 @@ class Dynamics:
         rows = (column(self._convert(e, x, self._u, states)) for e in (behind, self.form.to_form))
         slope, map_ = (jacobian(row, x) for row in rows)
         pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
-        return ca.substitute([pulled], [x, self._u], [self._behind(self.saturated(z), u), u])[0]
+        at = self._behind(self.saturated(z), u)
+        ends = self._inset_of((*behind, *self.form.to_form), states)
+        place = column(clamp(at[i], *end) for i, end in enumerate(ends))
+        return ca.substitute([pulled], [x, self._u], [place, u])[0]
+
+    @cached_property
+    def _inset(self) -> tuple[tuple[float, float], ...]:
+        form = self.form
+        return self._inset_of((*form.A, *form.b, *form.output, *(form.jacobian or ())), form.states)
+
+    def _inset_of(self, rows: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[tuple[float, float], ...]:
+        system = self.form.system
+        return inset(rows, states, box((*states, *system.inputs, *system.parameters), system.nominal))
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
