@@ -108,7 +108,7 @@ def test_what_cannot_vary_is_refused(asked: Any, sentence: str) -> None:
 
 
 def test_noise_of_a_trial_without_noise_is_refused() -> None:
-    with pytest.raises(BadVariation, match="the trial quiet has none; give it noise"):
+    with pytest.raises(BadVariation, match="the trial quiet has none; declare a trial with noise, or leave it out"):
         varied("noise=10%", PLANT, Trial("quiet", 1.0, TRIAL.start, TRIAL.inputs))
 
 

@@ -6,6 +6,7 @@ import os
 import signal
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import plants
@@ -15,17 +16,19 @@ from scipy.integrate import solve_ivp
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.commands.fitting import By, _verdicts
+from hgogen.commands.fitting import By, _verdicts, _without_offset
 from hgogen.identification import lag as lag_module
 from hgogen.identification import robust as robust_module
-from hgogen.identification.fit import CannotFit
+from hgogen.identification.fit import CannotFit, best_of
 from hgogen.identification.progress import Progress
 from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
+from hgogen.identification.solution import Solution
 from hgogen.identification.structural import parted
 from hgogen.identification.whiteness import alike
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.parameters import read
+from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import read as read_model
 from hgogen.reading.text_model import to_text
 from hgogen.structure.valued import BadValue, valued
@@ -450,7 +453,6 @@ def test_what_is_followed_no_better_than_by_its_mean_is_said() -> None:
 
 BAD = {
     "between": ({"between": "zoh"}, "between='zoh' is none of hold, line"),
-    "starts": ({"starts": 0}, "starts=0 must be at least 1"),
     "by": ({"by": "guess"}, "by='guess' is none of simulation, prediction"),
     "no such": ({"free": ["kk"]}, "parameter 'kk' is unknown; did you mean k?"),
     "offset": ({"offset": ["x"]}, "offset 'x' is unknown"),
@@ -462,6 +464,12 @@ def test_bad_names_are_refused(what: str) -> None:
     arguments, reason = BAD[what]
     with pytest.raises(CannotFit, match=reason.replace("?", r"\?")):
         hg.fit(PLANT, log(count=20), **arguments)
+
+
+@pytest.mark.parametrize(("name", "value"), [("starts", 0), ("starts", 1.5), ("starts", "a"), ("seed", -1)])
+def test_bad_counts_are_refused(name: str, value: Any) -> None:
+    with pytest.raises(BadGain, match=f"{name} = {value!r} must be a (whole )?number"):
+        hg.fit(PLANT, log(count=20), **{name: value})
 
 
 def test_bad_records_are_refused() -> None:
@@ -529,6 +537,9 @@ def test_what_predicts_worse_than_others_is_said() -> None:
         "y is predicted worse than before the fit, 5, 25 samples ahead, in the rows held out",
     ]
     assert list(_verdicts([{**row, "fitted": 1.0}])) == []
+    both = list(_verdicts([row, {**row, "record": "b.csv"}]))
+    assert both[0].endswith("in the rows held out of a.csv")
+    assert both[2].endswith("in the rows held out of b.csv")
     assert all("under feedback that refutes nothing" in said for said in _verdicts([row], By.PREDICTION))
     assert "feedback" not in "".join(_verdicts([{**row, "ahead": 1}], By.PREDICTION))
 
@@ -761,3 +772,54 @@ def test_a_lag_is_that_of_the_output_that_has_it() -> None:
     behind = slow.states[-1]
     assert (slow.flow[-1] - (b - behind) / tau).simplify() == 0
     assert list(slow.output) == [a, behind]
+
+
+@pytest.mark.parametrize("by", ["simulation", "prediction"])
+def test_starts_that_fit_as_well_elsewhere_are_rivals(by: str) -> None:
+    """A plant of one state behind a sensor that lags: u -> y is g/((s + k)(lag s + 1)), and k and 1/lag may be
+    exchanged."""
+    u, at, seen, y = drive(DT * np.arange(300)), 0.0, 0.0, []
+    for each in u:
+        y.append(seen)
+        at, seen = at * np.exp(-0.4 * DT) + (1 - np.exp(-0.4 * DT)) * each, seen + DT / 0.5 * (at - seen)
+    record = hg.Log(u, np.array(y) + 0.01 * np.random.default_rng(3).normal(size=300), DT)
+
+    def fitted(high: float) -> hg.Fit:
+        k, g = hg.Signal("k", nominal=0.5, low=0.1, high=high), hg.Signal("g", nominal=0.5, low=0.1, high=4)
+        flow = [g * U - k * X]
+        plant = hg.System("slow", states=(X,), inputs=(U,), outputs=(Y,), parameters=(k, g), flow=flow, output=[X])
+        return hg.fit(plant, record, lag="y", by=by, starts=4)
+
+    fit = fitted(4)
+    k, lag, rival, notes = fit.parameters[0].value, fit.lags[0].value, fit.rivals[0], fit.notes()
+    assert rival["k"] == pytest.approx(1 / lag, rel=0.02)
+    assert rival["lag of y"] == pytest.approx(1 / k, rel=0.02)
+    assert f"{4 - len(fit.rivals)} of 4 starts ended at this minimum" in notes
+    (said,) = (note for note in notes if "fit as well" in note)
+    assert f"k = {rival['k']:.5g}, " in said
+    assert fitted(1).rivals == ()
+
+
+def test_of_starts_that_cost_the_same_the_first_counts() -> None:
+    costs = [2.0 + 1e-9, 2.0, 1.0, math.inf]
+    ended = [
+        Solution(np.zeros(1), cost, "", 1, settled)
+        for cost, settled in zip(costs, [True, True, False, False], strict=True)
+    ]
+    assert best_of("simulation", ended) is ended[0]
+    assert best_of("simulation", ended[2:]) is ended[2]
+    assert best_of("simulation", ended[3:]) is None
+
+
+def test_an_offset_that_is_not_told_stays_near_its_start() -> None:
+    """x drifts freely, so that any constant may be its own or the sensor's."""
+    plant = hg.System("drift", states=(X,), inputs=(U,), outputs=(Y,), parameters=(G,), flow=[G * U], output=[X])
+    u = drive(DT * np.arange(200))
+    y = 2 + 1.2 * DT * np.concatenate([[0], np.cumsum(u)[:-1]])
+    fit = hg.fit(plant, hg.Log(u, y + 0.01 * np.random.default_rng(0).normal(size=200), DT), free="g", offset="y")
+    (offset,) = fit.offsets
+    assert offset.value == pytest.approx(0, abs=0.1)
+    assert offset.deviation == math.inf
+    assert fit.joint is not None
+    assert "offset_of_y" not in fit.joint.repairs
+    assert list(_without_offset(fit)) == []

@@ -115,6 +115,7 @@ def test_the_truth_and_the_burn_in(tmp_path: Path) -> None:
         (("--initial", "q"), "must read NAME=NUMBER"),
         (("--initial", "v=1"), "v"),
         (("--burn-in", "9"), "leaves nothing of a record of 4 s"),
+        (("--burn-in", "inf"), "inf s leaves nothing of a record of 4 s"),
     ],
 )
 def test_bad_words_are_refused(words: tuple[str, str], reason: str, tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from hgogen.model import load
 from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations
 from hgogen.modelfiles.setting import Setting
 from hgogen.modelfiles.tunings import read
+from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import BadModelFile
 from hgogen.starting import scale
 from hgogen.theorem import Convergence
@@ -609,8 +610,6 @@ plant = hg.System("arm", states=(q, w), inputs=(tau,), outputs=(y,), parameters=
     ("change", "reason"),
     [
         ({"observers": ["rickati"]}, "observer 'rickati' is none; did you mean riccati"),
-        ({"ahead": 0}, "must be at least 1 and 2"),
-        ({"segments": 1}, "must be at least 1 and 2"),
         ({"ahead": 100}, "show no change of an output over 100 samples in at least 2 of their segments"),
         ({"observers": ["bank"]}, "has no observer that can be tuned: bank: it goes around another observer"),
     ],
@@ -618,6 +617,13 @@ plant = hg.System("arm", states=(q, w), inputs=(tau,), outputs=(y,), parameters=
 def test_what_cannot_be_tuned_is_refused(change: dict[str, Any], reason: str) -> None:
     with pytest.raises(BadArgument, match=reason):
         hg.tune(PLANT, log(8, 100)[0], **change)
+
+
+@pytest.mark.parametrize(("name", "least"), [("ahead", 1), ("segments", 2)])
+def test_counts_are_demanded(name: str, least: int) -> None:
+    for value in (least - 1, 2.5, "a"):
+        with pytest.raises(BadGain, match=rf"{name} = {value!r} must be a (whole )?number"):
+            hg.tune(PLANT, log(8, 100)[0], **{name: value})
 
 
 def test_records_are_demanded() -> None:

@@ -22,6 +22,7 @@ from hgogen.errors import BadArgument, nearest
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import everywhere
 from hgogen.reading.door import asks_a_plant
+from hgogen.reading.given import count
 from hgogen.system import System
 from hgogen.trials.spread import Workers
 from hgogen.which_forms import Row
@@ -59,7 +60,8 @@ def tune(
     predictions; `rows`: the forms to ask, by default those that the plant is in, those that take seconds if `deep`;
     `jobs`: processes that try gains, None for one for each core; `each(what)` is called after every trial.
 
-    Raises: `CannotTune`; `UnknownObserver`; `BadLog`, `BadShape` for records that are none.
+    Raises: `CannotTune`; `BadGain` for counts that are none; `UnknownObserver`; `BadLog`, `BadShape` for records
+    that are none.
     """
     wanted = None if observers is None else [FILTER if name == ADAPTIVE else name for name in observers]
     names = observers_named(wanted)
@@ -69,8 +71,7 @@ def tune(
     if max(dts) > (1 + SAME) * min(dts):
         listed = ", ".join(f"{dt:g}" for dt in dict.fromkeys(dts))
         raise CannotTune("records", f"have different periods, {listed}; read them on one grid, as --dt does")
-    if ahead < 1 or segments < 2:
-        raise CannotTune(f"ahead={ahead}, segments={segments}", "must be at least 1 and 2")
+    ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
     logs = tuple(replace(readable(plant, record, k), dt=dts[0]) for k, record in enumerate(records, 1))
     true = _truth(plant, truth, logs)
     judge = Judge(logs, Hidden(true) if true else Ahead(ahead), segments, native.engine())

@@ -109,10 +109,11 @@ def fit_(
     (states at the first row of each record), error, spread, unfitted (by output, RMS: of the residual, about the mean,
     with the values before), alike (residuals that tell as much as one), untold (directions), joint (null, or of count
     parameters and offsets how many sums the outputs tell, hidden, unseen, repairs), confined (states), outlying (share
-    by output), whiteness (by output: test, statistic, limit, lags, white), noise (by prediction: process, the density
-    by state, sample, the deviation by output; where the model has no observer, it predicts the rows held out), starts
-    (cost, status, iterations), predictions (of the rows held out: record, output, ahead, fitted, unfitted, copying),
-    unjudged (why there are none, or empty), notes, files.
+    by output), whiteness (by output: test, statistic, limit, lags, white), rivals (of starts that ended elsewhere at
+    the same cost: values by name), noise (by prediction: process, the density by state, sample, the deviation by
+    output; where the model has no observer, it predicts the rows held out), starts (cost, status, iterations),
+    predictions (of the rows held out: record, output, ahead, fitted, unfitted, copying), unjudged (why there are none,
+    or empty), notes, files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -270,14 +271,16 @@ def _judged(
 def _verdicts(judged: Sequence[Mapping[str, Any]], by: By = By.SIMULATION) -> Iterator[str]:
     """Where rows held out are predicted worse than by other means."""
     rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
+    several = len({one["record"] for one in judged}) > 1
     for record, output in dict.fromkeys((one["record"], one["output"]) for one in judged):
+        rows_of = f"the rows held out of {record}" if several else "the rows held out"
         rows = [one for one in judged if (one["record"], one["output"]) == (record, output) and one["ahead"]]
         for rival, than in rivals.items():
             worse = [one["ahead"] for one in rows if one["fitted"] > WORSE * (one[rival] or math.inf)]
             doubt = f"; {_FEEDBACK}" if by is By.PREDICTION and max(worse, default=1) > 1 else ""
             if worse:
                 ahead = ", ".join(map(str, worse))
-                yield f"{output} is predicted worse {than}, {ahead} samples ahead, in the rows held out{doubt}"
+                yield f"{output} is predicted worse {than}, {ahead} samples ahead, in {rows_of}{doubt}"
 
 
 def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[str, float], ...]) -> CallableStep:
@@ -302,7 +305,7 @@ def _offsets(result: Fit) -> np.ndarray:
 
 def _without_offset(result: Fit) -> Iterator[str]:
     """What to do about an offset in the commands that follow, whose observers know of none."""
-    for one in result.offsets:
+    for one in (each for each in result.offsets if math.isfinite(each.deviation)):
         taken = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
         yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {taken}, in its unit"
 

@@ -60,8 +60,13 @@ class Logs:
         return tuple(self._log(record, len(record.t)) for record in self.records)
 
     def notes(self) -> tuple[str, ...]:
-        """Where the records leave what the plant declares, each sentence once."""
-        return tuple(dict.fromkeys(note for log in self.whole for note in beyond(self.plant, log)))
+        """Where the records leave what the plant declares; of several records, which."""
+        several = len(self.records) > 1
+        return tuple(
+            f"{record.report.path}: {note}" if several else note
+            for record, log in zip(self.records, self.whole, strict=True)
+            for note in beyond(self.plant, log)
+        )
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
         """Columns of each record that are no signals, by name."""

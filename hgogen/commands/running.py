@@ -216,11 +216,11 @@ def _shown(step: CallableStep, y: np.ndarray) -> dict[str, float]:
 
 def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
     """The first sample whose errors count. Raises: `typer.BadParameter`."""
-    first = math.ceil(burn_in / step.dt * (1 - ROUNDING))
-    if first > samples - 2:
+    first = burn_in / step.dt * (1 - ROUNDING)
+    if not first <= samples - 2:  # not a number neither
         reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
         raise typer.BadParameter(reason, param_hint="--burn-in")
-    return first
+    return math.ceil(first)
 
 
 def _rms(errors: np.ndarray) -> float | None:

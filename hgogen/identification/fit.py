@@ -10,13 +10,15 @@ from hgogen.errors import nearest
 from hgogen.identification.lag import lagged
 from hgogen.identification.progress import Progress, Searches, digests
 from hgogen.identification.records import BadLog, Log, demanded
-from hgogen.identification.result import Fit
+from hgogen.identification.result import Fit, above
 from hgogen.identification.solution import Solution
 from hgogen.identification.task import BY, Task
+from hgogen.reading.given import count
 from hgogen.signal import Signal
 from hgogen.system import System
 
 BETWEEN = ("hold", "line")
+EQUAL = 1e-6  # of a cost, as in `above`: less is rounding, and the first start, that of the nominal values, counts
 AGAIN = 4  # passes of a robust fit, each with the corner of the last one's residuals
 
 
@@ -46,19 +48,19 @@ def fit(
     follows by an unknown first-order lag; `between`: how inputs go on between samples; `by`: the error that is least,
     that of a "simulation", by multiple shooting, or, of a plant that noise moves or that is unstable, that of the
     "prediction" of a Kalman filter, whose noise is fitted along; `starts`: the first from the nominal values, the
-    others random within the ranges; `robust`: a sample far off, as one of a sensor that failed, counts by its distance,
-    not by its square; `each(progress)` is called after every iteration; `resume`: the progress of a fit of the same
-    that was stopped, which goes on from there.
+    others random within the ranges, by `seed`; `robust`: a sample far off, as one of a sensor that failed, counts by
+    its distance, not by its square; `each(progress)` is called after every iteration; `resume`: the progress of a fit
+    of the same that was stopped, which goes on from there.
 
-    Raises: `CannotFit`; `CannotGoOn`; `BadShape`, `BadNames` for records of another shape.
+    Raises: `CannotFit`; `CannotGoOn`; `BadGain` for counts that are none; `BadShape`, `BadNames` for records of another
+    shape.
     """
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotFit("records", "are missing; give logs, such as hg.Log(u, y, dt)")
     for name, value, ways in (("between", between, BETWEEN), ("by", by, tuple(BY))):
         if value not in ways:
             raise CannotFit(f"{name}={value!r}", f"is none of {', '.join(ways)}")
-    if starts < 1:
-        raise CannotFit(f"starts={starts}", "must be at least 1, the one from the nominal values")
+    starts, seed = count("starts", starts, 1, 1000), count("seed", seed, 0, 2**53)
     chosen, logs = _free(plant, free), tuple(demanded(plant, record, k) for k, record in enumerate(records, 1))
     period, duration = max(record.dt for record in logs), min(len(record.y) * record.dt for record in logs)
     slow, lags = lagged(plant, _named("lag", lag, plant.outputs), period, duration)
@@ -74,15 +76,23 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
     ended: tuple[Solution, ...] = ()
     for begin in [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]:
         ended = searches.solved(task.solver, begin, ended)
-    finite = [one for one in ended if np.isfinite(one.cost)]
-    if not finite:
+    best = best_of(task.by, ended)
+    if best is None:
         raise CannotFit(f"plant {task.given.name!r}", "has no finite residuals from any start; narrow the ranges")
-    best = min(finite, key=lambda one: (not one.settled, one.cost))
     for _ in range(passes):
         task = replace(task, corner=task.corners(best.unknowns))
         ended = searches.solved(task.solver, best.unknowns, ended)
         best = ended[-1]
     return task.result(best, (best,) if passes else ended)
+
+
+def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
+    """That of the least cost among those that settled, else among the others; of equal ones the first. None where no
+    cost is finite."""
+    finite = [one for one in ended if np.isfinite(one.cost)]
+    settled = [one for one in finite if one.settled] or finite
+    least = min((one.cost for one in settled), default=0.0)
+    return next((one for one in settled if above(by, one.cost, least) <= EQUAL), None)
 
 
 def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, ...]:

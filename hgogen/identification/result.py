@@ -45,9 +45,10 @@ class Fit:
     units of ranges; `joint`: where there are some, what no record tells; `confined`: the states that lie at an end of
     their range; `starts`: how each ended, of a robust fit its last pass; `outlying`: of each output the share of the
     residuals beyond 5 deviations, these by their median; `whiteness`: Ljung and Box's test of each output's residuals,
-    of innovations over their deviations; `noise`: by prediction, the density of process noise by state, next
-    to nothing of one whose rate is by definition another state, and the deviation of a sample by output: Q, and R over
-    the period, of a `riccati` on the plant's own coordinates.
+    of innovations over their deviations; `rivals`: parameters, lags and offsets of starts that ended elsewhere at the
+    same cost, as two time constants that may be exchanged do; `noise`: by prediction, the density of process noise by
+    state, next to nothing of one whose rate is by definition another state, and the deviation of a sample by output: Q,
+    and R over the period, of a `riccati` on the plant's own coordinates.
     """
 
     by: str
@@ -67,6 +68,7 @@ class Fit:
     starts: tuple[Solution, ...]
     outlying: dict[str, float]
     whiteness: dict[str, Whiteness | None]
+    rivals: tuple[dict[str, float], ...]
     noise: tuple[dict[str, float], dict[str, float]]
 
     def as_dict(self) -> dict[str, Any]:
@@ -89,6 +91,7 @@ class Fit:
             "confined": list(self.confined),
             "outlying": self.outlying,
             "whiteness": {name: test.as_dict() if test else None for name, test in self.whiteness.items()},
+            "rivals": list(self.rivals),
             "noise": dict(zip(("process", "sample"), self.noise, strict=True)),
             "starts": [{"cost": s.cost, "status": s.status, "iterations": s.iterations} for s in self.starts],
         }
@@ -150,19 +153,24 @@ class Fit:
     def _searched(self) -> Iterator[str]:
         """How the starts ended."""
         best = min(one.cost for one in self.starts)
-        above = [self._above(one.cost, best) for one in self.starts]
-        higher = [more for more in above if more > SAME]
+        excess = [above(self.by, one.cost, best) for one in self.starts]
+        higher = [more for more in excess if more > SAME]
+        here = len(excess) - len(higher) - len(self.rivals)
         if len(self.starts) > 1:
-            ended = f"{len(above) - len(higher)} of {len(above)} starts ended at this minimum"
-            yield f"{ended}, the others {_HIGHER[self.by](min(higher))} or more" if higher else ended
-        if not any(one.settled and more <= SAME for one, more in zip(self.starts, above, strict=True)):
+            ended = f"{here} of {len(excess)} starts ended at this minimum"
+            yield f"{ended}, {len(higher)} {_HIGHER[self.by](min(higher))} or more" if higher else ended
+        if self.rivals:
+            values = ", ".join(f"{name} = {value:.5g}" for name, value in self.rivals[0].items())
+            yield f"{values} fit as well, within 1 %: the records do not tell which; narrow a range so that one is left"
+        if not any(one.settled and more <= SAME for one, more in zip(self.starts, excess, strict=True)):
             yield f"the search did not settle; take more starts, {_UNSETTLED[self.by]}"
 
-    def _above(self, cost: float, best: float) -> float:
-        """A share of squares, a difference of logarithms."""
-        if self.by == "prediction":
-            return cost - best
-        return cost / best - 1 if best else 0.0
+
+def above(by: str, cost: float, best: float) -> float:
+    """How far a cost lies above another: a share of squares, a difference of logarithms."""
+    if by == "prediction":
+        return cost - best
+    return cost / best - 1 if best else 0.0
 
 
 _COLOURED = {

@@ -1,8 +1,8 @@
 """A problem solved by IPOPT, from one start, with exact derivatives.
 
-Unknowns are in units of their ranges. Beside what is minimised stands a pull of each parameter to its start of 1e-3 of
-its unit: where a record tells nothing of a direction of parameters, they stay where they were and do not wander to a
-bound; where it tells something, 1e-6 of a unit squared is nothing.
+Unknowns are in units of their ranges. Beside what is minimised stands a pull of each parameter and offset to its
+start of 1e-3 of its unit: where a record tells nothing of a direction of them, they stay where they were and do not
+wander to a bound; where it tells something, 1e-6 of a unit squared is nothing.
 """
 
 from collections.abc import Callable
@@ -48,8 +48,8 @@ class Solver:
     def solve(
         self, start: Array, at: Array | None = None, each: Callable[[int, Array], None] = lambda k, last: None
     ) -> Solution:
-        """From the unknowns `start` (v), to whose parameters they are pulled, or going on `at` others; `each(k, last)`
-        after iteration k, with its unknowns."""
+        """From the unknowns `start` (v), to which parameters and offsets are pulled, or going on `at` others;
+        `each(k, last)` after iteration k, with its unknowns."""
         begin, first = (np.clip(v, self.low, self.high) / self.unit for v in (start, start if at is None else at))
         v, cost, gaps = self.problem.graph
         watch = _Watch(len(begin), gaps.numel(), lambda k, w: each(k, w * self.unit))
@@ -58,7 +58,7 @@ class Solver:
         solver = ca.nlpsol("fit", "ipopt", self._nlp, options)
         bounds = {"lbx": self.low / self.unit, "ubx": self.high / self.unit, "lbg": 0, "ubg": 0}
         with heard() as watch.interrupts:
-            result = solver(x0=first, p=begin[: self._free], **bounds)
+            result = solver(x0=first, p=begin[: self._pulled], **bounds)
         if watch.raised:
             raise watch.raised[0]
         end = result["x"].full().ravel() * self.unit
@@ -67,16 +67,16 @@ class Solver:
         return Solution(end, last, stats["return_status"], stats["iter_count"], bool(stats["success"]))
 
     @property
-    def _free(self) -> int:
-        return len(self.problem.free)
+    def _pulled(self) -> int:
+        return self.problem.constants
 
     @cached_property
     def _nlp(self) -> dict[str, Any]:
-        """Of the unknowns in their units, and the start of the parameters."""
+        """Of the unknowns in their units, and the start of those that are pulled."""
         v, cost, gaps = self.problem.graph
-        w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._free)
+        w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._pulled)
         least, jumps = ca.Function("problem", [v], [cost, gaps])(w * self.unit)
-        return {"x": w, "p": p, "f": least + ca.sumsqr(PULL * (w[: self._free] - p)) / 2, "g": jumps}
+        return {"x": w, "p": p, "f": least + ca.sumsqr(PULL * (w[: self._pulled] - p)) / 2, "g": jumps}
 
 
 class _Watch(ca.Callback):

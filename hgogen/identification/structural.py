@@ -65,7 +65,7 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
         len(names),
         tuple(names[s.name] for s in joint.rank.unobservable if s.name in names),
         tuple(map(str, joint.symmetries)),
-        tuple(s.name for s in joint.repairs),
+        tuple(s.name for s in joint.repairs if s not in added.values()),
     )
 
 

@@ -1,7 +1,7 @@
 """What is fitted to what, with bounds, units and starts of the unknowns, and what a solution is worth."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +14,7 @@ from hgogen.identification.motion import paced
 from hgogen.identification.predicting import Predicting
 from hgogen.identification.problem import Problem
 from hgogen.identification.records import Log
-from hgogen.identification.result import Estimate, Fit, Place
+from hgogen.identification.result import FINE, SAME, Estimate, Fit, Place, above
 from hgogen.identification.robust import CORNER, WRONG, corner, deviation
 from hgogen.identification.shooting import Shooting
 from hgogen.identification.solution import Solution, Solver
@@ -156,6 +156,7 @@ class Task:
             tuple(ended),
             self._by_output(float(np.mean(np.abs(e) > WRONG * deviation(e))) for e in known.outputs),
             self._by_output(map(whiteness, known.tell)),
+            tuple(self._rivals(best, ended, deviations)),
             self.problem.noise(best.unknowns),
         )
 
@@ -190,6 +191,21 @@ class Task:
         joint = structure(self.plant, free, offset)
         hidden = np.array([joint is not None and name in joint.hidden for name in names])
         return deviations, tuple(_named(names, v) for v in parted(V[:, ~sure], hidden).T), joint
+
+    def _rivals(self, best: Solution, ended: Sequence[Solution], deviations: Array) -> Iterator[dict[str, float]]:
+        """The parameters, lags and offsets of starts that cost as much as the best and lie elsewhere, by more than a
+        standard error."""
+        names = [
+            *map(str, self.chosen),
+            *(f"lag of {y}" for y in self._lagging),
+            *(f"offset of {y}" for y in self.offset),
+        ]
+        away = np.maximum(deviations, FINE * self.solver.unit[: len(names)])
+        for one in ended:
+            values = one.unknowns[: len(names)]
+            same = one.settled and above(self.by, one.cost, best.cost) <= SAME
+            if same and (np.abs(values - best.unknowns[: len(names)]) > away).any():
+                yield dict(zip(names, values.tolist(), strict=True))
 
     @property
     def _lagging(self) -> list[str]:

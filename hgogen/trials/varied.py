@@ -165,7 +165,7 @@ def _interval(signal: Signal, width: str | float | None, middle: float) -> tuple
 
 def _factor(width: str | float | None, trial: Trial) -> tuple[float, float]:
     if not trial.noise:
-        raise BadVariation(NOISE, f"the trial {trial.name} has none; give it noise")
+        raise BadVariation(NOISE, f"the trial {trial.name} has none; declare a trial with noise, or leave it out")
     if width is None:
         raise BadVariation(NOISE, "say by which factor, as in noise=50% or noise=0.5..2")
     low, high = _read(NOISE, width, 1.0)

@@ -72,8 +72,12 @@ def table(name: str, case: dict[str, Any]) -> str:
     lines = [f"{name}, n = {case['states']}".ljust(22) + "".join(head.rjust(9) for head in COLUMNS)]
     for who, costs in case["costs"].items():
         values = [figure.number(costs, path) for path in COLUMNS.values()]
-        lines.append(f"  {who}".ljust(22) + "".join(("-" if v is None else f"{v:.0f}" if v >= 100 else f"{v:.3g}").rjust(9) for v in values))
+        lines.append(f"  {who}".ljust(22) + "".join(map(_short, values)))
     return "\n".join([*lines, *(f"  {who}: {why}" for who, why in case["missing"].items()), ""])
+
+
+def _short(value: float | None) -> str:
+    return ("-" if value is None else f"{value:.0f}" if value >= 100 else f"{value:.3g}").rjust(9)
 
 
 if __name__ == "__main__":
