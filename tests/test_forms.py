@@ -12,6 +12,7 @@ import sympy as sp
 from form_answers import assert_same_plant, check, verdicts
 from hypothesis import strategies as st
 
+import hgogen as hg
 from hgogen import forms, observers
 from hgogen.check import Check, ClaimId, Refuted, UnknownCheck, Verdict, demand
 from hgogen.form import Form
@@ -564,6 +565,8 @@ def test_original_is_lipschitz_as_a_whole(flow: list[sp.Expr], output: sp.Expr, 
         ([X2 + X3, X3, X1], X1, "x1' reads x3 too early"),
         ([X2, X1, X2], X1 + X3, "y reads x3 too early"),
         ([X2, X2, X2], X3, "x2' does not read x1"),
+        ([X2, sp.Max(X3, 0), X1], X1, "the slope of x2' in x3 may be 0 on a part of the box"),
+        ([hg.table(X2, [-3, 0, 4], [0, 0, 3]), X3, X1], X1, "the slope of x1' in x2 may be 0 on a part of the box"),
     ],
 )
 def test_original_does_not_claim_a_shape_that_is_not_there(flow: list[sp.Expr], output: sp.Expr, says: str) -> None:
@@ -571,6 +574,11 @@ def test_original_does_not_claim_a_shape_that_is_not_there(flow: list[sp.Expr], 
     assert check(form, "order").verdict == Verdict.UNKNOWN
     assert says in str(check(form, "order").reason)
     assert_same_plant(form)
+
+
+@pytest.mark.parametrize("link", [X2 + sp.Abs(X2) / 2, hg.table(X2, [-3, 0, 4], [-1, 0, 3]), X2**3 + X2])
+def test_original_claims_it_where_a_slope_with_branches_has_one_sign(link: sp.Expr) -> None:
+    assert check(forms.original(plant([link, X3, X1], X1)), "order").verdict == Verdict.GENERIC
 
 
 def test_original_takes_several_outputs() -> None:

@@ -15,11 +15,13 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from hgogen.algebra.branches import ROUGH
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.kinks import slope
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
+from hgogen.intervals.sign import nonzero
 from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.structure.chain import Rows, of_plant
@@ -88,7 +90,7 @@ def _ordered(plant: System, order: Sequence[Signal | str]) -> tuple[Signal, ...]
 
 def _shape(along: Sequence[sp.Symbol], rows: Rows) -> Check:
     """Whether in the order `along` each row reads the states up to the next one, with a slope in that which is not zero
-    identically on the box."""
+    identically on the box, nor on a part of it, as one with branches may be."""
     id = ClaimId("original", "order")
     order = ", ".join(map(str, along))
     claim = f"in the order ({order}) y and each derivative in turn read states up to the next, with a slope in that"
@@ -100,8 +102,12 @@ def _shape(along: Sequence[sp.Symbol], rows: Rows) -> Check:
         if along[i] not in {*sure, *maybe}:
             doubt = because("{row} does not read {state}", row=name, state=along[i])
             return Check(id, claim, Verdict.UNKNOWN, doubt)
-        if along[i] not in sure or is_zero(slope(row, along[i]), rows.box) is not False:
+        steep = slope(row, along[i])
+        if along[i] not in sure or is_zero(steep, rows.box) is not False:
             doubt = because("{row} is not shown to have a slope in {state}", row=name, state=along[i])
+            return Check(id, claim, Verdict.UNKNOWN, doubt)
+        if steep.has(*ROUGH) and nonzero(steep, rows.box).verdict is not Verdict.PROVED:
+            doubt = because("the slope of {row} in {state} may be 0 on a part of the box", row=name, state=along[i])
             return Check(id, claim, Verdict.UNKNOWN, doubt)
         later = [x.name for x in rows.states if x in along[i + 1 :] and x in {*sure, *maybe}]
         if later:
