@@ -76,23 +76,34 @@ def sx(value: Graph) -> Graph:
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 
-def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
+def to_casadi(
+    expressions: Iterable[sp.Expr],
+    symbols: Mapping[sp.Symbol, Graph],
+    tops: Mapping[sp.Expr, tuple[float, ...]] | None = None,
+) -> list[Graph]:
     """The expressions as SX graphs, one scalar each; a subexpression is built once.
 
-    Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded).
+    Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded); `tops` tables to the largest
+    arguments at which slopes of them are taken.
 
     Raises: `NoGraph`.
     """
     memo: dict[sp.Basic, Graph] = {}
-    return [sx(_convert(each, each, symbols, memo)) for each in map(plain, expressions)]
+    return [sx(_convert(each, each, symbols, memo, tops or {})) for each in map(plain, expressions)]
 
 
-def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph], memo: dict[sp.Basic, Graph]) -> Graph:
+def _convert(
+    node: sp.Basic,
+    whole: sp.Basic,
+    symbols: Mapping[sp.Symbol, Graph],
+    memo: dict[sp.Basic, Graph],
+    tops: Mapping[sp.Expr, tuple[float, ...]],
+) -> Graph:
     if node in memo:
         return memo[node]
 
     def inner(child: sp.Basic) -> Graph:
-        return _convert(child, whole, symbols, memo)
+        return _convert(child, whole, symbols, memo, tops)
 
     value: Graph
     if isinstance(node, sp.Symbol):
@@ -112,7 +123,7 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
     elif isinstance(node, sp.Piecewise):
         value = _piecewise(node, inner)
     elif isinstance(node, Table):
-        value = Lookup(node.cells.holding(), node.order)(*map(inner, node.args))
+        value = Lookup(node.cells.holding(), node.order, tops.get(node, ()))(*map(inner, node.args))
     elif type(node) in _OPERATIONS:
         value = _OPERATIONS[type(node)](*map(inner, node.args))
     else:

@@ -45,7 +45,7 @@ from hgogen.recheck import tables as tables_module
 from hgogen.recheck.interval import between, intervals
 from hgogen.recheck.verification import recheck
 from hgogen.signal import BadName
-from hgogen.structure.inset import inset
+from hgogen.structure.inset import inset, tops
 from hgogen.system import BadSystem
 
 KINDS = ("linear", "monotone")
@@ -659,6 +659,53 @@ def test_a_gain_that_is_updated_takes_no_slope_beyond_the_ranges() -> None:
     slope = ca.Function("slope", [z], [observer.dynamics.jacobian(z, ca.SX(0, 1))[1, 1]])
     assert {check.id: check for check in observer.checks}["updated_gain.cap"].verdict is Verdict.PROVED
     assert [float(slope([0, place])) for place in (-2, 0, 1, 2)] == pytest.approx([1, 1, 1, 1])
+
+
+def _capped_slope(argument: sp.Expr, xs: Iterable[Any], x: hg.Signal, v: hg.Signal) -> ca.Function:
+    """The slope in v of T, which past its third point is far beyond what the proved cap of a gain allows."""
+    T = hg.table(argument, xs, [-2, -1, 0, 200], name="T")
+    form = hg.forms.triangular(_two_states(v, T, x=x, v=v))
+    observer = hg.observers.updated_gain(form, p_1=1, p_2=2, p_3=10, cap=60, poles=[-1, -1])
+    assert {check.id: check for check in observer.checks}["updated_gain.cap"].verdict is Verdict.PROVED
+    z = ca.SX.sym("z", 2)
+    return ca.Function("slope", [z], [observer.dynamics.jacobian(z, ca.SX(0, 1))[1, 1]])
+
+
+@pytest.mark.parametrize("shape", ["ramp", "peak", "tent"])
+def test_an_argument_largest_at_a_kink_within_the_ranges_has_a_slope_below(shape: str) -> None:
+    """At v = 0 it is the third point of T; CasADi's slope of a minimum at its kink is the mean of both."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    tent = hg.table(v, [-1, 0, 1], [-1, 0, -1], name="I")
+    argument = {"ramp": sp.Min(v, 0), "peak": sp.Min(2 * v, -v), "tent": tent}[shape]
+    slope = _capped_slope(argument, [-2, -1, 0, 1], x, v)
+    assert abs(float(slope([0, 0]))) <= 2
+    assert float(slope([0, -0.25])) == pytest.approx(2 if shape == "peak" else 1)
+
+
+def test_an_argument_far_larger_than_its_state_has_a_slope_below_the_end() -> None:
+    """v + 2**40 of doubles, whose step there is 2**-12; in single precision v + 273.15."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    far = 2**40
+    slope = _capped_slope(v + far, [far - 1, far, far + 1, far + 2], x, v)
+    assert [float(slope([0, place])) for place in (-1, 0.5, 1, 2)] == [1, 1, 1, 1]
+    kelvin = hg.table(v + sp.Rational("273.15"), [270, 274.15, 300], [0, 1, 200], name="T")
+    (place,) = tops([kelvin], box((v,)))[kelvin]
+    assert np.float32(272) < np.float32(place) < np.nextafter(np.float32(274.15), np.float32(0))
+
+
+def test_a_slope_is_held_below_a_point_only_where_it_jumps_there() -> None:
+    v, w = hg.Signal("v", low=-1, high=1), hg.Signal("w", low=-1, high=1)
+
+    def ends(argument: sp.Expr, xs: list[Any], kind: str = "linear") -> list[tuple[float, ...]]:
+        row = hg.table(argument, xs, [k * k for k in range(len(xs))], kind=kind, name="T")
+        return list(tops([row], box((v, w))).values())
+
+    assert ends(v, [-1, 1, 2]) == [(1 - 2**-18,)]
+    assert ends(2 * v - w, [-4, 3, 5]) == [(3 - 3 * 2**-18,)]
+    assert ends(v, [-3, -1.5, 1, 1.5], "monotone") == ends(v, [-1, 0, 1]) == ends(v, [-1, 0, 3]) == []
+    assert ends(v, [-1, 1 - 2**-30, 1, 2]) == [(1 - 2**-32,)]
+    grid = hg.table((v, w), ([-1, 0, 2], [-1, 1, 2]), [[0, 1, 9], [2, 5, 8], [7, 1, 3]], name="M")
+    assert tops([grid], box((v, w))) == {grid: (math.inf, 1 - 2**-18)}
 
 
 def test_slopes_are_taken_inside_the_ranges_only_where_a_table_asks_for_it() -> None:

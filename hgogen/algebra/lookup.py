@@ -19,7 +19,7 @@ CasADi differentiates through a call by the function's own derivative, and mista
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from itertools import pairwise
 from typing import Any
@@ -62,10 +62,12 @@ class Argument:
 
 @dataclass(frozen=True)
 class Lookup:
-    """A derivative of a table, of the `order` in each argument."""
+    """A derivative of a table, of the `order` in each argument. Its own derivatives are taken at arguments of at most
+    `tops`, if there are any: in one whose range ends on a breakpoint, below it."""
 
     cells: Cells
     order: Index
+    tops: tuple[float, ...] = field(default=(), compare=False)
 
     @property
     def name(self) -> str:
@@ -113,10 +115,12 @@ class Lookup:
         number where the distance is none."""
         return _formula(self.coefficients, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
 
-    @property
-    def slopes(self) -> tuple["Lookup", ...]:
-        """The derivatives by each argument."""
-        return tuple(replace(self, order=next_order(self.order, k)) for k in range(len(self.order)))
+    def slopes(self, *arguments: Graph) -> Graph:
+        """The row of its derivatives by each argument in a graph."""
+        tops = self.tops or (math.inf,) * len(arguments)
+        held = [a if top == math.inf else ca.fmin(a, top) for a, top in zip(arguments, tops, strict=True)]
+        places = [(*arguments[:k], a, *arguments[k + 1 :]) for k, a in enumerate(held)]
+        return ca.horzcat(*(Lookup(self.cells, next_order(self.order, k))(*at) for k, at in enumerate(places)))
 
     def __call__(self, *arguments: Graph) -> Graph:
         """The value in a graph."""
@@ -125,7 +129,7 @@ class Lookup:
     @cached_property
     def graph(self) -> ca.Function:
         """The function in CasADi, which stays one operation of the graphs that call it."""
-        text = repr((self.cells.name, self.cells.points, self.order))
+        text = repr((self.cells.name, self.cells.points, self.order, *self.tops))
         name = f"table_{hashlib.sha256(text.encode()).hexdigest()[:20]}"
         _KNOWN[name] = self
         names = [axis.name for axis in self.axes]
@@ -249,7 +253,7 @@ def jacobian(rows: Graph, x: Graph) -> Graph:
     (whole,) = walked(program, [symbols], apply)
     stands, values, slopes = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, x.numel())
     for symbol, lookup, args in calls:
-        at, row = ca.vertcat(*args), ca.horzcat(*(slope(*args) for slope in lookup.slopes))
+        at, row = ca.vertcat(*args), lookup.slopes(*args)
         slopes = ca.vertcat(slopes, row @ (ca.jacobian(at, x) + ca.jacobian(at, stands) @ slopes))
         values = ca.vertcat(values, lookup(*ca.vertsplit(ca.substitute(at, stands, values))))
         stands = ca.vertcat(stands, symbol)

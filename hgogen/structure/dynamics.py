@@ -17,15 +17,16 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.lookup import hessian, jacobian
+from hgogen.algebra.plain import plain
 from hgogen.analysis.determinant import determinant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
-from hgogen.intervals.box import box
+from hgogen.intervals.box import Box, box
 from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
-from hgogen.structure.inset import inset
+from hgogen.structure.inset import inset, tops
 from hgogen.structure.sided import Sided, sided
 from hgogen.system import System
 
@@ -297,8 +298,11 @@ class Dynamics:
         return self._inset_of((*form.A, *form.b, *form.output, *(form.jacobian or ())), form.states)
 
     def _inset_of(self, rows: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[tuple[float, float], ...]:
+        return inset(rows, states, self._around(states))
+
+    def _around(self, states: Sequence[sp.Symbol]) -> Box:
         system = self.form.system
-        return inset(rows, states, box((*states, *system.inputs, *system.parameters), system.nominal))
+        return box((*states, *system.inputs, *system.parameters), system.nominal)
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
@@ -329,7 +333,8 @@ class Dynamics:
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
-        return to_casadi([_with_constants(sp.sympify(e), system) for e in expressions], symbols)
+        rows = [plain(_with_constants(sp.sympify(e), system)) for e in expressions]
+        return to_casadi(rows, symbols, tops(rows, self._around(states or self.form.states)))
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step

@@ -3,21 +3,29 @@
 At a point a lookup takes the cell above it. Where the ranges end there, that cell lies beyond them: what is proved on
 the ranges is not of its slope, which may be 0, and an estimate that is clamped to its range stays there. So slopes are
 taken a little inside, in every state that such an argument reads, at both ends of its range.
+
+That moves no argument which is largest within the ranges, as min(v, 0) is at v = 0, nor in single precision one that is
+far larger than the state which it reads, as v + 273.15. So the argument of a slope is held below that point as well.
 """
 
+from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from itertools import product
+from math import inf
 
 import sympy as sp
 
 from hgogen.algebra.axis import Axis
 from hgogen.algebra.tabulated import Table
-from hgogen.intervals.box import Box
+from hgogen.intervals.box import Box, End
 from hgogen.intervals.rational import rational
+from hgogen.intervals.slope import KINKS
 from hgogen.signal import Signal
 
 SHARE = Fraction(1, 2**18)  # of a range or its ends: 64 units in the last place of single precision
+_SPLITS = 32  # of the box of an argument with kinks
 _CORNERS = 6  # signals of an argument, at most, whose corners tell what it attains
 
 
@@ -27,6 +35,49 @@ def inset(rows: Iterable[sp.Expr], states: Sequence[Signal], around: Box) -> tup
     pairs = ((axis, e) for node in tables for axis, e in zip(node.cells.axes, node.args, strict=True))
     moved = {s for axis, e in pairs if _ends_on(axis, e, around) for s in e.free_symbols}
     return tuple(_inner(*s.interval) if s in moved and s.bounded else s.interval for s in states)
+
+
+def tops(rows: Iterable[sp.Expr], around: Box) -> dict[sp.Expr, tuple[float, ...]]:
+    """The largest arguments at which slopes of tables are taken, of those that have any; `around`: as in `inset`."""
+    sides = tuple(around.items())
+    every = {node: _tops(node, sides) for row in rows for node in row.atoms(Table)}
+    return {node: places for node, places in every.items() if min(places) < inf}
+
+
+@lru_cache(maxsize=256)  # the same rows are asked for at each stage of a step
+def _tops(node: Table, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) -> tuple[float, ...]:
+    parts = zip(node.cells.axes, node.cells.smooth, node.order, node.args, strict=True)
+    return tuple(
+        _top(axis, [first == order + 1 for first in smooth], _ends(e, dict(sides))) for axis, smooth, order, e in parts
+    )
+
+
+def _ends(e: sp.Expr, around: Box) -> tuple[End, End]:
+    """Numbers between which an argument lies; the upper by bisection where there are kinks, on which it may be largest
+    while its slope there is not 0."""
+    widths = {s: around[s][1] - around[s][0] for s in sorted(e.free_symbols, key=str)}
+    sides = {s: Fraction(width) for s, width in widths.items() if width < inf}
+    low, most = rational(e, around)
+    parts = [(most, {s: around[s] for s in widths})]
+    for _ in range(_SPLITS if e.has(*KINKS) and sides else 0):
+        _, part = parts.pop(max(range(len(parts)), key=lambda k: parts[k][0]))
+        longest = max(sides, key=lambda s: (part[s][1] - part[s][0]) / sides[s])
+        a, b = part[longest]
+        halves = [{**part, longest: half} for half in ((a, (a + b) / 2), ((a + b) / 2, b))]
+        parts += [(rational(e, half)[1], half) for half in halves]
+    return low, max(top for top, _ in parts)
+
+
+def _top(axis: Axis, jumps: Sequence[bool], ends: tuple[End, End]) -> float:
+    """Below the first breakpoint that an argument in [low, most] does not pass, where it may come near it and the slope
+    jumps there; at the last a lookup takes the cell below it by itself."""
+    low, most = ends
+    k = bisect_left(axis.x, most)
+    if -low == inf or k >= len(axis.x) - 1 or not jumps[k]:
+        return inf
+    end, least = axis.x[k], max(low, axis.x[k - 1]) if k else low
+    share = SHARE * max(abs(Fraction(low)), abs(end))
+    return float(end - min(share, Fraction(end - least) / 4)) if end - share <= most else inf
 
 
 def _ends_on(axis: Axis, argument: sp.Expr, around: Box) -> bool:
