@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from typer import BadParameter
 from typer.testing import CliRunner
 
 import hgogen as hg
@@ -24,6 +25,7 @@ from hgogen.calling import native
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands import building, jobs, tables
 from hgogen.commands import process as process_
+from hgogen.commands.logs import names_in, numbers_by_name
 from hgogen.model import summary
 from hgogen.modelfiles.setting import UnknownCase
 from hgogen.target import Files
@@ -368,11 +370,12 @@ def test_simulate(here: Path):
 
 
 def test_run(here: Path):
-    answer = as_json("run", "neuron", *LOG, "--time", "time", "--horizon", "1,5")
+    answer = as_json("run", "neuron", *LOG, "--time", "time", "--horizon", "1,5,1000,99999999")
     folder = here / "build" / "neuron"
     assert files(folder) == sorted(Path(path).name for path in answer["files"])
     assert len(files(folder)) == 9
     assert [(p["ahead"], p["count"]) for p in answer["predictions"]] == [(1, 999), (5, 995), (None, 999)]
+    assert answer["notes"][-1] == "no sample is there to compare with predictions 1000, 99999999 samples ahead"
     assert answer["record"]["rows"] == answer["record"]["samples"] == 1000
     with (folder / "log_estimates.csv").open() as stream:
         rows = list(csv.DictReader(stream))
@@ -591,7 +594,13 @@ def test_noise(here: Path):
         (("run", "neuron", "--data", "log.csv", "--time", "time"), "say --map u=COLUMN, one of time, potential, drive"),
         (("run", "neuron", *LOG, "--time", "time", "--horizon", "1,x"), "positive whole numbers"),
         (("run", "neuron", *LOG, "--time", "time", "--horizon", "0"), "positive whole numbers"),
+        (("run", "neuron", *LOG, "--time", "time", "--initial", "x1=1,x2=0,x1=2"), "x1 is given twice; leave one of"),
+        (("run", "neuron", *LOG, "--time", "time", "--truth", "x2=u", "--truth", "x2=y"), "x2 is given twice"),
         (("run", "neuron", *LOG, "--time", "time", "--out", "log.csv"), "cannot write log.csv"),
+        (("fit", "neuron", *LOG, "--time", "time", "--free", ""), "'' holds no name; give some, or leave the option"),
+        (("tune", "neuron", *LOG, "--time", "time", "--observers", ""), "--observers: '' holds no name"),
+        (("tune", "neuron", *LOG, "--time", "time", "--segments", "700"), "must be a whole number, from 2 to 665"),
+        (("advise", "neuron", "--noise", "y=1", "--noise", "y=2"), "y is given twice; leave one of them out"),
         (("run", "neuron", "--data", "header.csv", "--time", "time"), "header but no rows"),
         (("run", "neuron", "--data", "void.csv", "--time", "time"), "is empty"),
         (
@@ -619,6 +628,17 @@ def test_bad_input_is_a_sentence_and_exit_2(here: Path, arguments: tuple[str, ..
     _, err = hgogen(*arguments, status=2)
     assert said in err
     assert {path: path.read_bytes() for path in here.rglob("*") if path.is_file()} == before
+
+
+def test_a_name_is_given_once_and_some_name_at_least() -> None:
+    assert numbers_by_name(["a=1,b=2", "c=3"], "--initial") == {"a": 1, "b": 2, "c": 3}
+    for texts in (["a=1,b=2,a=3"], ["a=1", "a=2"]):
+        with pytest.raises(BadParameter, match="a is given twice"):
+            numbers_by_name(texts, "--initial")
+    assert (names_in(None, "--lag"), names_in("a, b", "--lag")) == ((), ("a", "b"))
+    for text in ("", " ", ","):
+        with pytest.raises(BadParameter, match=f"{text!r} holds no name"):
+            names_in(text, "--lag")
 
 
 def test_new_writes_a_model_that_builds(here: Path):

@@ -286,6 +286,27 @@ def test_a_signal_without_a_column_asks_for_the_mapping(tmp_path: Path):
         read(log(tmp_path, "t,y\n0,1\n"), {"level": "level"}, dt=0.1, time="t")
 
 
+@pytest.mark.parametrize(
+    ("text", "words", "said"),
+    [
+        ("t,v\n0,1\n1,2\n", {"time": "t"}, "has no column 'y'; say columns={'y': COLUMN}, one of t, v"),
+        ("t,y\n0,-\n1,-\n", {"time": "t"}, "holds no number for y; say columns={'y': COLUMN}"),
+        ("t,y\n0,1\n1,2\n", {}, "give either time=COLUMN or period=TIME, so"),
+        ("t,y\nnow,1\nthen,2\n", {"time": "t"}, "or say period=TIME"),
+        ("t,y\n0,1\n1,2\n", {"time": "t", "columns": {"y": "2*z"}}, "the expression '2*z': "),
+        ("t,y\n0,1\n1,2\n", {"time": "t", "columns": {"y": "2*3"}}, "the expression '2*3' reads no column"),
+        ("t,y\n0,1\n1,2\n", {"time": "t", "shift": {"y": 2}}, "a shift of y by 2 leaves nothing of its 2 samples"),
+    ],
+)
+def test_what_python_reads_is_refused_in_the_words_of_python(tmp_path: Path, text: str, words: dict, said: str):
+    x, y = hg.Signal("x"), hg.Signal("y")
+    plant = hg.System("tank", states=(x,), outputs=(y,), flow=[-x], output=[x])
+    with pytest.raises(BadRecord) as caught:
+        hg.record(log(tmp_path, text), plant, **words)
+    assert said in str(caught.value)
+    assert "--" not in str(caught.value)
+
+
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.floats(0, 20), st.floats(-5, 5)), min_size=2, max_size=40))
 def test_every_number_on_the_grid_was_measured_nearby(tmp_path_factory: pytest.TempPathFactory, rows):

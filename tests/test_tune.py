@@ -626,10 +626,21 @@ def test_counts_are_demanded(name: str, least: int) -> None:
             hg.tune(PLANT, log(8, 100)[0], **{name: value})
 
 
+def test_more_segments_than_samples_are_refused() -> None:
+    """Of each record the samples after its first twentieth: 95, of which a record of half the mean length has half as
+    many segments; the number that is named is taken."""
+    long, short = log(8, 150)[0], log(9, 50)[0]
+    with pytest.raises(BadGain, match=r"segments = 4000 must be a whole number, from 2 to 94$"):
+        hg.tune(PLANT, long, short, segments=4000)
+    judge = Judge(tuple(replace(one, y=one.y.reshape(-1, 1)) for one in (long, short)), Ahead(1), 94, "python")
+    assert judge.most == 94  # of 142 samples of the long one, 150/100 of it
+    assert [len(part) for part in judge._parts[0] + judge._parts[1]].count(0) == 0
+
+
 def test_records_are_demanded() -> None:
     with pytest.raises(CannotTune, match="records are missing"):
         hg.tune(PLANT)
-    with pytest.raises(CannotTune, match=r"have different periods, 0\.05, 0\.1; read them on one grid, as --dt does"):
+    with pytest.raises(CannotTune, match=r"have different periods, 0\.05, 0\.1; read them on one grid, by --dt"):
         hg.tune(PLANT, log(8, 100)[0], hg.Log(np.zeros(100), np.zeros(100), 0.1))
     with pytest.raises(CannotTune, match="show no change of an output over 1 sample in at"):
         hg.tune(PLANT, hg.Log(np.zeros(100), np.ones(100), DT))
@@ -677,7 +688,7 @@ def test_the_command_says_what_to_do(tmp_path: Path) -> None:
     )
     assert "holds no number for truth of v; say --truth v=COLUMN" in hgogen(*words, "--truth", "v=v", status=2)[1]
     said, beside = hgogen(*words, "--horizon", "1,500", "--json")
-    assert json.loads(said)["notes"][-1] == "no record is long enough to judge predictions 500 samples ahead"
+    assert json.loads(said)["notes"][-1] == "no sample is there to compare with predictions 500 samples ahead"
     assert "no step at 0.05 s of the model's own tuning riccati: " in beside
     assert "v" in beside.partition("tuning riccati: ")[2]
 

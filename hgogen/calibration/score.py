@@ -11,6 +11,7 @@ nor does a segment in which nothing can be compared. A gain is chosen on the seg
 what is said of it is the root of the mean of these judgements (cross-validation).
 """
 
+import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -94,6 +95,12 @@ class Judge:
         with np.errstate(all="ignore"):
             parts = zip(self._scales, self._parts, strict=True)
             return np.concatenate([self._of(step, k, *each) for k, each in enumerate(parts)])
+
+    @property
+    def most(self) -> int:
+        """How many segments a record of mean length may have, so that none is without a sample."""
+        lengths = list(map(len, self._moves))
+        return min(math.floor((n - round(BEGIN * n)) * sum(lengths) / (len(lengths) * n)) for n in lengths)
 
     @property
     def count(self) -> int:

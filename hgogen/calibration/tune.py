@@ -55,10 +55,11 @@ def tune(
 
     `records`: as in `fit`, all of one period; `observers`: names of `hg.observers`, by default all, or "adaptive",
     which comes with riccati; `ahead`: samples, 1 where an estimate of now is wanted; `method` by name, `between` and
-    `real`: as in `sample`; `segments` of each record, by which gains are judged that others chose; `truth`: the
-    courses (N) of hidden states by name, a mapping for each record, by which gains are then chosen in the place of
-    predictions; `rows`: the forms to ask, by default those that the plant is in, those that take seconds if `deep`;
-    `jobs`: processes that try gains, None for one for each core; `each(what)` is called after every trial.
+    `real`: as in `sample`; `segments` of each record, by which gains are judged that others chose, each of a sample at
+    least; `truth`: the courses (N) of hidden states by name, a mapping for each record, by which gains are then chosen
+    in the place of predictions; `rows`: the forms to ask, by default those that the plant is in, those that take
+    seconds if `deep`; `jobs`: processes that try gains, None for one for each core; `each(what)` is called after every
+    trial.
 
     Raises: `CannotTune`; `BadGain` for counts that are none; `UnknownObserver`; `BadLog`, `BadShape` for records
     that are none.
@@ -70,7 +71,7 @@ def tune(
     dts = [record.dt for record in records]
     if max(dts) > (1 + SAME) * min(dts):
         listed = ", ".join(f"{dt:g}" for dt in dict.fromkeys(dts))
-        raise CannotTune("records", f"have different periods, {listed}; read them on one grid, as --dt does")
+        raise CannotTune("records", f"have different periods, {listed}; read them on one grid, by --dt (dt=)")
     ahead, segments = count("ahead", ahead, 1, 2**31), count("segments", segments, 2, 2**31)
     logs = tuple(replace(readable(plant, record, k), dt=dts[0]) for k, record in enumerate(records, 1))
     true = _truth(plant, truth, logs)
@@ -79,6 +80,7 @@ def tune(
         over = "the truth" if true else f"an output over {ahead} sample{'s' * (ahead > 1)}"
         reason = f"show no change of {over} in at least 2 of their segments"
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")
+    count("segments", segments, 2, judge.most)
     sampling = {"method": method, "between": between, **({"real": real} if real != "double" else {})}
     task = Task(logs, judge, sampling, tuple(everywhere(plant, deep=deep) if rows is None else rows))
     work = partial(_results, Workers(task, jobs), each)

@@ -68,9 +68,9 @@ def advise_(
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("advised.json")
-    sigmas = {name: each for text in noise or () for name, each in numbers_by_name(text, "--noise").items()}
+    sigmas = numbers_by_name(noise or (), "--noise")
     chosen = _trial(loaded, trial)
-    names = names_in(observers)
+    names = names_in(observers, "--observers")
     with Bar("observers", len(names) or len(kinds.__all__)) as bar:
         advised, refused = advise(
             plant,

@@ -29,7 +29,19 @@ from hgogen.commands.command import (
     json_text,
     show,
 )
-from hgogen.commands.logs import Between, Data, Deep, HeldOut, Shift, Truth, horizons, logs_of, names_in, truth_of
+from hgogen.commands.logs import (
+    Between,
+    Data,
+    Deep,
+    HeldOut,
+    Shift,
+    Truth,
+    horizons,
+    logs_of,
+    names_in,
+    too_far,
+    truth_of,
+)
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.emit.cost import cost
@@ -90,7 +102,7 @@ def tune_(
     innovations are not those of white noise, known: of its convergence, operations, functions, state in bytes,
     likelihood), refused (why, by observer), notes, files.
     """
-    aheads = horizons(horizon, "--horizon")
+    aheads, names = horizons(horizon, "--horizon"), names_in(observers, "--observers")
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("tuned.json")
@@ -122,7 +134,7 @@ def tune_(
         calibration = tune(
             plant,
             *logs.learned,
-            observers=names_in(observers) or None,
+            observers=names or None,
             ahead=ahead,
             segments=segments,
             truth=seen if tune_on is TunedOn.TRUTH else (),
@@ -139,7 +151,7 @@ def tune_(
     ]
     rows = judged(plant, calibration, _declared(loaded, logs.whole[0].dt), held, aheads, engine_here())
     said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
-    notes = (*logs.notes(), *said, *_too_far(aheads, rows[0]))
+    notes = (*logs.notes(), *said, *too_far(aheads, rows[0].errors))
     paths = folder.demand("tuned.json")
     each = [_row(calibration, row) for row in rows]
     report = {
@@ -207,13 +219,6 @@ def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
     for name, reason in refused.items():
         note(f"no step at {dt:g} {model.plant.time} of the model's own tuning {name}: {reason}")
     return steps
-
-
-def _too_far(aheads: Iterable[int], row: Judged) -> Iterator[str]:
-    """Horizons at which nothing is compared."""
-    far = [str(h) for h in sorted(set(aheads)) if h not in row.errors]
-    if far:
-        yield f"no record is long enough to judge predictions {', '.join(far)} samples ahead"
 
 
 def _row(calibration: Calibration, row: Judged) -> dict[str, Any]:

@@ -20,7 +20,17 @@ from typer.core import TyperCommand
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.check import Refuted
-from hgogen.commands.process import INTERRUPTED, console, dropped, interrupted, listen, note, printing, results
+from hgogen.commands.process import (
+    INTERRUPTED,
+    console,
+    dropped,
+    interrupted,
+    interruptible,
+    listen,
+    note,
+    printing,
+    results,
+)
 from hgogen.errors import HgogenError
 from hgogen.model import Model
 from hgogen.modelfiles.raised import ends_python
@@ -180,7 +190,7 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
         def command(*args: Any, **kwargs: Any) -> None:
             try:
                 listen()
-                with printing(), warnings.catch_warnings():
+                with interruptible(), printing(), warnings.catch_warnings():
                     warnings.showwarning = _warned
                     function(*args, **kwargs)
                     results().flush()

@@ -30,7 +30,7 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.logs import Data, HeldOut, Shift, logs_of, names_in
-from hgogen.commands.process import note
+from hgogen.commands.process import interruptible, note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
 from hgogen.identification.fit import AGAIN, fit
@@ -115,6 +115,8 @@ def fit_(
     predictions (of the rows held out: record, output, ahead, fitted, unfitted, copying), unjudged (why there are none,
     or empty), notes, files.
     """
+    asked = {"--free": free, "--offset": offset, "--lag": lag}
+    names = {option: names_in(text, option) for option, text in asked.items()}
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     folder.demand("fitted.json", BEGUN)
@@ -131,9 +133,9 @@ def fit_(
         result = fit(
             plant,
             *logs.learned,
-            free=names_in(free) or None,
-            offset=names_in(offset),
-            lag=names_in(lag),
+            free=names["--free"] or None,
+            offset=names["--offset"],
+            lag=names["--lag"],
             starts=starts,
             seed=seed,
             robust=robust,
@@ -202,7 +204,8 @@ def _writing(folder: Folder, bar: Bar) -> Iterator[Callable[[Progress], None]]:
         folder.write({BEGUN: json_text(progress.as_dict(), indent=0) + "\n"})
 
     try:
-        yield each
+        with interruptible():
+            yield each
     except KeyboardInterrupt:
         if last is not None:
             write(last)

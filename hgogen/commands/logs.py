@@ -1,11 +1,11 @@
 """Measured records on the command line: which columns are signals, and the rows held out."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import typer
@@ -13,7 +13,7 @@ import typer
 from hgogen.identification.records import Log, beyond
 from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.averaged import Window
-from hgogen.reading.measured import Record, read
+from hgogen.reading.measured import COMMAND, Record, read
 from hgogen.system import System
 
 Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV, Parquet or MAT file; repeat it.")]
@@ -32,6 +32,9 @@ Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may t
 HeldOut = Annotated[
     float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
 ]
+
+
+Value = TypeVar("Value")
 
 
 class Between(StrEnum):
@@ -92,7 +95,7 @@ def logs_of(
     window: Window,
 ) -> Logs:
     """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
-    other columns by name, which `options` name; `shift`: texts SIGNAL=SAMPLES; None for no texts; `window`: that of
+    other columns by name, which `options` give; `shift`: texts SIGNAL=SAMPLES; None for no texts; `window`: that of
     inputs which are averaged.
 
     Raises: `BadRecord`.
@@ -103,7 +106,8 @@ def logs_of(
     first = plant.declared
     units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}
     words: dict[str, Any] = {"dt": dt, "time": time, "period": period, "unit": plant.time, "units": units}
-    records = tuple(read(path, columns, **words, options=options, inputs=inputs).shifted(shifts) for path in data)
+    words |= {"inputs": inputs, "caller": replace(COMMAND, others=options)}
+    records = tuple(read(path, columns, **words).shifted(shifts) for path in data)
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
 
 
@@ -111,14 +115,14 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Of each state whose truth was measured: the name of its column among the signals, and the file's, or an
     expression. Raises: `typer.BadParameter`."""
     names = [x.name for x in plant.declared.states]
-    columns = {}
+    columns = []
     for text in pairs:
         state, _, column = (part.strip() for part in text.partition("="))
         if state not in names or not column:
             reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
             raise typer.BadParameter(reason, param_hint="--truth")
-        columns[state] = (truth_name(state), column)
-    return columns
+        columns.append((state, (truth_name(state), column)))
+    return _once(columns, "--truth")
 
 
 def truth_name(state: str) -> str:
@@ -126,21 +130,34 @@ def truth_name(state: str) -> str:
     return f"truth of {state}"
 
 
-def numbers_by_name(text: str, option: str) -> dict[str, float]:
-    """Numbers from a text such as "x=1,v=0". Raises: `typer.BadParameter`."""
-    numbers = {}
-    for part in text.split(","):
+def numbers_by_name(texts: Iterable[str], option: str) -> dict[str, float]:
+    """Numbers from texts such as "x=1,v=0". Raises: `typer.BadParameter`."""
+    numbers = []
+    for part in (part for text in texts for part in text.split(",")):
         name, _, number = part.partition("=")
         try:
-            numbers[name.strip()] = float(number)
+            numbers.append((name.strip(), float(number)))
         except ValueError:
             raise typer.BadParameter(f"{part!r} must read NAME=NUMBER", param_hint=option) from None
-    return numbers
+    return _once(numbers, option)
 
 
-def names_in(text: str | None) -> tuple[str, ...]:
-    """What a text such as "a,b" names."""
-    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
+def _once(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
+    """The values by name. Raises: `typer.BadParameter` for a name that is given twice."""
+    values: dict[str, Value] = {}
+    for name, value in pairs:
+        if name in values:
+            raise typer.BadParameter(f"{name} is given twice; leave one of them out", param_hint=option)
+        values[name] = value
+    return values
+
+
+def names_in(text: str | None, option: str) -> tuple[str, ...]:
+    """What a text such as "a,b" names, None nothing. Raises: `typer.BadParameter` for a text without a name."""
+    names = tuple(part.strip() for part in (text or "").split(",") if part.strip())
+    if text is not None and not names:
+        raise typer.BadParameter(f"{text!r} holds no name; give some, or leave the option out", param_hint=option)
+    return names
 
 
 def horizons(text: str, option: str) -> tuple[int, ...]:
@@ -152,3 +169,10 @@ def horizons(text: str, option: str) -> tuple[int, ...]:
     if min(ahead) < 1:
         raise typer.BadParameter(f"{text!r} must be positive whole numbers, such as 1,5,25", param_hint=option)
     return ahead
+
+
+def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[str]:
+    """A sentence on the numbers of samples ahead at which nothing is `compared`."""
+    far = ", ".join(map(str, sorted({*ahead} - {*compared})))
+    if far:
+        yield f"no sample is there to compare with predictions {far} samples ahead"

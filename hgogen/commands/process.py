@@ -53,6 +53,19 @@ def interrupted() -> bool:
     return bool(_heard)
 
 
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Within it, an error after a Ctrl-C is that Ctrl-C: of what a handler raises within its calls, CasADi makes errors
+    of its own."""
+    before = len(_heard)
+    try:
+        yield
+    except Exception as error:
+        if len(_heard) > before:
+            raise KeyboardInterrupt from error
+        raise
+
+
 def set_apart() -> None:
     """Let descriptor 1 be another name of descriptor 2, and `sys.stdout` write to where descriptor 1 led."""
     if sys.stdout is None:  # it is closed, and no file is to take its number

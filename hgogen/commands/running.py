@@ -25,7 +25,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, truth_name, truth_of
+from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
@@ -130,6 +130,7 @@ def run_(
     single = _from_double(step, done, u, samples, engine)
     other = None if wrong else better(judge, u, y, counted, engine)
     notes = [*clamped(step, u, record.operands), *no_better(errors), *sure.sentences(), *coarse(single, step.time)]
+    notes += too_far(ahead, [one.ahead for one in errors])
     if other:
         notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
     status = jobs.flagged(step, done.status)
@@ -196,7 +197,7 @@ def _from_double(
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
     """The step that starts there, and what it takes from the text or, by default, from the first samples."""
     if initial is not None:
-        values = numbers_by_name(initial, "--initial")
+        values = numbers_by_name([initial], "--initial")
         return step.started(lambda form: values), values
     shown = _shown(step, y)
     return (step.started(lambda form: {**step.observer.initial, **shown}), shown) if shown else (step, {})

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from hgogen.errors import BadArgument
 from hgogen.identification.records import Log
 from hgogen.reading.averaged import WINDOWS
-from hgogen.reading.measured import read
+from hgogen.reading.measured import PYTHON, read
 from hgogen.system import System
 
 
@@ -42,6 +42,7 @@ def record(
     inputs = {s.name: WINDOWS[between] for s in plant.inputs}
     wanted: dict[str, str] = {str(s.name): named.get(s.name, str(s.name)) for s in signals}
     units = {s.name: s.unit for s in signals}
-    got = read(source, wanted, dt=dt, time=time, period=period, unit=plant.time, inputs=inputs, units=units)
+    words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "units": units, "caller": PYTHON}
+    got = read(source, wanted, dt=dt, inputs=inputs, **words)
     got = got.shifted(shift or {})
     return Log(got.of(plant.inputs), got.of(plant.outputs), got.report.dt)

@@ -40,9 +40,10 @@ def column(log: Table, text: str) -> Column:
         graph = ca.Function("column", *_graph(expression, {symbols[written]: written for written in read}))
     except (BadExpression, NoGraph) as error:
         listed = ", ".join(name if name.isidentifier() else f"[{name}]" for name in log.header if name)
-        raise BadRecord(log.path, f"--map to {text!r}: {error}; its columns are {listed}") from None
+        raise BadRecord(log.path, f"the expression {text!r}: {error}; its columns are {listed}") from None
     if not read:
-        raise BadRecord(log.path, f"--map to {text!r} reads no column; name one, in brackets if it is no identifier")
+        reason = f"the expression {text!r} reads no column; name one, in brackets if it is no identifier"
+        raise BadRecord(log.path, reason)
     with np.errstate(all="ignore"):
         values = np.array(graph(*(one.values[None, :] for one in read.values()))).ravel()
     known = np.all([np.isfinite(one.values) for one in read.values()], axis=0) & np.isfinite(values)

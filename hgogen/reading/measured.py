@@ -32,6 +32,25 @@ _DOUBT = 0.4  # of a period, from a whole multiple: how many periods a step is
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
 
 
+@dataclass(frozen=True)
+class Caller:
+    """How who calls gives what a sentence asks for: the `column` of a name, a pattern of {name}, but of some names by
+    `others`; the `times` of rows; the `period` between them."""
+
+    column: str
+    times: str
+    period: str
+    others: Mapping[str, str] = field(default_factory=dict)
+
+    def fix(self, name: str) -> str:
+        """What gives the column of a name."""
+        return self.others.get(name) or self.column.format(name=name)
+
+
+COMMAND = Caller("--map {name}=COLUMN", "--time COLUMN or --period TIME", "--period TIME")
+PYTHON = Caller("columns={{{name!r}: COLUMN}}", "time=COLUMN or period=TIME", "period=TIME")
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing, as a masked entry
@@ -57,7 +76,7 @@ class Record:
         values, notes = self.values.copy(), []
         for name, by in shifts.items():
             if abs(by) >= len(values):
-                reason = f"--shift {name}={by} leaves nothing of its {len(values)} samples; give a smaller one"
+                reason = f"a shift of {name} by {by} leaves nothing of its {len(values)} samples; give a smaller one"
                 raise BadRecord(self.report.path, reason)
             column = self.names.index(name)
             values[:, column] = shifted(values[:, column], by)
@@ -84,14 +103,14 @@ def read(
     time: str | None = None,
     period: float | None = None,
     unit: str = "s",
-    options: Mapping[str, str] = MappingProxyType({}),
+    caller: Caller = COMMAND,
     inputs: Mapping[str, Window] = MappingProxyType({}),
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> Record:
     """The log at `path`, a file's or a DataFrame, on the grid of `dt`, of its own period where None; `unit`: that of
-    all times, the model's; `options`: what names the column of a name, where it is not "--map NAME=COLUMN"; `inputs`:
-    the names that are averaged where the log is faster or irregular (reading/averaged.py), with their windows; others
-    are sampled; `units`: those of the names, to which a column is converted whose name holds another.
+    all times, the model's; `caller`: to whom the sentences of errors speak; `inputs`: the names that are averaged
+    where the log is faster or irregular (reading/averaged.py), with their windows; others are sampled; `units`: those
+    of the names, to which a column is converted whose name holds another.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
     the column of times, or `period` is the time between rows.
@@ -100,14 +119,14 @@ def read(
     """
     name = str(path) if isinstance(path, str | Path) else "the log"
     if (time is None) == (period is None):
-        raise BadRecord(name, "give either --time COLUMN or --period TIME, so that the rows have times")
+        raise BadRecord(name, f"give either {caller.times}, so that the rows have times")
     if period is not None and not 0 < period < math.inf:
         raise BadRecord(name, f"the period {period:g} must be a positive number of {plural(unit)}")
     log = log_of(path)
     for name, column in columns.items():
         if name == column and name not in log.header:
             listed = ", ".join(filter(None, log.header))
-            raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
+            raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {listed}")
     series = {name: mapped.column(log, text) for name, text in columns.items()}
     operands = {name: mapped.operand(log, text) for name, text in columns.items()}
     alone = {name: text for name, text in columns.items() if text in log.header}
@@ -115,7 +134,7 @@ def read(
         log, series[name], operands[name] = _converted(log, series[name], name, text, units.get(name, ""))
     if time is not None:
         log, clock, _ = _converted(log, log.column(time), "time", time, unit)
-        times = _stamps(log, clock, unit)
+        times = _stamps(log, clock, unit, caller)
     else:
         times = np.arange(len(log.rows)) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
@@ -124,8 +143,8 @@ def read(
     for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
             example = f", but cells such as {one.example!r}" if one.example else ""
-            fix = options.get(name, f"--map {name}=COLUMN")
-            raise BadRecord(log.path, f"the column {one.name!r} holds no number for {name}{example}; say {fix}")
+            reason = f"the column {one.name!r} holds no number for {name}{example}; say {caller.fix(name)}"
+            raise BadRecord(log.path, reason)
     return record
 
 
@@ -146,7 +165,7 @@ def _converted(log: Table, column: Column, name: str, text: str, unit: str) -> t
     return log, replace(column, values=change.factor * column.values + change.offset), change.operand(operand)
 
 
-def _stamps(log: Table, column: Column, unit: str) -> np.ndarray:
+def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
     """The times (rows,), NaN where a row has none; of dates those since the first, where the model's unit is known."""
     known = seconds(unit)
     if known and not np.isfinite(column.values).any():
@@ -157,7 +176,7 @@ def _stamps(log: Table, column: Column, unit: str) -> np.ndarray:
         raise BadRecord(
             log.path,
             f"the time column {column.name!r} holds {column.not_numbers} cells that are no numbers{example} and "
-            f"{column.empty} empty ones; it must hold {plural(unit)}, or say --period TIME",
+            f"{column.empty} empty ones; it must hold {plural(unit)}, or say {caller.period}",
         )
     return column.values
 

@@ -79,10 +79,10 @@ def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterabl
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
     z = np.array(model.enter(run.x.T))
     wanted, last = sorted(set(ahead)), held_last(y)
-    for h in range(1, max(wanted, default=0) + 1):
+    for h in range(1, max((h for h in wanted if h < len(y)), default=0) + 1):
         now, after = _shifted(u, h - 1), _shifted(u, h)
         z = np.array(model.move(z, now.T, after.T))
-        if h in wanted and h < len(y):
+        if h in wanted:
             predicted = _limited(np.array(model.read(z, after.T)).T, step.outputs)[:-h]
             yield _compared(h, predicted, y, last[:-h])
     start = model.enter(run.x[0])
