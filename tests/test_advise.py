@@ -107,15 +107,26 @@ def test_an_observer_around_another_says_so(rows: tuple[tuple[Advised, ...], dic
 
 def test_what_does_not_settle_is_said(high_gain: Advised) -> None:
     tried = tuple(
-        type(high_gain.tried[0])(theta, settled, {}) for theta, settled in ((2.0, None), (4.0, None), (8.0, 1.0))
+        type(high_gain.tried[0])(theta, settled, {}, 5 / theta)
+        for theta, settled in ((2.0, None), (4.0, None), (8.0, 1.0))
     )
     row = Advised("high_gain", high_gain.first, 2.0, None, tried)
-    assert row.sentence == "theta 2 of high_gain does not settle in the trial, 8 is the first that does"
+    assert row.sentence == (
+        "theta 2 of high_gain does not settle in the trial, 8 is the first that does, by --settling 0.625 (settling=)"
+    )
     none = Advised("high_gain", high_gain.first, 2.0, 1.0, tried[:2])
     assert none.sentence == (
         "theta 2 of high_gain is above what is certified, 1, and does not settle in the trial, nor does another that "
         "was tried"
     )
+
+
+def test_each_theta_tried_is_had_by_its_time(high_gain: Advised) -> None:
+    """With the digits of the sentence, which an observer without a gain of that name can be asked by as well."""
+    for one in high_gain.tried:
+        options = {"dt": 5e-3, "noise": {"y": 1e-3}, "settling": float(f"{one.settling:.4g}")}
+        (asked,), _ = advise(MODEL.plant, observers=["high_gain"], **options)
+        assert (asked.theta, asked.sigma) == (one.theta, {"y": 1e-3})
 
 
 def test_the_command_writes_gains_that_others_take(tmp_path: Path) -> None:

@@ -39,24 +39,26 @@ LEFT = 0.01  # of a first error
 @dataclass(frozen=True)
 class Tried:
     """A theta on the trial: the time to settle from its start, None where it does not; the RMS that noise alone makes
-    of the estimate, by state."""
+    of the estimate, by state; `settling`: the wanted time that gives this theta."""
 
     theta: float
     settled: float | None
     noise: Mapping[str, float]
+    settling: float
 
 
 @dataclass(frozen=True)
 class Advised:
     """Gains of an observer: the `name` of its tuning; `first` with form and step; its `theta`, None where it has
     none; from which theta on it is `certified`, None where no bound is proved; what was `tried`, its own theta
-    among it: of an observer without theta that alone, without a trial nothing."""
+    among it: of an observer without theta that alone, without a trial nothing; `sigma`: the noise, by output."""
 
     name: str
     first: First
     theta: float | None
     certified: float | None
     tried: tuple[Tried, ...]
+    sigma: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def table(self) -> Mapping[str, Any]:
@@ -69,9 +71,10 @@ class Advised:
         return next((one for one in self.tried if one.theta == (self.theta or 0.0)), None)
 
     @property
-    def settles(self) -> float | None:
+    def settles(self) -> Tried | None:
         """The first theta tried that settles."""
-        return min((one.theta for one in self.tried if one.settled is not None), default=None)
+        settling = (one for one in self.tried if one.settled is not None)
+        return min(settling, key=lambda one: one.theta, default=None)
 
     @property
     def sentence(self) -> str:
@@ -84,9 +87,9 @@ class Advised:
             far = f"{ratio:.2g} times below" if ratio >= 1 else "above"
             said.append(f"is {far} what is certified, {self.certified:.3g}")
         if self.tried and self.own is not None and self.own.settled is None:
-            other = (
-                f", {self.settles:g} is the first that does" if self.settles else ", nor does another that was tried"
-            )
+            first, other = self.settles, ", nor does another that was tried"
+            if first is not None:
+                other = f", {first.theta:g} is the first that does, by --settling {first.settling:.4g} (settling=)"
             said.append(f"does not settle in the trial{other}")
         return f"theta {self.theta:g} of {self.name} {', and '.join(said)}" if said else ""
 
@@ -169,12 +172,15 @@ class _Ask:
             except HgogenError:
                 continue
             if isinstance(one, First) and self.trial is not None:
-                every_theta.append(self._on(one.step, self.trial, theta if reads else 0.0, base.noise))
-        return Advised(
-            first.observer, first, base.theta if reads else None, _bound(first.step.observer.checks), tuple(every_theta)
-        )
+                settled, rms = self._on(one.step, self.trial, base.noise)
+                every_theta.append(Tried(theta if reads else 0.0, settled, rms, tau(max(base.blocks)) / theta))
+        own, bound = base.theta if reads else None, _bound(first.step.observer.checks)
+        return Advised(first.observer, first, own, bound, tuple(every_theta), base.noise)
 
-    def _on(self, step: CallableStep, trial: Trial, theta: float, noise: Mapping[str, float]) -> Tried:
+    def _on(
+        self, step: CallableStep, trial: Trial, noise: Mapping[str, float]
+    ) -> tuple[float | None, dict[str, float]]:
+        """The time to settle, and the RMS that noise alone makes, by state."""
         if step.dt not in self.truths:
             self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
         truth, start = self.truths[step.dt], first_memory(step, trial)
@@ -186,7 +192,7 @@ class _Ask:
         with np.errstate(all="ignore"):
             rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
         names = [s.name for s in step.states]
-        return Tried(theta, metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True)))
+        return metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True))
 
 
 def _of(ask: _Ask, name: str) -> tuple[str, Advised | str]:

@@ -62,8 +62,8 @@ def advise_(
 
     JSON keys: model, equations (of its plant), tuning (tables by name), take, trial (its name, or null), rows (name,
     form, theta, certified: from which theta on, settles: the first theta that does, settled: the time of its own, noise
-    by state, known: of its convergence, operations, tried: theta, settled, noise), refused (why, by observer), notes,
-    files.
+    by state, sigma: of the sensors, by output, known: of its convergence, operations, tried: theta, settled, noise),
+    refused (why, by observer), notes, files.
     """
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
@@ -125,9 +125,10 @@ def _row(one: Advised) -> dict[str, Any]:
         "form": one.first.row.name,
         "theta": one.theta,
         "certified": one.certified,
-        "settles": one.settles if one.theta is not None else None,
+        "settles": one.settles.theta if one.settles and one.theta is not None else None,
         "settled": one.own.settled if one.own else None,
         "noise": dict(one.own.noise) if one.own else {},
+        "sigma": dict(one.sigma),
         "known": KNOWN[one.first.known][0],
         "operations": cost(one.first.step).operations,
         "tried": [{"theta": each.theta, "settled": each.settled, "noise": dict(each.noise)} for each in one.tried],

@@ -201,14 +201,9 @@ def advised(
     states = list(dict.fromkeys(state for row in rows for state in row["noise"]))
     numbers = ("theta", "certified from", "settles from", f"settles in ({unit})")
     table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))
-    alone = headed(
-        "noise: the RMS that it alone makes of an estimate on the trial",
-        "",
-        "observer",
-        "convergence",
-        *states,
-        numbers=len(states),
-    )
+    sigmas = ", ".join(f"{output} = {sigma:.3g}" for output, sigma in rows[0]["sigma"].items())
+    title = f"noise: the RMS that it alone makes of an estimate on the trial, of samples with sigma {sigmas}"
+    alone = headed(title, "", "observer", "convergence", *states, numbers=len(states))
     for row in rows:
         mark = "take" if row["name"] == best else ""
         table.add_row(
