@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from hgogen.errors import HgogenError, nearest
 from hgogen.sentence import Reason, Sentence, because
@@ -121,6 +121,7 @@ class Refuted(HgogenError):
     takes the plant as it is; `never`: why the observer cannot be built even where they are accepted.
     """
 
+    status: ClassVar[int] = 1
     checks: tuple[Check, ...]
     form: Any = None
     accepted: tuple[str, ...] = ()

@@ -9,8 +9,11 @@ from typing import ClassVar
 class HgogenError(Exception):
     """Base class; each error is a dataclass beside the code that raises it, its text in `__str__`.
 
-    Not a frozen one: Python itself writes `__traceback__` and `__notes__` on exceptions.
+    Not a frozen one: Python itself writes `__traceback__` and `__notes__` on exceptions. `status`: with which a command
+    ends, 2 for bad input, 1 for an answer that is no.
     """
+
+    status: ClassVar[int] = 2
 
 
 @dataclass(eq=False)

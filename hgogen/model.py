@@ -1,6 +1,5 @@
 """A model file: Python that holds `plant` and, where they apply, `step()`, `trial()` and `tuning`; or plain text."""
 
-import ast
 import linecache
 import sys
 import tokenize
@@ -33,7 +32,8 @@ from hgogen.modelfiles.tuning import Start, Tuning
 from hgogen.modelfiles.tunings import read as read_tunings
 from hgogen.reading import filename
 from hgogen.reading.folding import Fold
-from hgogen.reading.text_model import READERS, BadModelFile, PlainModel, read
+from hgogen.reading.languages import READERS
+from hgogen.reading.text_model import BadModelFile, PlainModel, read
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.which_forms import Row, of
@@ -347,32 +347,6 @@ def _python(path: Path) -> Model:
 
 
 _LOADERS: dict[str, Callable[[Path], Model]] = {PYTHON: _python, **dict.fromkeys(READERS, _plain)}  # by suffix
-
-
-def summary(path: str) -> str:
-    """What a model file says it is, the first sentence of its docstring or `meaning`; empty where it says nothing or
-    cannot be read. Nothing of the file is run."""
-    try:
-        with tokenize.open(path) as stream:
-            meaning = _MEANINGS[Path(path).suffix](stream.read())
-    except (OSError, ValueError, SyntaxError, RecursionError):  # `load` tells what is wrong with it
-        return ""
-    return " ".join(meaning.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
-
-
-def _docstring(text: str) -> str:
-    return ast.get_docstring(ast.parse(text)) or ""
-
-
-def _meaning(reader: Callable[[str], Any]) -> Callable[[str], str]:
-    def meaning(text: str) -> str:
-        table = reader(text)
-        return str(table.get("meaning", "")) if isinstance(table, dict) else ""
-
-    return meaning
-
-
-_MEANINGS = {PYTHON: _docstring, **{suffix: _meaning(reader) for suffix, reader in READERS.items()}}
 
 
 def _guarded(path: str, function: Callable[[], Any]) -> Any:

@@ -1,15 +1,18 @@
 """The folder is the registry: every file of a plural folder is a case and has one public name, its own."""
 
+import ast
 import sys
-from collections.abc import Iterable
 from dataclasses import dataclass, is_dataclass
 from importlib import import_module
 from inspect import cleandoc, isfunction
+from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
 from hgogen.errors import HgogenError
+
+PACKAGE = Path(__file__).resolve().parent
 
 
 @dataclass(eq=False)
@@ -33,13 +36,13 @@ def load(package: str) -> dict[str, Any]:
 
     Raises: `NoCase`.
     """
-    cases = {}
+    loaded = {}
     for name in sorted(info.name for info in iter_modules(sys.modules[package].__path__)):
         module = import_module(f"{package}.{name}")
         if name not in vars(module):
             raise NoCase(module.__name__)
-        cases[name] = _documented(module, vars(module)[name])
-    return cases
+        loaded[name] = _documented(module, vars(module)[name])
+    return loaded
 
 
 def _documented(module: ModuleType, case: Any) -> Any:
@@ -52,7 +55,12 @@ def _documented(module: ModuleType, case: Any) -> Any:
     return case
 
 
-def summaries(package: str, cases: Iterable[str]) -> dict[str, str]:
-    """What each case of the package is: the first line of its file's docstring."""
-    texts = ((name, sys.modules[f"{package}.{name}"].__doc__ or "") for name in cases)
-    return {name: text.partition("\n")[0].strip() for name, text in texts}
+def cases(folder: str) -> list[str]:
+    """The names of the cases of a folder of the package, such as "forms", none of which is imported."""
+    return sorted(info.name for info in iter_modules([str(PACKAGE / folder)]))
+
+
+def summary(folder: str, name: str) -> str:
+    """What a case is: the first line of its file's docstring; nothing of it is run."""
+    tree = ast.parse((PACKAGE / folder / f"{name}.py").read_text(encoding="utf-8"))
+    return (ast.get_docstring(tree) or "").partition("\n")[0].strip()

@@ -18,7 +18,7 @@ from hgogen.emit.cost import cost
 from hgogen.model import load
 from hgogen.modelfiles.first import First, first, places
 from hgogen.modelfiles.place import shipped
-from hgogen.registry import summaries
+from hgogen.registry import summary
 from hgogen.starting import rule
 from hgogen.trial import Trial, try_out
 from hgogen.trials.metrics import metrics
@@ -70,7 +70,7 @@ def _observers(old: Words) -> str:
 
 def _cases(kind: str) -> Callable[[Words], str]:
     def made(old: Words) -> str:
-        texts = summaries(f"hgogen.{kind}", getattr(hg, kind).__all__)
+        texts = {name: summary(kind, name) for name in getattr(hg, kind).__all__}
         return table((kind.removesuffix("s"), "what it is"), ((f"`{name}`", text) for name, text in texts.items()))
 
     return made

@@ -19,7 +19,7 @@ def test_the_help_of_a_case_opens_with_its_equations(kind: str, name: str) -> No
     assert docstring.startswith(module + "\n\n")
     assert docstring.count(module) == 1
     assert len(docstring) > len(module) + 40
-    assert docstring.partition("\n")[0] == registry.summaries(f"hgogen.{kind}", [name])[name]
+    assert docstring.partition("\n")[0] == registry.summary(kind, name)
 
 
 def test_the_cascade() -> None:

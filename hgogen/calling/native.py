@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from hgogen.errors import HgogenError
 from hgogen.target import CannotWrite, Sources, demand, write
@@ -52,6 +52,7 @@ class NoTool(HgogenError):
 class CompilerFailed(HgogenError):
     """A compiler refused emitted code; `fix`: what can be done about it."""
 
+    status: ClassVar[int] = 1
     command: tuple[str, ...]
     output: str
     fix: str = "mend it, or name another by $CC, or say engine='python' for Python's reading of the step"
@@ -64,6 +65,7 @@ class CompilerFailed(HgogenError):
 class CheckFailed(HgogenError):
     """A self-check ended with another status than 0."""
 
+    status: ClassVar[int] = 1
     command: tuple[str, ...]
     output: str
 

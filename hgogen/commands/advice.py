@@ -23,7 +23,7 @@ from hgogen.form import Form
 from hgogen.model import Model
 from hgogen.modelfiles.first import First, NoFirst, first, places
 from hgogen.reading.text_model import inline
-from hgogen.registry import summaries
+from hgogen.registry import summary
 from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
@@ -116,7 +116,7 @@ def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *
 def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "") -> Admitted:
     observer = step.observer
     known = None if observer.form.kind == "original" else convergence(kind, observer.checks)
-    where = _rule(kind).where or summaries("hgogen.observers", [kind])[kind]
+    where = _rule(kind).where or summary("observers", kind)
     return Admitted(kind, name, form or observer.form.kind, known, cost(step), where, line)
 
 

@@ -7,7 +7,7 @@ import typer
 
 from hgogen import observers as kinds
 from hgogen.calibration.advise import Advised, advise
-from hgogen.commands import log_tables, tables
+from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.calibrating import forms_asked, renamed
 from hgogen.commands.command import (
@@ -24,6 +24,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.headed import file_list
 from hgogen.commands.jobs import trials
 from hgogen.commands.logs import Deep, names_in, numbers_by_name
 from hgogen.commands.process import note
@@ -102,7 +103,7 @@ def advise_(
         "files": list(map(str, paths)),
     }
     folder.write({**files, "advised.json": json_text(report) + "\n"})
-    show(as_json, report, log_tables.advised(rows, best, plant.time, notes, refused), tables.files(paths))
+    show(as_json, report, log_tables.advised(rows, best, plant.time, notes, refused), file_list(paths))
 
 
 def _trial(model: Model, name: str | None) -> Trial | None:

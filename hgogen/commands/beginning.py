@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from hgogen.commands import tables
 from hgogen.commands.command import Folder, Json, command, show
+from hgogen.commands.headed import file_list
 from hgogen.modelfiles import template
 
 
@@ -22,4 +22,4 @@ def new_(
     JSON keys: model (the name), files.
     """
     paths = Folder(out).write(template.model(name, out))
-    show(as_json, {"model": name, "files": list(map(str, paths))}, tables.files(paths))
+    show(as_json, {"model": name, "files": list(map(str, paths))}, file_list(paths))

@@ -34,6 +34,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.headed import file_list
 from hgogen.commands.process import console, note
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
@@ -154,7 +155,7 @@ def build_(
     if self_check:
         language = "C" if target == C99 else target
         shown.append(f"self-check of the {setting.real or 'float'} {language}: {self_check}\n")
-    show(as_json, report, *shown, tables.files(paths))
+    show(as_json, report, *shown, file_list(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
 
@@ -210,7 +211,7 @@ def generate_(
             note(f"{one.path} defines no trial(), so there are no figures of it")
         paths = folder.write(files)
         written.append({"model": one.path, "c_names": dict(code.names), "files": list(map(str, paths))})
-    show(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
+    show(as_json, {"models": written}, *(file_list(one["files"]) for one in written))
 
 
 @command()

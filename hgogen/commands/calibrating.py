@@ -15,7 +15,7 @@ from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calibration.verdicts import ALL, HELD_OUT, verdicts
 from hgogen.call import CallableStep
 from hgogen.check import worst
-from hgogen.commands import log_tables, tables
+from hgogen.commands import log_tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import (
     Bar,
@@ -29,6 +29,7 @@ from hgogen.commands.command import (
     json_text,
     show,
 )
+from hgogen.commands.headed import file_list
 from hgogen.commands.logs import (
     Between,
     Data,
@@ -173,7 +174,7 @@ def tune_(
         *(log_tables.report(record.report) for record in logs.records),
         log_tables.tuned(each, calibration.best.name, notes, calibration.refused, bool(held_out), calibration.truth),
     )
-    show(as_json, report, *shown, tables.files(paths))
+    show(as_json, report, *shown, file_list(paths))
 
 
 def renamed(model: Model, rows: Iterable[Named], word: str) -> tuple[Named, ...]:

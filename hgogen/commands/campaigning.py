@@ -13,8 +13,8 @@ from rich.text import Text
 
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
-from hgogen.commands import tables
 from hgogen.commands.command import Bar, Runs
+from hgogen.commands.headed import headed
 from hgogen.commands.process import note
 from hgogen.target import lines_of
 from hgogen.trial import Trial
@@ -108,7 +108,7 @@ def _shown(name: str, one: Campaign, tally: Tally, asked: Runs) -> Iterator[Rend
     every = asked.repeat is None
     title = f"{name}, trial {one.trial.name}, {f'{len(tally)} runs' if every else f'run {asked.repeat}'}"
     columns = ("5 %", "50 %", "95 %", "worst", "of run") if every else ("",)
-    table = tables.headed(title, "", *columns, numbers=len(columns))
+    table = headed(title, "", *columns, numbers=len(columns))
     for spread in tally.spreads():
         numbers = list(map(_number, (spread.low, spread.middle, spread.high, spread.worst)))
         table.add_row(Text(spread.name), *([*numbers, str(spread.run)] if every else numbers[:1]))

@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -18,8 +18,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from typer.core import TyperCommand
 
 from hgogen.calling import native
-from hgogen.calling.samples import Engine
-from hgogen.check import Refuted
 from hgogen.commands.process import (
     INTERRUPTED,
     console,
@@ -32,22 +30,16 @@ from hgogen.commands.process import (
     results,
 )
 from hgogen.errors import HgogenError
-from hgogen.model import Model
+from hgogen.modelfiles.limits import SEEDS
 from hgogen.modelfiles.raised import ends_python
-from hgogen.modelfiles.scenario import SEEDS
 from hgogen.modelfiles.setting import Setting
 from hgogen.recheck.errors import RecheckError
-from hgogen.recheck.verification import NothingVerified, NotVerified
 from hgogen.target import demand, remove, write
-from hgogen.trial import Trial
-from hgogen.trials.agreement import Disagree
-from hgogen.trials.rejected import MostlyRejected
 
-# what exits with 1; other errors with 2
-FAILURES = (
-    *(Refuted, Disagree, NotVerified, NothingVerified, MostlyRejected),
-    *(native.CompilerFailed, native.CheckFailed),
-)
+if TYPE_CHECKING:  # what takes a second to import, and `hgogen list` and `recheck` do not need
+    from hgogen.calling.samples import Engine
+    from hgogen.model import Model
+    from hgogen.trial import Trial
 
 
 class Precision(StrEnum):
@@ -196,10 +188,10 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
                     results().flush()
             except BrokenPipeError:  # as after `| head`
                 raise typer.Exit(dropped()) from None
-            except FAILURES as error:
+            except (HgogenError, RecheckError) as error:
                 note(str(error))
-                raise typer.Exit(1) from None
-            except (HgogenError, RecheckError, OSError) as error:
+                raise typer.Exit(error.status) from None
+            except OSError as error:
                 note(str(error))
                 raise typer.Exit(2) from None
             except MemoryError:
@@ -229,7 +221,7 @@ def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any)
     note(f"{kind}{' '.join(str(message).split())}")
 
 
-def engine_here(reader: Reader | None = None) -> Engine:
+def engine_here(reader: Reader | None = None) -> "Engine":
     """The reader that is asked for, else C where there is a compiler, else Python, and says so."""
     if reader:
         return reader.value
@@ -239,7 +231,7 @@ def engine_here(reader: Reader | None = None) -> Engine:
     return engine
 
 
-def one_or_all(trials: tuple[Trial, ...], name: str | None) -> tuple[Trial, ...]:
+def one_or_all(trials: tuple["Trial", ...], name: str | None) -> tuple["Trial", ...]:
     """The trial of that name, by default all of them. Raises: `BadParameter`."""
     chosen = tuple(one for one in trials if name in (None, one.name))
     if not chosen:
@@ -326,11 +318,11 @@ class Folder:
         return f"{self.below}/{name}" if self.below else name
 
 
-def folder_of(out: Path | None, model: Model, observer: str | None = None) -> Folder:
+def folder_of(out: Path | None, model: "Model", observer: str | None = None) -> Folder:
     """The folder --out, by default build/MODEL, or build/MODEL_OBSERVER of a tuning that is asked for."""
     return Folder(Path("build"), named(model, observer)) if out is None else Folder(out)
 
 
-def named(model: Model, observer: str | None) -> str:
+def named(model: "Model", observer: str | None) -> str:
     """The name of the folder of results: that of the model, and of the tuning where one is asked for."""
     return f"{model.name}_{observer}" if observer else model.name

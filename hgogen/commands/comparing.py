@@ -24,6 +24,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.headed import file_list
 from hgogen.commands.process import note
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -108,7 +109,7 @@ def compare_(
         "trials": [_row(loaded.plant, one, len(counts[one.name]), each) for one, each in tried],
         "files": [str(path) for path in paths],
     }
-    show(as_json, report, *shown, tables.files(paths))
+    show(as_json, report, *shown, file_list(paths))
 
 
 def _started(model: Model, names: list[str], trial: Trial, dt: float | None = None) -> dict[str, CallableStep]:

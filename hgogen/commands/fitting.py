@@ -14,7 +14,7 @@ import numpy as np
 import typer
 
 from hgogen.call import CallableStep
-from hgogen.commands import log_tables, tables
+from hgogen.commands import log_tables
 from hgogen.commands.command import (
     Bar,
     Folder,
@@ -29,6 +29,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Data, HeldOut, Shift, logs_of, names_in
 from hgogen.commands.process import interruptible, note
 from hgogen.commands.running import Map, Period, Time
@@ -174,7 +175,7 @@ def fit_(
         log_tables.fitted(result, logs.notes()),
         log_tables.judged(judged, verdicts, unjudged),
     )
-    show(as_json, report, *shown, tables.files(paths))
+    show(as_json, report, *shown, file_list(paths))
 
 
 def _begun(folder: Folder) -> dict[str, Any]:

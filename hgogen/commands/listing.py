@@ -1,11 +1,15 @@
-"""The command `list`: what there is of each kind."""
+"""The command `list`: what there is of each kind. Nothing of it is imported, nor is what computes."""
 
-import hgogen as hg
-from hgogen.commands import tables
+from collections.abc import Mapping
+
+from rich.console import RenderableType
+from rich.text import Text
+
 from hgogen.commands.command import Json, command, show
-from hgogen.model import summary
+from hgogen.commands.headed import headed
+from hgogen.modelfiles.meaning import summary as meaning
 from hgogen.modelfiles.place import available
-from hgogen.registry import summaries
+from hgogen.registry import cases, summary
 
 
 @command()
@@ -17,6 +21,15 @@ def list_(as_json: Json = False) -> None:
     observers, methods, targets (names), summaries (of each: what it is in one line).
     """
     kinds = ("forms", "observers", "methods", "targets")
-    cases = {kind: summaries(f"hgogen.{kind}", getattr(hg, kind).__all__) for kind in kinds}
-    known = {"models": {name: summary(path) for name, path in available().items()}, **cases}
-    show(as_json, {**{kind: list(each) for kind, each in known.items()}, "summaries": known}, tables.listed(known))
+    known = {"models": {name: meaning(path) for name, path in available().items()}}
+    known |= {kind: {name: summary(kind, name) for name in cases(kind)} for kind in kinds}
+    show(as_json, {**{kind: list(each) for kind, each in known.items()}, "summaries": known}, _listed(known))
+
+
+def _listed(summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
+    """What there is of each kind, a line each with its summary."""
+    table = headed("", "", "", "")
+    for kind, each in summaries.items():
+        for k, (name, text) in enumerate((each or {"none": ""}).items()):
+            table.add_row("" if k else kind, name, Text(text))
+    return table

@@ -10,6 +10,7 @@ import typer
 import hgogen as hg
 from hgogen.commands import tables
 from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, rendered, show
+from hgogen.commands.headed import file_list
 from hgogen.commands.process import note
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -74,7 +75,7 @@ def response_(
         rate, are = f"rad/{step.time}", "are" if sampled.aliased.sum() > 1 else "is"
         what = f"{beyond} {rate} {are} beyond the Nyquist frequency pi/dt"
         note(f"{what} = {math.pi / step.dt:g} {rate}: the samples show a slower alias, and the step has no gain there")
-    show(as_json, value, tables.responses(continuous, sampled, step.time), *([tables.files(paths)] if paths else []))
+    show(as_json, value, tables.responses(continuous, sampled, step.time), *([file_list(paths)] if paths else []))
 
 
 def _frequencies(text: str, time: str) -> tuple[float, ...]:

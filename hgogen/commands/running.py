@@ -25,6 +25,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -163,7 +164,7 @@ def run_(
         *log_tables.hidden(hidden, step.states),
         *log_tables.from_double(single, step.time),
         log_tables.consistent(sure, notes),
-        tables.files(paths),
+        file_list(paths),
     )
     show(as_json, report, *shown)
     if wrong:

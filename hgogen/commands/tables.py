@@ -3,22 +3,18 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from textwrap import wrap
 from typing import Any
 
 import sympy as sp
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 from sympy.printing.str import StrPrinter
 
 from hgogen.check import Check, Verdict
-from hgogen.commands.process import console
+from hgogen.commands.headed import headed
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
 from hgogen.program import Bit
-from hgogen.recheck.file import SHOWN
-from hgogen.recheck.verification import Rechecked
 from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
 from hgogen.theorem import Row, Theorem
 from hgogen.trials.agreement import Agreement
@@ -30,23 +26,9 @@ from hgogen.trials.response import Response
 from hgogen.which_forms import Survey
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
-_NARROW = 10  # characters, at which words over a column of numbers begin a new line
 _ALIKE = 4  # rows that say the same, before they are one
 _SHORT = 20  # a reason that may be repeated
 _ZEROS, _DIGITS = 20, 15  # of a whole number that is written as digits and a power of ten
-
-
-def headed(title: str, *columns: str, numbers: int = 0) -> Table:
-    """A table whose last `numbers` columns are flushed right, and never broken, as the text before them may be."""
-    table = Table(
-        title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
-    )
-    table.title_justify, table.title_style = "left", "bold"
-    for name in columns[: len(columns) - numbers]:
-        table.add_column(name, overflow="fold")
-    for name in columns[len(columns) - numbers :]:
-        table.add_column("\n".join(wrap(name, _NARROW)), justify="right", overflow="fold", no_wrap=True)
-    return table
 
 
 def checks(head: Iterable[Sentence], listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
@@ -144,19 +126,6 @@ def few(names: Iterable[Any], most: int = 8) -> str:
     """Names with commas, the middle of many left out."""
     names = [str(name) for name in names]
     return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
-
-
-def rechecked(outcome: Rechecked) -> RenderableType:
-    """The claims of a certificate, and what was verified of them."""
-    of = f", {outcome.observer} observer" if outcome.observer else ""
-    table = headed(f"{outcome.plant}, {outcome.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
-    colours = {"verified": "green", "fails": "red"}
-    for row in outcome.rows:
-        word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
-        word.stylize(colours.get(row.found, "yellow"))
-        sentence = f"{row.verdict}: {row.sentence}" if row.found in ("open", "stated") else row.sentence
-        table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-    return Group(table, "", *map(Text, outcome.remarks), Text(f"model {outcome.model[:SHOWN]}"), Text(outcome.count))
 
 
 def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
@@ -329,17 +298,3 @@ def responses(continuous: Response, sampled: Response, unit: str) -> RenderableT
                 labels = (output, state) if k == 0 else ("", "")
                 table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", "-" if alias else f"{discrete:.4g}")
     return Group(table, "")
-
-
-def listed(summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
-    """What there is of each kind, a line each with its summary."""
-    table = headed("", "", "", "")
-    for kind, cases in summaries.items():
-        for k, (name, text) in enumerate((cases or {"none": ""}).items()):
-            table.add_row("" if k else kind, name, Text(text))
-    return table
-
-
-def files(paths: Iterable[Any]) -> RenderableType:
-    """The files written."""
-    return Group(Text("files", style="bold"), *(Text(f"  {path}", no_wrap=True, overflow="ignore") for path in paths))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hgogen.errors import HgogenError, nearest
-from hgogen.reading.text_model import READERS
+from hgogen.reading.languages import READERS
 
 FOLDER = Path("models")
 PYTHON = ".py"

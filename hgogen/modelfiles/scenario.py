@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from hgogen.errors import HgogenError
+from hgogen.modelfiles.limits import SEEDS
 from hgogen.reading import filename
 from hgogen.reading.door import scalar
 from hgogen.reading.expression import parse
 from hgogen.signal import Signal
 
-SEEDS = 1000  # at most
 FEW = 16  # columns, up to which lists are faster than rows of an array; the numbers are the same
 t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 

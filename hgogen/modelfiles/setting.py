@@ -3,11 +3,14 @@
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from hgogen import forms, methods
-from hgogen.call import CallableStep
-from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, nearest
+from hgogen.registry import cases
+
+if TYPE_CHECKING:
+    from hgogen.call import CallableStep
+    from hgogen.emit.syntax import Real
 
 
 class UnknownCase(BadArgument):
@@ -22,7 +25,7 @@ class Setting:
     form: str | None = None
     method: str | None = None
     dt: float | None = None
-    real: Real | None = None
+    real: "Real | None" = None
     parameters: Path | None = None
     tuning: Path | None = None
 
@@ -37,16 +40,18 @@ class Setting:
 
     def demand(self) -> None:
         """Raises: `UnknownCase` for a form or a method that there is not."""
-        demand_known("form", self.form, forms.__all__)
-        demand_known("method", self.method, methods.__all__)
+        demand_known("form", self.form, cases("forms"))
+        demand_known("method", self.method, cases("methods"))
 
-    def on(self, step: CallableStep) -> CallableStep:
+    def on(self, step: "CallableStep") -> "CallableStep":
         """A step made again with what is set of steps.
 
         Raises: as `hg.sample` and the observer do.
         """
         if not self:
             return step
+        from hgogen import forms, methods  # which take a while to import
+
         form = getattr(forms, self.form) if self.form else None
         method = getattr(methods, self.method) if self.method else None
         return step.made_again(form, method, self.dt, self.real)
@@ -55,9 +60,9 @@ class Setting:
 AS_WRITTEN = Setting()
 
 
-def demand_known(kind: str, name: str | None, cases: Iterable[str]) -> None:
-    """Raise `UnknownCase` for a name that is none of the cases."""
-    if name is None or name in cases:
+def demand_known(kind: str, name: str | None, known: Iterable[str]) -> None:
+    """Raise `UnknownCase` for a name that is none of those known."""
+    if name is None or name in known:
         return
-    fix = nearest(name, cases, f"there are {', '.join(cases)}")
+    fix = nearest(name, known, f"there are {', '.join(known)}")
     raise UnknownCase(f"--{kind} {name[:60]}:", f"there is no such {kind}; {fix}")

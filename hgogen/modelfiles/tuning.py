@@ -43,7 +43,8 @@ from hgogen.modelfiles.arguments import faults, poles, value
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.observer import STARTS, Observer
 from hgogen.reading import filename
-from hgogen.reading.text_model import NUMBER, READERS, TABLE, TEXT, BadModelFile, demand_keys
+from hgogen.reading.languages import READERS
+from hgogen.reading.text_model import NUMBER, TABLE, TEXT, BadModelFile, demand_keys
 from hgogen.reading.time_unit import plural
 from hgogen.stepping.delays import delayed
 from hgogen.system import System

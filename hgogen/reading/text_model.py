@@ -26,7 +26,6 @@ Expressions are those of `reading.expression`.
 
 import json
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -41,6 +40,7 @@ from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
+from hgogen.reading.languages import READERS
 from hgogen.reading.table import cells_of
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -175,29 +175,6 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     folds = tuple(one for one in (*flow, *output) if one.lost)
     description = (table.get("meaning", ""), table.get("reference", ""))
     return PlainModel(file, plant, *description, known, observer, tuning, trial, dissipation, folds)
-
-
-def _toml(text: str) -> Any:
-    return tomllib.loads(text)
-
-
-def _json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"the key {next(name for name in names if names.count(name) > 1)!r} stands twice in one table")
-    return table
-
-
-def _no_constant(name: str) -> None:
-    raise ValueError(f"{name} is no finite number")
-
-
-READERS: dict[str, Callable[[str], Any]] = {".toml": _toml, ".json": _json}
 
 
 def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], needed: str | None = None) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from .algebra import TooLarge
 from .arithmetic import Undefined
@@ -43,6 +43,7 @@ class CannotRead(RecheckError):
 class NotVerified(RecheckError):
     """A certificate of which a claim was not verified."""
 
+    status: ClassVar[int] = 1
     failed: tuple["Row", ...]
 
     def __str__(self) -> str:
@@ -54,6 +55,7 @@ class NotVerified(RecheckError):
 class NothingVerified(RecheckError):
     """A certificate of which nothing is verified, because no claim of it asserts anything."""
 
+    status: ClassVar[int] = 1
     plant: str
 
     def __str__(self) -> str:

@@ -6,7 +6,7 @@ compared.
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -71,6 +71,7 @@ def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics],
 class Disagree(HgogenError):
     """C and Python do not say the same."""
 
+    status: ClassVar[int] = 1
     failed: tuple[Agreement, ...]
 
     def __str__(self) -> str:

@@ -8,7 +8,7 @@ the model predicts best, beside copying; of maps as good one of units, and an of
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -85,6 +85,7 @@ class Rejection:
 class MostlyRejected(HgogenError):
     """A record whose run is worth nothing, since the step rejected most samples."""
 
+    status: ClassVar[int] = 1
     rejections: tuple[Rejection, ...]
 
     def __str__(self) -> str:

@@ -1,0 +1,29 @@
+"""The languages of plain text in which a model may be written, by the ending of its file."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from typing import Any
+
+
+def _toml(text: str) -> Any:
+    return tomllib.loads(text)
+
+
+def _json(text: str) -> Any:
+    return json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"the key {next(name for name in names if names.count(name) > 1)!r} stands twice in one table")
+    return table
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no finite number")
+
+
+READERS: dict[str, Callable[[str], Any]] = {".toml": _toml, ".json": _json}
