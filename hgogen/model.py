@@ -123,6 +123,10 @@ class Model:
         names.update(put(names, fresh.plant, values))
         return replace(fresh, setting=self.setting, tables=self.tables, take=self.take)
 
+    def sampled(self, dt: float) -> "Model":
+        """The model at another period of its steps, its parameters as they are."""
+        return self.set(replace(self.setting, dt=dt, parameters=None))
+
     @property
     def plain(self) -> bool:
         """Whether it is plain text, and not Python."""

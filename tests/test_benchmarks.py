@@ -24,7 +24,7 @@ def test_the_mathematics_is_that_of_the_step(name: str) -> None:
     case = cases.CASES[name]()
     rows, m = case.quiet[:200], len(case.inputs)
     sample = mathematics.sample(case, mathematics.model(case, math))
-    w, ends = peers.start(case, math), []
+    w, ends = peers.start(case), []
     for before, row in zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True):
         w = sample(w, before, row)
         ends.append(w[: case.n])
@@ -65,7 +65,7 @@ def test_a_peer_has_the_estimates_of_the_step(peer: str, tmp_path: Path) -> None
     """The programs that are measured, in double."""
     tool("gcc")
     case = cases.CASES["default"]()
-    parts = programs.peer(peers.source(peer, case, "double"), peers.start(case, math), "double")
+    parts = programs.peer(peers.source(peer, case, "double"), peers.start(case), "double")
     both = [
         programs.estimates(programs.built(case, each, "double", tmp_path / where, False, ("-O2",)).path, 1000)
         for where, each in (("peer", parts), ("ours", programs.ours(case, "double")))

@@ -291,7 +291,7 @@ def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[st
     """That of an observer by name, else the model's own, else one that takes any plant, with the noise that was fitted
     where there is some, at the period of a record."""
     own = model.has("step") or model.tuning.tables
-    model = model.set(replace(model.setting, dt=dt, parameters=None))
+    model = model.sampled(dt)
     if own or observer is not None:
         return model.step(observer)
     process, sample = noise

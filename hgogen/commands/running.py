@@ -236,7 +236,7 @@ def _timed(model: Model, data: Path, time: str | None, period: float | None) -> 
     if model.has("step") or model.setting.dt is not None:
         return model
     clock = read(data, {}, dt=None, time=time, period=period, unit=model.plant.time)
-    return model.set(replace(model.setting, dt=clock.report.dt, parameters=None))
+    return model.sampled(clock.report.dt)
 
 
 def _record(

@@ -66,10 +66,9 @@ def _short(value: Any) -> str:
 
 
 def _whole(number: int) -> str:
-    digits = str(abs(number)).rstrip("0")
-    zeros = len(str(abs(number))) - len(digits)
-    sign = "-" if number < 0 else ""
-    return f"{sign}{digits}e{zeros}" if zeros >= _ZEROS and len(digits) <= _DIGITS else str(number)
+    digits = str(number).rstrip("0")
+    zeros = len(str(number)) - len(digits)
+    return f"{digits}e{zeros}" if zeros >= _ZEROS and len(digits.lstrip("-")) <= _DIGITS else str(number)
 
 
 def _text(said: Sentence) -> Text:

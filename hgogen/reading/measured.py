@@ -287,8 +287,9 @@ def _gridded(
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
-    steps = np.diff(np.unique(times))
-    period = _typical(np.unique(times)) or step or 0.0
+    distinct = np.unique(times)
+    steps = np.diff(distinct)
+    period = _typical(distinct) or step or 0.0
     dt = step or period
     if not dt:
         raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")

@@ -15,11 +15,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+sys.path.append(str(Path(__file__).parents[1]))  # what the tests share
+
 import figure
 import in_python
 import measure
 import recorded
 from cases import CASES
+from programs import CannotBuild
 
 IN_PYTHON = ("default", "rk4_covariance")
 
@@ -39,18 +42,22 @@ def main() -> None:
     if unknown := [name for name in names if name not in CASES]:
         parser.error(f"--cases {unknown[0]}: there is no such case; there are {', '.join(CASES)}")
     tell = lambda text: print(text, file=sys.stderr, flush=True)  # noqa: E731
-    cases = {name: measure.measured(name, folder, tell) for name in names}
+    try:
+        cases = {name: measure.measured(name, folder, tell) for name in names}
+    except CannotBuild as error:
+        parser.error(str(error))
     python = {name: dict(in_python.microseconds(CASES[name](), 5)) for name in names if name in IN_PYTHON}
     machine = {"machine": platform.processor() or platform.machine(), **recorded.compilers()}
     report = {"on": machine, "cases": cases, "python_us": python}
     (folder / "benchmarks.json").write_text(json.dumps(report, indent=1) + "\n")
-    figure.drawn(cases).savefig(folder / "benchmarks.svg")
+    if any(figure.ratios(cases, path) for _, path in figure.PANELS):
+        figure.drawn(cases).savefig(folder / "benchmarks.svg")
     for name, case in cases.items():
         print(table(name, case))
     for name, rivals in python.items():
         for who, times in rivals.items():
             print(f"{name:16} {who:18} " + (times if isinstance(times, str) else f"{min(times):9.3g} us a sample"))
-    print(f"{folder / 'benchmarks.json'} and benchmarks.svg")
+    print(f"{folder} holds benchmarks.json, and benchmarks.svg where there is a peer")
 
 
 COLUMNS = {

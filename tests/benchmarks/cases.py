@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import nan
-from pathlib import Path
 
+import emitted
 import numpy as np
+import plants
 import sympy as sp
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.model import load
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
 SAMPLES = 1200  # of a record
 
 
@@ -98,11 +97,6 @@ def _filter(name: str, plant: hg.System, method: str, start: tuple[float, ...]) 
     return Case(name, hg.sample(observer, getattr(hg.methods, method), 1e-2), start, method, Q, R)
 
 
-def neuron() -> hg.System:
-    """The neuron of the adaptive high-gain paper."""
-    return load(MODELS / "fitzhugh_nagumo.py").plant
-
-
 def chain(n: int) -> hg.System:
     """x_i' = x_(i+1) + sin(x_i) x_1, x_n' = sum cos(x_i) + u, and what holds it near 0."""
     x = [hg.Signal(f"x{i}", low=-10, high=10) for i in range(1, n + 1)]
@@ -139,9 +133,9 @@ def two_outputs() -> hg.System:
 DEFAULT, INTEGRATED = "continuous_discrete", "rk4_covariance"
 NEURON = (1.0, 0.5, 0.2)
 CASES: Mapping[str, Callable[[], Case]] = {
-    "adaptive": lambda: Case("adaptive", load(MODELS / "fitzhugh_nagumo.py").step(), NEURON),
-    "default": lambda: _filter("default", neuron(), DEFAULT, NEURON),
-    "rk4_covariance": lambda: _filter("rk4_covariance", neuron(), INTEGRATED, NEURON),
+    "adaptive": lambda: Case("adaptive", emitted.step("fitzhugh_nagumo"), NEURON),
+    "default": lambda: _filter("default", plants.model("fitzhugh_nagumo"), DEFAULT, NEURON),
+    "rk4_covariance": lambda: _filter("rk4_covariance", plants.model("fitzhugh_nagumo"), INTEGRATED, NEURON),
     "chain10": lambda: _filter("chain10", chain(10), DEFAULT, (0.5,) * 10),
     "chain20": lambda: _filter("chain20", chain(20), DEFAULT, (0.5,) * 20),
     "chain40": lambda: _filter("chain40", chain(40), DEFAULT, (0.5,) * 40),

@@ -15,7 +15,7 @@ import casadi as ca
 import mathematics
 import numpy as np
 from cases import Case
-from peers import Missing
+from peers import Missing, casadi_function, start
 from scipy.integrate import solve_ivp
 
 CLOSE, ROUGH = 1e-12, 2e-2  # of the largest estimate
@@ -43,7 +43,7 @@ def hgogen_run(case: Case) -> Run:
 
 
 def hgogen_calls(case: Case) -> Run:
-    """`step.run` on a sample, as in a loop that controls."""
+    """A call of the step for each sample, as in a loop that controls."""
     m = len(case.inputs)
 
     def run(rows: np.ndarray) -> np.ndarray:
@@ -53,24 +53,12 @@ def hgogen_calls(case: Case) -> Run:
     return run
 
 
-def _function(case: Case) -> ca.Function:
-    w = ca.SX.sym("w", case.n + case.n * (case.n + 1) // 2)
-    before, row = (ca.SX.sym(name, len(case.inputs) + len(case.R)) for name in ("before", "row"))
-    sample = mathematics.sample(case, mathematics.model(case, ca))
-    ends = sample(*map(ca.vertsplit, (w, before, row)))
-    return ca.Function("step", [w, before, row], [ca.vertcat(*ends)], {"cse": True})
-
-
-def _start(case: Case, rows: np.ndarray) -> list[float]:
-    return mathematics.first(case, mathematics.model(case, math), rows[0].tolist())
-
-
 def casadi_calls(case: Case) -> Run:
     """A call of a CasADi function for each sample."""
-    function = _function(case)
+    function = casadi_function(case)
 
     def run(rows: np.ndarray) -> np.ndarray:
-        w, ends = ca.DM(_start(case, rows)), []
+        w, ends = ca.DM(start(case)), []
         for before, row in pairwise(rows):
             w = function(w, before, row)
             ends.append(w[: case.n])
@@ -81,18 +69,18 @@ def casadi_calls(case: Case) -> Run:
 
 def casadi_mapaccum(case: Case) -> Run:
     """CasADi's loop over the record."""
-    function, loops = _function(case), {}
+    function, loops = casadi_function(case), {}
 
     def run(rows: np.ndarray) -> np.ndarray:
         N = len(rows) - 1
         loop = loops.setdefault(N, function.mapaccum(N))
-        return np.array(loop(_start(case, rows), rows[:-1].T, rows[1:].T))[: case.n].T
+        return np.array(loop(start(case), rows[:-1].T, rows[1:].T))[: case.n].T
 
     return run
 
 
 def filterpy(case: Case) -> Run:
-    """FilterPy's extended Kalman filter, with the model and its Jacobian by CasADi functions."""
+    """FilterPy's extended Kalman filter, with the model and its Jacobian as functions of Python."""
     if find_spec("filterpy") is None:
         raise Missing("filterpy is not installed")
     if case.method != "continuous_discrete":
@@ -103,7 +91,7 @@ def filterpy(case: Case) -> Run:
     model = mathematics.model(case, math)
 
     def run(rows: np.ndarray) -> np.ndarray:
-        w = np.array(_start(case, rows))
+        w = np.array(start(case))
         filter_ = ExtendedKalmanFilter(dim_x=n, dim_z=len(case.R))
         filter_.x, filter_.Q, filter_.R = w[:n], h * np.diag(case.Q), np.diag(case.R) / h
         filter_.P = np.array(mathematics.symmetric(w[n:].tolist(), n))
@@ -148,7 +136,7 @@ def do_mpc(case: Case) -> Run:
     Q, R = h * np.diag(case.Q), np.diag(case.R) / h
 
     def run(rows: np.ndarray) -> np.ndarray:
-        w = np.array(_start(case, rows))
+        w = np.array(start(case))
         filter_ = EKF(known)
         filter_.settings.t_step = h
         filter_.P0 = np.array(mathematics.symmetric(w[n:].tolist(), n))
@@ -172,7 +160,7 @@ def scipy(case: Case) -> Run:
     rate = mathematics.rate(case, model)
 
     def run(rows: np.ndarray) -> np.ndarray:
-        w, ends = _start(case, rows), []
+        w, ends = start(case), []
         for before, row in pairwise(rows.tolist()):
             line = lambda t, v, a=before, b=row: rate(v.tolist(), mathematics.line(a, b, t / h))  # noqa: E731
             w = solve_ivp(line, (0.0, h), w, rtol=1e-6, atol=1e-9).y[:, -1]

@@ -5,6 +5,7 @@ template of C++ on Eigen's matrices; Eigen itself is written by hand, with the m
 installed is left out by name.
 """
 
+import math
 import re
 import shutil
 import tempfile
@@ -12,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import mathematics
@@ -47,12 +47,17 @@ def _sizes(case: Case) -> tuple[int, int]:
     return case.n + case.n * (case.n + 1) // 2, len(case.inputs) + len(case.R)
 
 
+def casadi_function(case: Case) -> ca.Function:
+    """(w, the row before, a row) -> w after the row."""
+    a, b = _sizes(case)
+    entries = [ca.SX.sym(name, size) for name, size in (("w", a), ("before", b), ("row", b))]
+    sample = mathematics.sample(case, mathematics.model(case, ca))
+    return ca.Function("casadi_step", entries, [ca.vertcat(*sample(*map(ca.vertsplit, entries)))], {"cse": True})
+
+
 def casadi(case: Case, real: str) -> Source:
     """One function of CasADi's graphs, by its own code generator."""
-    sizes = (_sizes(case)[0], *[_sizes(case)[1]] * 2)
-    entries = [ca.SX.sym(name, size) for name, size in zip(("w", "before", "row"), sizes, strict=True)]
-    sample = mathematics.sample(case, mathematics.model(case, ca))
-    made = ca.Function("casadi_step", entries, [ca.vertcat(*sample(*map(ca.vertsplit, entries)))], {"cse": True})
+    made = casadi_function(case)
     generator = ca.CodeGenerator("casadi_step.c", {"casadi_real": real})
     generator.add(made)
     text = generator.dump()
@@ -281,6 +286,6 @@ def source(peer: str, case: Case, real: str) -> Source:
     return PEERS[peer](case, real)
 
 
-def start(case: Case, functions: Any) -> list[float]:
+def start(case: Case) -> list[float]:
     """w after the first row of the quiet record."""
-    return [float(v) for v in mathematics.first(case, mathematics.model(case, functions), case.quiet[0].tolist())]
+    return [float(v) for v in mathematics.first(case, mathematics.model(case, math), case.quiet[0].tolist())]

@@ -7,15 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import emitted
 import numpy as np
 from cases import Case
-from peers import Source
+from peers import EIGEN, Source
 
 import hgogen as hg
 
-BOARD = Path(__file__).resolve().parents[1] / "c"
+BOARD = emitted.HERE / "c"
 X86 = {"O2": ("-O2",), "O3": ("-O3", "-mavx2", "-mfma", "-ffp-contract=fast")}
-M4F = ("-O2", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffp-contract=fast")
+M4F = ("-O2", *emitted.M4F, "-ffp-contract=fast")
 ROWS = 600  # of a record in the flash of the board
 Parts = tuple[Mapping[str, str], str, tuple[str, ...]]  # files, what drives the step, the step's own sources
 COPIES = 40  # of the state, so that a tick of 40 instructions tells one of them
@@ -253,7 +254,7 @@ def built(
     objects, begin = [], time.perf_counter()
     for file in sources:
         objects.append(f"{Path(file).stem}.o")
-        compiler = ["gcc", "-std=c99"] if file.endswith(".c") else ["g++", "-std=c++17", "-I/usr/include/eigen3"]
+        compiler = ["gcc", "-std=c99"] if file.endswith(".c") else ["g++", "-std=c++17", f"-I{EIGEN}"]
         said([f"{prefix}{compiler[0]}", *compiler[1:], *flags, "-w", "-c", file, "-o", objects[-1]], folder)
     seconds = time.perf_counter() - begin
     size = int(said([f"{prefix}size", *objects], folder).splitlines()[1].split()[0])
