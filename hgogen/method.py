@@ -11,6 +11,7 @@ from hgogen.chains.core import core, nominal, numbers
 from hgogen.chains.transient import lengths
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
@@ -110,14 +111,21 @@ class Explicit:
         """One step of every field of the part at once, whatever the part is of."""
         start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
+        rhs = routine(
+            "rate",
+            {name: value.numel() for name, value in start.items()} | clock.sizes,
+            lambda at: rates(part.rhs({name: at[name] for name in start}, at["u"], at["y"], at["valid"])),
+        )
+
         def rate(values: Mapping[str, Graph], c: float) -> Mapping[str, Graph]:
-            return part.rhs(values, clock.u(c), clock.y(c), clock.valid)
+            slopes = rhs({**values, **clock.signals(c)})
+            return {name: slopes[f"d{name}"] for name in start}
 
         stages = advance(self.tableau, rate, start, clock.dt)
         block = Block(
             f"{', '.join(start)}: one step of {self.tableau.name}",
             {Place("state", name): value for name, value in stages.result.items()},
-            stages.names,
+            {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names,
         )
         return Pieces(
             fields=part.fields,
@@ -152,6 +160,11 @@ class Explicit:
             basis=EVERYWHERE,
             rule=self.name,
         )
+
+
+def rates(slopes: Mapping[str, Graph]) -> dict[str, Graph]:
+    """The slopes of fields by the names of their derivatives."""
+    return {f"d{name}": slope for name, slope in slopes.items()}
 
 
 def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:

@@ -42,6 +42,15 @@ class Clock:
         """The input (m) at the fraction c of a step between two samples of it."""
         return now if self.between == "hold" else on_line(c, last, now)
 
+    def signals(self, c: float) -> dict[str, Graph]:
+        """What an equation is given at the fraction c of the step: the input, the measurement, its validity."""
+        return {"u": self.u(c), "y": self.y(c), "valid": self.valid}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """The sizes of these signals."""
+        return {"u": self.inputs, "y": self.outputs, "valid": self.outputs}
+
     @property
     def u_now(self) -> Graph:
         """The input (m) that `predict` has just stored, for the sections after it."""

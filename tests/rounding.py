@@ -15,11 +15,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hgogen.algebra.lookup import called, instructions
 from hgogen.emit.elementary import elementary
 from hgogen.emit.exact import evaluate
 from hgogen.program import Block
@@ -174,17 +176,17 @@ _OPERATIONS: Mapping[int, Callable[..., Rounded]] = {
 
 # --- programs -----------------------------------------------------------------------------------------------
 
-Instruction = tuple[int, tuple[int, ...], tuple[int, ...], float]
+Instruction = tuple[int, tuple[int, ...], tuple[int, ...], Any]
 
 
 @lru_cache(maxsize=1000)
 def _instructions(graph: Any) -> list[Instruction]:
-    """(operation, what it takes, what it gives, its constant) of each instruction."""
-    rows = []
+    """(operation, what it takes, what it gives, its constant or what it calls) of each instruction."""
+    rows, texts = [], instructions(graph)
     for k in range(graph.n_instructions()):
         op = graph.instruction_id(k)
-        constant = graph.instruction_constant(k) if op == ca.OP_CONST else 0.0
-        rows.append((op, tuple(graph.instruction_input(k)), tuple(graph.instruction_output(k)), constant))
+        more = graph.instruction_constant(k) if op == ca.OP_CONST else called(texts[k]) if op == ca.OP_CALL else None
+        rows.append((op, tuple(graph.instruction_input(k)), tuple(graph.instruction_output(k)), more))
     return rows
 
 
@@ -192,13 +194,17 @@ def run(graph: Any, arguments: list[Any]) -> list[list[Rounded]]:
     """The outputs of an SX function at arrays of numbers or `Rounded`. Raises: `Uncertain`."""
     slots: dict[int, Rounded] = {}
     outputs = [[ZERO] * graph.numel_out(i) for i in range(graph.n_out())]
-    for op, take, give, constant in _instructions(graph):
+    for op, take, give, more in _instructions(graph):
         if op == ca.OP_INPUT:
             slots[give[0]] = rounded(arguments[take[0]][take[1]])
         elif op == ca.OP_OUTPUT:
             outputs[give[0]][give[1]] = slots[take[0]]
         elif op == ca.OP_CONST:
-            slots[give[0]] = rounded(constant)
+            slots[give[0]] = rounded(more)
+        elif op == ca.OP_CALL:
+            rest = iter(slots[i] for i in take)
+            columns = [list(islice(rest, more.numel_in(k))) for k in range(more.n_in())]
+            slots |= zip(give, (value for result in run(more, columns) for value in result), strict=True)
         else:
             slots[give[0]] = _OPERATIONS[op](*(slots[i] for i in take))
     return outputs

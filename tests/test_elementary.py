@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hgogen.emit import elementary as module
-from hgogen.emit.elementary import BINARY, LN2, PI, UNARY, elementary
+from hgogen.emit.elementary import BINARY, LN2, PI, ROUNDS, UNARY, elementary
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")
@@ -85,6 +85,12 @@ def evaluate(function: Any, real: Real, *arguments: Any, flush: bool = False) ->
                 argument = slots[sources[0]]
                 assert np.all(np.abs(argument) < FLOOR_LIMIT[real]), "an argument that C cannot convert"
                 value = np.floor(argument)
+            elif op == ca.OP_CALL:  # of the nearest whole number
+                argument, rounds = slots[sources[0]], number(ROUNDS[real])
+                assert np.all(np.abs(argument) < rounds / 3), "an argument beyond those that are rounded"
+                value = (argument + rounds) - rounds
+            elif op == ca.OP_FABS:
+                value = np.abs(slots[sources[0]])
             else:  # KeyError: an operation that is no primitive
                 value = COMPUTE[op](*(slots[k] for k in sources))
             assert value.dtype == number

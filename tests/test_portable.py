@@ -15,7 +15,8 @@ from hgogen.calling import native
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import helpers, matrix_loops, notation
 from hgogen.emit.csyntax import C
-from hgogen.emit.portable import kernels, passed, routines, small
+from hgogen.emit.portable import functions_of, kernels, passed, small
+from hgogen.emit.routines import routines
 from hgogen.emit.rustsyntax import RUST
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Number, Syntax
@@ -48,7 +49,7 @@ def used(made: hg.Step) -> set[str]:
 
 
 def test_every_kernel_is_written_as_loops_and_run_below() -> None:
-    assert set(KERNELS) <= set(routines(matrix_loops))
+    assert set(KERNELS) <= set(functions_of(matrix_loops))
     assert set().union(*(used(make()) for make in STEPS.values())) == set(KERNELS)
 
 
@@ -87,8 +88,8 @@ def test_arrays_are_lent_and_numbers_are_given() -> None:
 @pytest.mark.parametrize("module", [helpers, matrix_loops])
 def test_its_words_are_those_of_the_notation(module: object) -> None:
     """And its own functions, parameters and locals."""
-    known = {*vars(notation), *routines(module), "range", "int", "float", "bool"}
-    for tree in routines(module).values():
+    known = {*vars(notation), *functions_of(module), "range", "int", "float", "bool"}
+    for tree in functions_of(module).values():
         nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
         own = {each.arg for each in tree.args.args} | {node.id for node in nodes if isinstance(node.ctx, ast.Store)}
         assert {node.id for node in nodes} <= known | own
@@ -136,6 +137,8 @@ def test_an_operation_is_rounded_where_the_language_lacks_the_precision() -> Non
     made, language = emitted.step("pendulum"), replace(C, rounded={"float": "r({})"})
     program = [statement for section in made.sections for statement in section.program]
     bodies = {real: Writer(language, made, real).function(program).lines for real in ("float", "double")}
+    writer = Writer(language, made, "float")
+    bodies["float"] += routines(writer, writer.subprograms).lines
     bodies["float"] += kernels(language, "p", "float", {("correct", 3)}).lines
     computed = [
         line for line in bodies["float"] if re.search(r" = [^=]*[-+*/]", line) and not re.search("[?!&|]", line)

@@ -2,7 +2,6 @@
 #include "cascaded_tanks.h"
 
 #include <stdbool.h>
-#include <stdint.h>
 #if defined(CASCADED_TANKS_USE_LIBM)
 #include <math.h>
 #elif defined(CASCADED_TANKS_USE_CMSIS)
@@ -42,7 +41,11 @@ static float cascaded_tanks_clamp(float v, float low, float high)
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool cascaded_tanks_within(float v, float limit)
 {
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
     return v == v && v >= -limit && v <= limit;
+#endif
 }
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
@@ -79,11 +82,16 @@ static float cascaded_tanks_exp(float x)
 }
 
 #else
-/* largest whole number not above v, which an int32_t can hold */
-static float cascaded_tanks_whole(float v)
+/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
+ * whole numbers */
+static float cascaded_tanks_nearest(float v)
 {
-    const float whole = (float)(int32_t)v;
-    return whole - ((whole > v) ? 1.0f : 0.0f);
+#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
+    const volatile float sum = v + 1.2582912e+07f;
+    return sum - 1.2582912e+07f;
+#else
+    return v + 1.2582912e+07f - 1.2582912e+07f;
+#endif
 }
 
 static float cascaded_tanks_inf(void)
@@ -124,7 +132,7 @@ static float cascaded_tanks_sqrt(float x)
 
 static float cascaded_tanks_exp(float x)
 {
-    const float t1 = cascaded_tanks_whole(((x*x < 16384.0f) ? 1.442695f*x : 0.0f) + 0.5f);
+    const float t1 = cascaded_tanks_nearest((x*x < 16384.0f) ? 1.442695f*x : 0.0f);
     const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
     const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
         + 0.16666545f));
@@ -151,6 +159,21 @@ static float cascaded_tanks_exp(float x)
     return (x > 88.896126f) ? cascaded_tanks_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
 }
 #endif
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate */
+static void cascaded_tanks_flow(float z1, float z2, float u, float dz[2])
+{
+    dz[0] = 0.05646f*z2 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f, 11.0f));
+    dz[1] = u/cascaded_tanks_clamp(z2, 0.52f, 3.1623f)*0.018575f - 0.02823f;
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void cascaded_tanks_jacobian(float z1, float z2, float u, float F[2])
+{
+    const float t1 = cascaded_tanks_clamp(z2, 0.52f, 3.1623f);
+    F[0] = -0.04425f/(2.0f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f, 11.0f)));
+    F[1] = -(u/t1/t1*0.018575f);
+}
 
 unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_input *in)
@@ -187,47 +210,39 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             const float L21 = s->L;
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            const float k1_z1 = 0.05646f*z2 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f,
-                11.0f));
             const float u_before = s->u;
-            const float k1_z2 = u_before/cascaded_tanks_clamp(z2, 0.52f, 3.1623f)*0.018575f - 0.02823f;
-            const float t1 = z2 + 2.0f*k1_z2;
-            const float k2_z1 = 0.05646f*t1 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1
-                + 2.0f*k1_z1, 0.25f, 11.0f));
-            const float t2 = u_before + 0.5f*(u - u_before);
-            const float k2_z2 = t2/cascaded_tanks_clamp(t1, 0.52f, 3.1623f)*0.018575f - 0.02823f;
-            const float t3 = 2.0f*k2_z2;
-            const float t4 = z2 + t3;
-            const float t5 = 2.0f*k2_z1;
-            const float t6 = cascaded_tanks_sqrt(cascaded_tanks_clamp(z1 + t5, 0.25f, 11.0f));
-            const float k3_z1 = 0.05646f*t4 - 0.04425f*t6;
-            const float t7 = cascaded_tanks_clamp(t4, 0.52f, 3.1623f);
-            const float t8 = t2/t7;
-            const float k3_z2 = 0.018575f*t8 - 0.02823f;
-            const float t9 = z2 + 4.0f*k3_z2;
-            const float k4_z1 = 0.05646f*t9 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1
-                + 4.0f*k3_z1, 0.25f, 11.0f));
-            const float k4_z2 = u/cascaded_tanks_clamp(t9, 0.52f, 3.1623f)*0.018575f - 0.02823f;
-            const float t10 = -0.04425f/(2.0f*t6);
-            const float Phi_11 = 1.0f + 4.0f*t10 + t10*t10*8.0f;
-            const float t11 = t8/t7;
-            const float Phi_12 = 0.22584f + 8.0f*(0.05646f*t10 - 0.0010487445f*t11);
-            const float t12 = 0.018575f*t11;
-            const float Phi_22 = 1.0f - 0.0743f*t11 + t12*t12*8.0f;
+            float k1_z[2];
+            cascaded_tanks_flow(z1, z2, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[2];
+            cascaded_tanks_flow(z1 + 2.0f*k1_z[0], z2 + 2.0f*k1_z[1], t1, k2_z);
+            const float t2 = 2.0f*k2_z[0];
+            const float t3 = z1 + t2;
+            const float t4 = 2.0f*k2_z[1];
+            const float t5 = z2 + t4;
+            float k3_z[2];
+            cascaded_tanks_flow(t3, t5, t1, k3_z);
+            float k4_z[2];
+            cascaded_tanks_flow(z1 + 4.0f*k3_z[0], z2 + 4.0f*k3_z[1], u, k4_z);
+            float F_1[2];
+            cascaded_tanks_jacobian(t3, t5, t1, F_1);
+            const float Phi_11 = 1.0f + 4.0f*F_1[0] + F_1[0]*F_1[0]*8.0f;
+            const float Phi_12 = 0.22584f + 8.0f*(0.05646f*F_1[0] + 0.05646f*F_1[1]);
+            const float Phi_22 = 1.0f + 4.0f*F_1[1] + F_1[1]*F_1[1]*8.0f;
             const float w1_1 = Phi_11 + Phi_12*L21;
-            const float t13 = w1_1*D1;
-            const float t14 = Phi_12*D2;
+            const float t6 = w1_1*D1;
+            const float t7 = Phi_12*D2;
             const float theta = s->theta;
-            const float t15 = 4.0f*theta;
-            const float t16 = t15*p->gain.Q[0];
-            const float d1 = w1_1*t13 + Phi_12*t14 + t16;
-            const float t17 = Phi_22*L21;
-            const float l21 = (t17*t13 + Phi_22*t14)/d1;
-            const float w2_1 = t17 - l21*w1_1;
+            const float t8 = 4.0f*theta;
+            const float t9 = t8*p->gain.Q[0];
+            const float d1 = w1_1*t6 + Phi_12*t7 + t9;
+            const float t10 = Phi_22*L21;
+            const float l21 = (t10*t6 + Phi_22*t7)/d1;
+            const float w2_1 = t10 - l21*w1_1;
             const float w2_2 = Phi_22 - l21*Phi_12;
-            const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t16*l21 + t15*p->gain.Q[1]*theta*theta;
-            s->z[0] = z1 + 0.6666667f*(k1_z1 + t5 + 2.0f*k3_z1 + k4_z1);
-            s->z[1] = z2 + 0.6666667f*(k1_z2 + t3 + 2.0f*k3_z2 + k4_z2);
+            const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t9*l21 + t8*p->gain.Q[1]*theta*theta;
+            s->z[0] = z1 + 0.6666667f*(k1_z[0] + t2 + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.6666667f*(k1_z[1] + t4 + 2.0f*k3_z[1] + k4_z[1]);
             s->L = l21;
             s->D[0] = d1;
             s->D[1] = d2;
@@ -258,15 +273,14 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             {
                 const float z1 = predictor->z[0];
                 const float z2 = predictor->z[1];
-                const float t1 = 0.05646f*z2 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f,
-                    11.0f));
-                const float t2 = s->u/cascaded_tanks_clamp(z2, 0.52f, 3.1623f)*0.018575f - 0.02823f;
-                const float t3 = z2 + 4.0f*t2;
-                const float t4 = 0.05646f*t3 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1
-                    + 4.0f*t1, 0.25f, 11.0f)) + t1;
-                predictor->z[0] = cascaded_tanks_keep(z1 + 2.0f*t4, -10.5f, 21.75f, 5.0f, 1e+15f);
-                predictor->z[1] = cascaded_tanks_keep(z2 + 2.0f*(u/cascaded_tanks_clamp(t3, 0.52f,
-                    3.1623f)*0.018575f - 0.02823f + t2), -3.44345f, 7.12575f, 1.7525125f, 1e+15f);
+                float dz_1[2];
+                cascaded_tanks_flow(z1, z2, s->u, dz_1);
+                float dz_2[2];
+                cascaded_tanks_flow(z1 + 4.0f*dz_1[0], z2 + 4.0f*dz_1[1], u, dz_2);
+                predictor->z[0] = cascaded_tanks_keep(z1 + 2.0f*(dz_1[0] + dz_2[0]), -10.5f, 21.75f, 5.0f,
+                    1e+15f);
+                predictor->z[1] = cascaded_tanks_keep(z2 + 2.0f*(dz_1[1] + dz_2[1]), -3.44345f, 7.12575f,
+                    1.7525125f, 1e+15f);
             }
         }
         /* is a value lost? */

@@ -2,7 +2,6 @@
 #include "fitzhugh_nagumo.h"
 
 #include <stdbool.h>
-#include <stdint.h>
 #if defined(FITZHUGH_NAGUMO_USE_LIBM)
 #include <math.h>
 #elif defined(FITZHUGH_NAGUMO_USE_CMSIS)
@@ -42,7 +41,11 @@ static float fitzhugh_nagumo_clamp(float v, float low, float high)
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool fitzhugh_nagumo_within(float v, float limit)
 {
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
     return v == v && v >= -limit && v <= limit;
+#endif
 }
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
@@ -89,11 +92,16 @@ static float fitzhugh_nagumo_cos(float x)
 }
 
 #else
-/* largest whole number not above v, which an int32_t can hold */
-static float fitzhugh_nagumo_whole(float v)
+/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
+ * whole numbers */
+static float fitzhugh_nagumo_nearest(float v)
 {
-    const float whole = (float)(int32_t)v;
-    return whole - ((whole > v) ? 1.0f : 0.0f);
+#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
+    const volatile float sum = v + 1.2582912e+07f;
+    return sum - 1.2582912e+07f;
+#else
+    return v + 1.2582912e+07f - 1.2582912e+07f;
+#endif
 }
 
 static float fitzhugh_nagumo_inf(void)
@@ -104,7 +112,7 @@ static float fitzhugh_nagumo_inf(void)
 
 static float fitzhugh_nagumo_exp(float x)
 {
-    const float t1 = fitzhugh_nagumo_whole(((x*x < 16384.0f) ? 1.442695f*x : 0.0f) + 0.5f);
+    const float t1 = fitzhugh_nagumo_nearest((x*x < 16384.0f) ? 1.442695f*x : 0.0f);
     const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
     const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
         + 0.16666545f));
@@ -133,33 +141,50 @@ static float fitzhugh_nagumo_exp(float x)
 
 static float fitzhugh_nagumo_sin(float x)
 {
-    const float t1 = 1.0f - ((x < 0.0f) ? 2.0f : 0.0f);
-    const float t2 = t1*x;
-    const bool t3 = t2 < 131072.0f;
-    const float t4 = fitzhugh_nagumo_whole((t3 ? 0.31830987f*t2 : 0.0f) + 0.5f);
-    const float t5 = t2 - (t3 ? 0.0f : t2) - 3.140625f*t4 - 0.0009675026f*t4 - 1.5099067e-07f*t4
-        - 5.126688e-12f*t4;
-    const float t6 = t5*t5;
-    const float t7 = 0.5f*t4;
-    const float t8 = (t5 + t5*(((2.606055e-06f*t6 - 0.00019809768f)*t6 + 0.008333069f)*t6 - 0.1666666f)*t6)*
-        (1.0f - 4.0f*(t7 - fitzhugh_nagumo_whole(t7)));
-    return t1*t8;
+    const bool t1 = fitzhugh_nagumo_within(x, 131072.0f);
+    const float t2 = fitzhugh_nagumo_nearest(t1 ? 0.31830987f*x : 0.0f);
+    const float t3 = x - (t1 ? 0.0f : x) - 3.140625f*t2 - 0.0009675026f*t2 - 1.5099067e-07f*t2
+        - 5.126688e-12f*t2;
+    const float t4 = t3*t3;
+    const float t5 = 0.5f*t2;
+    const float t6 = t5 - fitzhugh_nagumo_nearest(t5);
+    return (t3 + t3*(((2.606055e-06f*t4 - 0.00019809768f)*t4 + 0.008333069f)*t4 - 0.1666666f)*t4)*
+        (1.0f - t6*t6*8.0f);
 }
 
 static float fitzhugh_nagumo_cos(float x)
 {
-    const float t1 = (1.0f - ((x < 0.0f) ? 2.0f : 0.0f))*x;
-    const bool t2 = t1 < 131072.0f;
-    const float t3 = fitzhugh_nagumo_whole(t2 ? 0.31830987f*t1 : 0.0f);
+    const float t1 = fitzhugh_nagumo_abs(x);
+    const bool t2 = fitzhugh_nagumo_within(x, 131072.0f);
+    const float t3 = fitzhugh_nagumo_nearest((t2 ? 0.31830987f*t1 : 0.0f) - 0.5f);
     const float t4 = t3 + 0.5f;
     const float t5 = t1 - (t2 ? 0.0f : t1) - 3.140625f*t4 - 0.0009675026f*t4 - 1.5099067e-07f*t4
         - 5.126688e-12f*t4;
     const float t6 = t5*t5;
     const float t7 = 0.5f*t3;
+    const float t8 = t7 - fitzhugh_nagumo_nearest(t7);
     return (t5 + t5*(((2.606055e-06f*t6 - 0.00019809768f)*t6 + 0.008333069f)*t6 - 0.1666666f)*t6)*
-        (4.0f*(t7 - fitzhugh_nagumo_whole(t7)) - 1.0f);
+        (t8*t8*8.0f - 1.0f);
 }
 #endif
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate */
+static void fitzhugh_nagumo_flow(float z1, float z2, float z3, float u, float dz[3])
+{
+    const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
+    dz[0] = t1 - t1*t1*t1*0.33333334f - u*z2;
+    dz[1] = 2.4f*fitzhugh_nagumo_sin(t1) - 0.8f*fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f) + 0.8f*z3;
+    dz[2] = 0.0f;
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void fitzhugh_nagumo_jacobian(float z1, float u, float F[3])
+{
+    const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
+    F[0] = 1.0f - 0.33333334f*(2.0f*t1*t1 + t1*t1);
+    F[1] = 2.4f*fitzhugh_nagumo_cos(t1);
+    F[2] = -u;
+}
 
 unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_input *in)
@@ -200,73 +225,60 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
-            const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
             const float u_before = s->u;
-            const float k1_z1 = t1 - t1*t1*t1*0.33333334f - u_before*z2;
-            const float t2 = 0.8f*z3;
-            const float k1_z2 = 2.4f*fitzhugh_nagumo_sin(t1) - 0.8f*fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f)
-                + t2;
-            const float t3 = fitzhugh_nagumo_clamp(z1 + 0.005f*k1_z1, -3.5f, 3.5f);
-            const float t4 = u_before + 0.5f*(u - u_before);
-            const float t5 = z2 + 0.005f*k1_z2;
-            const float k2_z1 = t3 - t3*t3*t3*0.33333334f - t4*t5;
-            const float k2_z2 = 2.4f*fitzhugh_nagumo_sin(t3) - 0.8f*fitzhugh_nagumo_clamp(t5, -10.0f, 10.0f)
-                + t2;
-            const float t6 = fitzhugh_nagumo_clamp(z1 + 0.005f*k2_z1, -3.5f, 3.5f);
-            const float t7 = t6*t6;
-            const float t8 = z2 + 0.005f*k2_z2;
-            const float k3_z1 = t6 - t7*t6*0.33333334f - t4*t8;
-            const float k3_z2 = 2.4f*fitzhugh_nagumo_sin(t6) - 0.8f*fitzhugh_nagumo_clamp(t8, -10.0f, 10.0f)
-                + t2;
-            const float t9 = fitzhugh_nagumo_clamp(z1 + 0.01f*k3_z1, -3.5f, 3.5f);
-            const float t10 = z2 + 0.01f*k3_z2;
-            const float k4_z1 = t9 - t9*t9*t9*0.33333334f - u*t10;
-            const float k4_z2 = 2.4f*fitzhugh_nagumo_sin(t9) - 0.8f*fitzhugh_nagumo_clamp(t10, -10.0f, 10.0f)
-                + t2;
-            const float t11 = 1.0f - 0.33333334f*(2.0f*t6*t6 + t7);
-            const float t12 = fitzhugh_nagumo_cos(t6);
-            const float t13 = 2.4f*t12;
-            const float Phi_11 = 1.0f + 0.01f*t11 + 5e-05f*(t11*t11 - t4*t13);
-            const float Phi_21 = 0.024f*t12 + 5e-05f*(t13*t11 - 1.92f*t12);
-            const float Phi_22 = 0.992f + 5e-05f*(0.64f - t13*t4);
-            const float t14 = 0.01f*t4 + 5e-05f*(t11*t4 - 0.8f*t4);
-            const float t15 = 4e-05f*t4;
-            const float w1_1 = Phi_11 - t14*L21 - t15*L31;
-            const float t16 = w1_1*D1;
-            const float t17 = t14 + t15*L32;
-            const float t18 = t17*D2;
-            const float t19 = t15*D3;
+            float k1_z[3];
+            fitzhugh_nagumo_flow(z1, z2, z3, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[3];
+            fitzhugh_nagumo_flow(z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1], z3, t1, k2_z);
+            const float t2 = z1 + 0.005f*k2_z[0];
+            float k3_z[3];
+            fitzhugh_nagumo_flow(t2, z2 + 0.005f*k2_z[1], z3, t1, k3_z);
+            float k4_z[3];
+            fitzhugh_nagumo_flow(z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1], z3, u, k4_z);
+            float F_1[3];
+            fitzhugh_nagumo_jacobian(t2, t1, F_1);
+            const float Phi_11 = 1.0f + 0.01f*F_1[0] + 5e-05f*(F_1[0]*F_1[0] + F_1[2]*F_1[1]);
+            const float Phi_12 = 0.01f*F_1[2] + 5e-05f*(F_1[0]*F_1[2] - 0.8f*F_1[2]);
+            const float Phi_13 = 4e-05f*F_1[2];
+            const float Phi_21 = 0.01f*F_1[1] + 5e-05f*(F_1[1]*F_1[0] - 0.8f*F_1[1]);
+            const float Phi_22 = 0.992f + 5e-05f*(F_1[1]*F_1[2] + 0.64f);
+            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
+            const float w1_2 = Phi_12 + Phi_13*L32;
+            const float t3 = w1_1*D1;
+            const float t4 = w1_2*D2;
+            const float t5 = Phi_13*D3;
             const float theta = s->theta;
-            const float t20 = 0.01f*theta;
-            const float t21 = t20*p->gain.Q[0];
-            const float d1 = w1_1*t16 + t17*t18 + t15*t19 + t21;
-            const float t22 = Phi_21 + Phi_22*L21 + 0.007968f*L31;
-            const float t23 = Phi_22 + 0.007968f*L32;
-            const float l21 = (t22*t16 - t23*t18 - 0.007968f*t19)/d1;
-            const float l31 = (L31*t16 - L32*t18 - t19)/d1;
-            const float w2_1 = t22 - l21*w1_1;
-            const float w2_2 = t23 + l21*t17;
-            const float w2_3 = 0.007968f + l21*t15;
-            const float t24 = w2_1*D1;
-            const float t25 = w2_2*D2;
-            const float t26 = w2_3*D3;
-            const float t27 = l21*t21;
-            const float t28 = t20*p->gain.Q[1];
-            const float d2 = w2_1*t24 + w2_2*t25 + w2_3*t26 + l21*t27 + theta*t28*theta;
-            const float t29 = L31 - l31*w1_1;
-            const float t30 = L32 + l31*t17;
-            const float t31 = 1.0f + l31*t15;
-            const float l32 = (t29*t24 + t30*t25 + t31*t26 + l31*t27)/d2;
-            const float w3_1 = t29 - l32*w2_1;
-            const float w3_2 = t30 - l32*w2_2;
-            const float w3_3 = t31 - l32*w2_3;
+            const float t6 = 0.01f*theta;
+            const float t7 = t6*p->gain.Q[0];
+            const float d1 = w1_1*t3 + w1_2*t4 + Phi_13*t5 + t7;
+            const float t8 = Phi_21 + Phi_22*L21 + 0.007968f*L31;
+            const float t9 = Phi_22 + 0.007968f*L32;
+            const float l21 = (t8*t3 + t9*t4 + 0.007968f*t5)/d1;
+            const float l31 = (L31*t3 + L32*t4 + t5)/d1;
+            const float w2_1 = t8 - l21*w1_1;
+            const float w2_2 = t9 - l21*w1_2;
+            const float w2_3 = 0.007968f - l21*Phi_13;
+            const float t10 = w2_1*D1;
+            const float t11 = w2_2*D2;
+            const float t12 = w2_3*D3;
+            const float t13 = l21*t7;
+            const float t14 = t6*p->gain.Q[1];
+            const float d2 = w2_1*t10 + w2_2*t11 + w2_3*t12 + l21*t13 + theta*t14*theta;
+            const float t15 = L31 - l31*w1_1;
+            const float t16 = L32 - l31*w1_2;
+            const float t17 = 1.0f - l31*Phi_13;
+            const float l32 = (t15*t10 + t16*t11 + t17*t12 + l31*t13)/d2;
+            const float w3_1 = t15 - l32*w2_1;
+            const float w3_2 = t16 - l32*w2_2;
+            const float w3_3 = t17 - l32*w2_3;
             const float w3_4 = l32*l21 - l31;
             const float w3_6 = theta*theta;
-            const float t32 = l32*theta;
-            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t21*w3_4 + t32*t28*t32
-                + t20*p->gain.Q[2]*w3_6*w3_6;
-            s->z[0] = z1 + 0.0016666667f*(k1_z1 + 2.0f*k2_z1 + 2.0f*k3_z1 + k4_z1);
-            s->z[1] = z2 + 0.0016666667f*(k1_z2 + 2.0f*k2_z2 + 2.0f*k3_z2 + k4_z2);
+            const float t18 = l32*theta;
+            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + t18*t14*t18
+                + t6*p->gain.Q[2]*w3_6*w3_6;
+            s->z[0] = z1 + 0.0016666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.0016666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
             s->L[0] = l21;
             s->L[1] = l31;
             s->L[2] = l32;
@@ -312,18 +324,14 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
                 const float z1 = predictor->z[0];
                 const float z2 = predictor->z[1];
                 const float z3 = predictor->z[2];
-                const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
-                const float t2 = t1 - t1*t1*t1*0.33333334f - s->u*z2;
-                const float t3 = fitzhugh_nagumo_clamp(z1 + 0.01f*t2, -3.5f, 3.5f);
-                const float t4 = 0.8f*z3;
-                const float t5 = 2.4f*fitzhugh_nagumo_sin(t1) - 0.8f*fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f)
-                    + t4;
-                const float t6 = z2 + 0.01f*t5;
-                const float t7 = 0.005f*(2.4f*fitzhugh_nagumo_sin(t3)
-                    - 0.8f*fitzhugh_nagumo_clamp(t6, -10.0f, 10.0f) + t4 + t5);
-                predictor->z[0] = fitzhugh_nagumo_keep(z1 + 0.005f*(t3 - t3*t3*t3*0.33333334f - u*t6 + t2),
-                    -10.5f, 10.5f, 0.0f, 1e+15f);
-                predictor->z[1] = fitzhugh_nagumo_keep(z2 + t7, -80.0f, 80.0f, 0.0f, 1e+15f);
+                float dz_1[3];
+                fitzhugh_nagumo_flow(z1, z2, z3, s->u, dz_1);
+                float dz_2[3];
+                fitzhugh_nagumo_flow(z1 + 0.01f*dz_1[0], z2 + 0.01f*dz_1[1], z3, u, dz_2);
+                predictor->z[0] = fitzhugh_nagumo_keep(z1 + 0.005f*(dz_1[0] + dz_2[0]), -10.5f, 10.5f, 0.0f,
+                    1e+15f);
+                predictor->z[1] = fitzhugh_nagumo_keep(z2 + 0.005f*(dz_1[1] + dz_2[1]), -80.0f, 80.0f, 0.0f,
+                    1e+15f);
                 predictor->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+15f);
             }
         }

@@ -25,7 +25,11 @@ static float hyperjerk_clamp(float v, float low, float high)
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool hyperjerk_within(float v, float limit)
 {
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
     return v == v && v >= -limit && v <= limit;
+#endif
 }
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
@@ -35,6 +39,32 @@ static bool hyperjerk_within(float v, float limit)
 static float hyperjerk_keep(float v, float low, float high, float otherwise, float limit)
 {
     return hyperjerk_within(v, limit) ? hyperjerk_clamp(v, low, high) : otherwise;
+}
+
+/* the right-hand side of the observer's differential equation */
+static void hyperjerk_rate(const hyperjerk_params *p, const float w[4], const float eta[4], float y,
+    float valid, float dw[4], float deta[4])
+{
+    const float w1 = w[0];
+    const float w2 = w[1];
+    const float w3 = w[2];
+    const float w4 = w[3];
+    const float eta1 = eta[0];
+    const float eta2 = eta[1];
+    const float eta3 = eta[2];
+    const float eta4 = eta[3];
+    const float t1 = hyperjerk_clamp(w1, -3.0f, 3.0f);
+    const float t2 = t1*t1*4.5f - 2.7f*hyperjerk_clamp(w2, -4.0f, 4.0f)
+        - 5.2f*hyperjerk_clamp(w3, -6.0f, 6.0f) - hyperjerk_clamp(w4, -12.0f, 12.0f);
+    const float theta = p->gain.theta;
+    dw[0] = w2 + 6.0f*eta1;
+    dw[1] = w3 + 15.0f*eta2;
+    dw[2] = w4 + 18.0f*eta3;
+    dw[3] = t2 - 4.5f + 10.0f*eta4;
+    deta[0] = theta*(valid*(y - w1)*theta - 3.0f*eta1);
+    deta[1] = theta*(theta*eta1 - 3.0f*eta2);
+    deta[2] = theta*(theta*eta2 - 3.0f*eta3);
+    deta[3] = theta*(theta*eta3 - 3.0f*eta4);
 }
 
 unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
@@ -86,84 +116,63 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
             const float w2 = s->w[1];
             const float w3 = s->w[2];
             const float w4 = s->w[3];
-            const float k1_w1 = w2 + 6.0f*eta1;
-            const float k1_w2 = w3 + 15.0f*eta2;
-            const float k1_w3 = w4 + 18.0f*eta3;
-            const float t1 = hyperjerk_clamp(w1, -3.0f, 3.0f);
-            const float t2 = t1*t1*4.5f - 2.7f*hyperjerk_clamp(w2, -4.0f, 4.0f)
-                - 5.2f*hyperjerk_clamp(w3, -6.0f, 6.0f) - hyperjerk_clamp(w4, -12.0f, 12.0f);
-            const float k1_w4 = t2 - 4.5f + 10.0f*eta4;
-            const float theta = p->gain.theta;
-            const float k1_eta1 = theta*(valid*(y_last - w1)*theta - 3.0f*eta1);
-            const float k1_eta2 = theta*(theta*eta1 - 3.0f*eta2);
-            const float k1_eta3 = theta*(theta*eta2 - 3.0f*eta3);
-            const float k1_eta4 = theta*(theta*eta3 - 3.0f*eta4);
-            const float t3 = w2 + 0.0005f*k1_w2;
-            const float t4 = eta1 + 0.0005f*k1_eta1;
-            const float k2_w1 = t3 + 6.0f*t4;
-            const float t5 = w3 + 0.0005f*k1_w3;
-            const float t6 = eta2 + 0.0005f*k1_eta2;
-            const float k2_w2 = t5 + 15.0f*t6;
-            const float t7 = w4 + 0.0005f*k1_w4;
-            const float t8 = eta3 + 0.0005f*k1_eta3;
-            const float k2_w3 = t7 + 18.0f*t8;
-            const float t9 = eta4 + 0.0005f*k1_eta4;
-            const float t10 = w1 + 0.0005f*k1_w1;
-            const float t11 = hyperjerk_clamp(t10, -3.0f, 3.0f);
-            const float t12 = t11*t11*4.5f - 2.7f*hyperjerk_clamp(t3, -4.0f, 4.0f)
-                - 5.2f*hyperjerk_clamp(t5, -6.0f, 6.0f) - hyperjerk_clamp(t7, -12.0f, 12.0f);
-            const float k2_w4 = t12 - 4.5f + 10.0f*t9;
-            const float t13 = y_last + 0.5f*(y - y_last);
-            const float k2_eta1 = theta*(valid*(t13 - t10)*theta - 3.0f*t4);
-            const float k2_eta2 = theta*(theta*t4 - 3.0f*t6);
-            const float k2_eta3 = theta*(theta*t6 - 3.0f*t8);
-            const float k2_eta4 = theta*(theta*t8 - 3.0f*t9);
-            const float t14 = w2 + 0.0005f*k2_w2;
-            const float t15 = eta1 + 0.0005f*k2_eta1;
-            const float k3_w1 = t14 + 6.0f*t15;
-            const float t16 = w3 + 0.0005f*k2_w3;
-            const float t17 = eta2 + 0.0005f*k2_eta2;
-            const float k3_w2 = t16 + 15.0f*t17;
-            const float t18 = w4 + 0.0005f*k2_w4;
-            const float t19 = eta3 + 0.0005f*k2_eta3;
-            const float k3_w3 = t18 + 18.0f*t19;
-            const float t20 = eta4 + 0.0005f*k2_eta4;
-            const float t21 = w1 + 0.0005f*k2_w1;
-            const float t22 = hyperjerk_clamp(t21, -3.0f, 3.0f);
-            const float t23 = t22*t22*4.5f - 2.7f*hyperjerk_clamp(t14, -4.0f, 4.0f)
-                - 5.2f*hyperjerk_clamp(t16, -6.0f, 6.0f);
-            const float k3_w4 = t23 - hyperjerk_clamp(t18, -12.0f, 12.0f) - 4.5f + 10.0f*t20;
-            const float k3_eta1 = theta*(valid*(t13 - t21)*theta - 3.0f*t15);
-            const float k3_eta2 = theta*(theta*t15 - 3.0f*t17);
-            const float k3_eta3 = theta*(theta*t17 - 3.0f*t19);
-            const float k3_eta4 = theta*(theta*t19 - 3.0f*t20);
-            const float t24 = w2 + 0.001f*k3_w2;
-            const float t25 = eta1 + 0.001f*k3_eta1;
-            const float k4_w1 = t24 + 6.0f*t25;
-            const float t26 = w3 + 0.001f*k3_w3;
-            const float t27 = eta2 + 0.001f*k3_eta2;
-            const float k4_w2 = t26 + 15.0f*t27;
-            const float t28 = w4 + 0.001f*k3_w4;
-            const float t29 = eta3 + 0.001f*k3_eta3;
-            const float k4_w3 = t28 + 18.0f*t29;
-            const float t30 = eta4 + 0.001f*k3_eta4;
-            const float t31 = w1 + 0.001f*k3_w1;
-            const float t32 = hyperjerk_clamp(t31, -3.0f, 3.0f);
-            const float t33 = t32*t32*4.5f - 2.7f*hyperjerk_clamp(t24, -4.0f, 4.0f)
-                - 5.2f*hyperjerk_clamp(t26, -6.0f, 6.0f);
-            const float k4_w4 = t33 - hyperjerk_clamp(t28, -12.0f, 12.0f) - 4.5f + 10.0f*t30;
-            const float k4_eta1 = theta*(valid*(y - t31)*theta - 3.0f*t25);
-            const float k4_eta2 = theta*(theta*t25 - 3.0f*t27);
-            const float k4_eta3 = theta*(theta*t27 - 3.0f*t29);
-            const float k4_eta4 = theta*(theta*t29 - 3.0f*t30);
-            s->w[0] = w1 + 0.00016666666f*(k1_w1 + 2.0f*k2_w1 + 2.0f*k3_w1 + k4_w1);
-            s->w[1] = w2 + 0.00016666666f*(k1_w2 + 2.0f*k2_w2 + 2.0f*k3_w2 + k4_w2);
-            s->w[2] = w3 + 0.00016666666f*(k1_w3 + 2.0f*k2_w3 + 2.0f*k3_w3 + k4_w3);
-            s->w[3] = w4 + 0.00016666666f*(k1_w4 + 2.0f*k2_w4 + 2.0f*k3_w4 + k4_w4);
-            s->eta[0] = eta1 + 0.00016666666f*(k1_eta1 + 2.0f*k2_eta1 + 2.0f*k3_eta1 + k4_eta1);
-            s->eta[1] = eta2 + 0.00016666666f*(k1_eta2 + 2.0f*k2_eta2 + 2.0f*k3_eta2 + k4_eta2);
-            s->eta[2] = eta3 + 0.00016666666f*(k1_eta3 + 2.0f*k2_eta3 + 2.0f*k3_eta3 + k4_eta3);
-            s->eta[3] = eta4 + 0.00016666666f*(k1_eta4 + 2.0f*k2_eta4 + 2.0f*k3_eta4 + k4_eta4);
+            const float y_mid = y_last + 0.5f*(y - y_last);
+            float k1_w[4];
+            float k1_eta[4];
+            hyperjerk_rate(p, s->w, s->eta, y_last, valid, k1_w, k1_eta);
+            const float w_2[4] = {
+                w1 + 0.0005f*k1_w[0],
+                w2 + 0.0005f*k1_w[1],
+                w3 + 0.0005f*k1_w[2],
+                w4 + 0.0005f*k1_w[3]
+            };
+            const float eta_2[4] = {
+                eta1 + 0.0005f*k1_eta[0],
+                eta2 + 0.0005f*k1_eta[1],
+                eta3 + 0.0005f*k1_eta[2],
+                eta4 + 0.0005f*k1_eta[3]
+            };
+            float k2_w[4];
+            float k2_eta[4];
+            hyperjerk_rate(p, w_2, eta_2, y_mid, valid, k2_w, k2_eta);
+            const float w_3[4] = {
+                w1 + 0.0005f*k2_w[0],
+                w2 + 0.0005f*k2_w[1],
+                w3 + 0.0005f*k2_w[2],
+                w4 + 0.0005f*k2_w[3]
+            };
+            const float eta_3[4] = {
+                eta1 + 0.0005f*k2_eta[0],
+                eta2 + 0.0005f*k2_eta[1],
+                eta3 + 0.0005f*k2_eta[2],
+                eta4 + 0.0005f*k2_eta[3]
+            };
+            float k3_w[4];
+            float k3_eta[4];
+            hyperjerk_rate(p, w_3, eta_3, y_mid, valid, k3_w, k3_eta);
+            const float w_4[4] = {
+                w1 + 0.001f*k3_w[0],
+                w2 + 0.001f*k3_w[1],
+                w3 + 0.001f*k3_w[2],
+                w4 + 0.001f*k3_w[3]
+            };
+            const float eta_4[4] = {
+                eta1 + 0.001f*k3_eta[0],
+                eta2 + 0.001f*k3_eta[1],
+                eta3 + 0.001f*k3_eta[2],
+                eta4 + 0.001f*k3_eta[3]
+            };
+            float k4_w[4];
+            float k4_eta[4];
+            hyperjerk_rate(p, w_4, eta_4, y, valid, k4_w, k4_eta);
+            s->w[0] = w1 + 0.00016666666f*(k1_w[0] + 2.0f*k2_w[0] + 2.0f*k3_w[0] + k4_w[0]);
+            s->w[1] = w2 + 0.00016666666f*(k1_w[1] + 2.0f*k2_w[1] + 2.0f*k3_w[1] + k4_w[1]);
+            s->w[2] = w3 + 0.00016666666f*(k1_w[2] + 2.0f*k2_w[2] + 2.0f*k3_w[2] + k4_w[2]);
+            s->w[3] = w4 + 0.00016666666f*(k1_w[3] + 2.0f*k2_w[3] + 2.0f*k3_w[3] + k4_w[3]);
+            s->eta[0] = eta1 + 0.00016666666f*(k1_eta[0] + 2.0f*k2_eta[0] + 2.0f*k3_eta[0] + k4_eta[0]);
+            s->eta[1] = eta2 + 0.00016666666f*(k1_eta[1] + 2.0f*k2_eta[1] + 2.0f*k3_eta[1] + k4_eta[1]);
+            s->eta[2] = eta3 + 0.00016666666f*(k1_eta[2] + 2.0f*k2_eta[2] + 2.0f*k3_eta[2] + k4_eta[2]);
+            s->eta[3] = eta4 + 0.00016666666f*(k1_eta[3] + 2.0f*k2_eta[3] + 2.0f*k3_eta[3] + k4_eta[3]);
         }
         /* is a value lost? */
         {

@@ -2,7 +2,6 @@
 #include "pendulum.h"
 
 #include <stdbool.h>
-#include <stdint.h>
 #if defined(PENDULUM_USE_LIBM)
 #include <math.h>
 #elif defined(PENDULUM_USE_CMSIS)
@@ -32,7 +31,11 @@ static float pendulum_clamp(float v, float low, float high)
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool pendulum_within(float v, float limit)
 {
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
     return v == v && v >= -limit && v <= limit;
+#endif
 }
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
@@ -59,28 +62,42 @@ static float pendulum_sin(float x)
 }
 
 #else
-/* largest whole number not above v, which an int32_t can hold */
-static float pendulum_whole(float v)
+/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
+ * whole numbers */
+static float pendulum_nearest(float v)
 {
-    const float whole = (float)(int32_t)v;
-    return whole - ((whole > v) ? 1.0f : 0.0f);
+#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
+    const volatile float sum = v + 1.2582912e+07f;
+    return sum - 1.2582912e+07f;
+#else
+    return v + 1.2582912e+07f - 1.2582912e+07f;
+#endif
 }
 
 static float pendulum_sin(float x)
 {
-    const float t1 = 1.0f - ((x < 0.0f) ? 2.0f : 0.0f);
-    const float t2 = t1*x;
-    const bool t3 = t2 < 131072.0f;
-    const float t4 = pendulum_whole((t3 ? 0.31830987f*t2 : 0.0f) + 0.5f);
-    const float t5 = t2 - (t3 ? 0.0f : t2) - 3.140625f*t4 - 0.0009675026f*t4 - 1.5099067e-07f*t4
-        - 5.126688e-12f*t4;
-    const float t6 = t5*t5;
-    const float t7 = 0.5f*t4;
-    const float t8 = (t5 + t5*(((2.606055e-06f*t6 - 0.00019809768f)*t6 + 0.008333069f)*t6 - 0.1666666f)*t6)*
-        (1.0f - 4.0f*(t7 - pendulum_whole(t7)));
-    return t1*t8;
+    const bool t1 = pendulum_within(x, 131072.0f);
+    const float t2 = pendulum_nearest(t1 ? 0.31830987f*x : 0.0f);
+    const float t3 = x - (t1 ? 0.0f : x) - 3.140625f*t2 - 0.0009675026f*t2 - 1.5099067e-07f*t2
+        - 5.126688e-12f*t2;
+    const float t4 = t3*t3;
+    const float t5 = 0.5f*t2;
+    const float t6 = t5 - pendulum_nearest(t5);
+    return (t3 + t3*(((2.606055e-06f*t4 - 0.00019809768f)*t4 + 0.008333069f)*t4 - 0.1666666f)*t4)*
+        (1.0f - t6*t6*8.0f);
 }
 #endif
+
+/* the right-hand side of the observer's differential equation */
+static void pendulum_rate(const pendulum_params *p, float z1, float z2, float u, float y, float valid,
+    float dz[2])
+{
+    const float t1 = valid*(y - z1);
+    const float t2 = u - 0.1f*pendulum_clamp(z2, -20.0f, 20.0f)
+        - 19.6f*pendulum_sin(pendulum_clamp(z1, -4.0f, 4.0f));
+    dz[0] = z2 + p->derived.K[0]*t1;
+    dz[1] = p->derived.K[1]*t1 + t2;
+}
 
 unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendulum_input *in,
     const pendulum_output *out)
@@ -140,39 +157,19 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            const float K1 = p->derived.K[0];
-            const float t1 = valid*(y_last - z1);
-            const float k1_z1 = z2 + K1*t1;
-            const float K2 = p->derived.K[1];
             const float u_before = s->u;
-            const float t2 = u_before - 0.1f*pendulum_clamp(z2, -20.0f, 20.0f)
-                - 19.6f*pendulum_sin(pendulum_clamp(z1, -4.0f, 4.0f));
-            const float k1_z2 = K2*t1 + t2;
-            const float t3 = z2 + 0.0005f*k1_z2;
-            const float t4 = y_last + 0.5f*(y - y_last);
-            const float t5 = z1 + 0.0005f*k1_z1;
-            const float t6 = valid*(t4 - t5);
-            const float k2_z1 = t3 + K1*t6;
-            const float t7 = u_before + 0.5f*(u - u_before);
-            const float t8 = t7 - 0.1f*pendulum_clamp(t3, -20.0f, 20.0f)
-                - 19.6f*pendulum_sin(pendulum_clamp(t5, -4.0f, 4.0f));
-            const float k2_z2 = K2*t6 + t8;
-            const float t9 = z2 + 0.0005f*k2_z2;
-            const float t10 = z1 + 0.0005f*k2_z1;
-            const float t11 = valid*(t4 - t10);
-            const float k3_z1 = t9 + K1*t11;
-            const float t12 = t7 - 0.1f*pendulum_clamp(t9, -20.0f, 20.0f)
-                - 19.6f*pendulum_sin(pendulum_clamp(t10, -4.0f, 4.0f));
-            const float k3_z2 = K2*t11 + t12;
-            const float t13 = z2 + 0.001f*k3_z2;
-            const float t14 = z1 + 0.001f*k3_z1;
-            const float t15 = valid*(y - t14);
-            const float k4_z1 = t13 + K1*t15;
-            const float t16 = u - 0.1f*pendulum_clamp(t13, -20.0f, 20.0f)
-                - 19.6f*pendulum_sin(pendulum_clamp(t14, -4.0f, 4.0f));
-            const float k4_z2 = K2*t15 + t16;
-            s->z[0] = z1 + 0.00016666666f*(k1_z1 + 2.0f*k2_z1 + 2.0f*k3_z1 + k4_z1);
-            s->z[1] = z2 + 0.00016666666f*(k1_z2 + 2.0f*k2_z2 + 2.0f*k3_z2 + k4_z2);
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
+            float k1_z[2];
+            pendulum_rate(p, z1, z2, u_before, y_last, valid, k1_z);
+            float k2_z[2];
+            pendulum_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], u_mid, y_mid, valid, k2_z);
+            float k3_z[2];
+            pendulum_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], u_mid, y_mid, valid, k3_z);
+            float k4_z[2];
+            pendulum_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], u, y, valid, k4_z);
+            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
         }
         /* is a value lost? */
         lost = !(pendulum_within(s->z[0], 1e+30f) && pendulum_within(s->z[1], 1e+30f));

@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import casadi as ca
@@ -199,13 +199,20 @@ def _element(numbers: Sequence[float], k: Graph) -> Graph:
     return ca.MX(ca.DM(list(numbers)))[k]
 
 
-def called(instruction: Graph) -> Lookup:
-    """The lookup that an instruction of a graph, a call, is of. Raises: `KeyError` for another call."""
-    return _KNOWN[instruction.which_function().name()]
+def called(instruction: Graph) -> Lookup | ca.Function:
+    """The lookup that an instruction of a graph, a call, is of, or the other function that it calls."""
+    function: ca.Function = instruction.which_function()
+    return _KNOWN.get(function.name(), function)
 
 
-def walked(function: ca.Function, inputs: Sequence[Graph], apply: Callable[..., Graph]) -> list[Graph]:
-    """The outputs of an SX function at other inputs, by `apply(operation, lookup or None, arguments)`."""
+Call = Callable[[ca.Function, Sequence[Graph]], Sequence[Graph]]
+
+
+def walked(
+    function: ca.Function, inputs: Sequence[Graph], apply: Callable[..., Graph], call: Call | None = None
+) -> list[Graph]:
+    """The outputs of an SX function at other inputs, by `apply(operation, lookup or None, arguments)`, and for a
+    function that it calls by `call(function, its arguments)`; without one that is written out."""
     work: dict[int, Graph] = {}
     results = [ca.SX.zeros(*function.size_out(k)) for k in range(function.n_out())]
     texts = instructions(function)
@@ -217,10 +224,20 @@ def walked(function: ca.Function, inputs: Sequence[Graph], apply: Callable[..., 
             work[wrote[0]] = ca.SX(function.instruction_constant(k))
         elif op == ca.OP_OUTPUT:
             results[wrote[0]][wrote[1]] = work[read[0]]
+        elif op == ca.OP_CALL and isinstance(function_called := called(texts[k]), ca.Function):
+            columns = _columns(function_called, [work[place] for place in read])
+            values = call(function_called, columns) if call else walked(function_called, columns, apply)
+            work |= zip(wrote, (each for value in values for each in ca.vertsplit(value)), strict=True)
         else:
             lookup = called(texts[k]) if op == ca.OP_CALL else None
             work[wrote[0]] = apply(op, lookup, *(work[place] for place in read))
     return results
+
+
+def _columns(function: ca.Function, values: Sequence[Graph]) -> list[Graph]:
+    """The arguments of a function, of all their elements one after the other."""
+    ends = list(accumulate((function.numel_in(k) for k in range(function.n_in())), initial=0))
+    return [ca.vertcat(*values[a:b]) for a, b in pairwise(ends)]
 
 
 def instructions(function: ca.Function) -> list[Graph]:

@@ -14,7 +14,7 @@ Names = frozenset[str]
 class Uses:
     """What lines refer to: `parameters` of the function around them, `helpers` of `emit.functions`, `kernels` (name,
     size), `types` that a language may have to be asked for; `widest` is the largest count that they hold;
-    `lookups` are those of tables."""
+    `lookups` are those of tables, `routines` the keys of those that are called."""
 
     parameters: Names = frozenset()
     helpers: Names = frozenset()
@@ -22,6 +22,7 @@ class Uses:
     types: Names = frozenset()
     widest: int = 0
     lookups: frozenset[Lookup] = frozenset()
+    routines: Names = frozenset()
 
     def __or__(self, other: "Uses") -> "Uses":
         return Uses(
@@ -31,6 +32,7 @@ class Uses:
             self.types | other.types,
             max(self.widest, other.widest),
             self.lookups | other.lookups,
+            self.routines | other.routines,
         )
 
 

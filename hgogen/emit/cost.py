@@ -14,9 +14,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.algebra.lookup import called, instructions
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit.layout import params_type, state_type
-from hgogen.emit.printer import CALLS
+from hgogen.emit.operations import CALLS
 from hgogen.emit.syntax import Real
 from hgogen.program import Block, Call, Kernel, Loop, Statement, When
 from hgogen.step import Step
@@ -63,10 +64,14 @@ def _statement(statement: Statement) -> Pair:
     return _kernel(statement) if isinstance(statement, Kernel) else (0, 0)
 
 
-def _block(graph: Any) -> Pair:
+def _block(graph: ca.Function) -> Pair:
+    """Of a graph, and of the routines that it calls."""
     times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
-    functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
-    return sum(count for op, count in times.items() if op not in _FREE) - functions, functions
+    calls = [called(each) for each in instructions(graph) if each.is_call()]
+    inner = [_block(function) for function in calls if isinstance(function, ca.Function)]
+    functions = sum(count for op, count in times.items() if op in _FUNCTIONS) - len(inner)
+    operations = sum(count for op, count in times.items() if op not in _FREE) - functions - len(inner)
+    return operations + sum(pair[0] for pair in inner), functions + sum(pair[1] for pair in inner)
 
 
 def _kernel(kernel: Kernel) -> Pair:

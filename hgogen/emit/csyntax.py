@@ -37,6 +37,8 @@ _QUIET = (  # a comparison that asks whether a number is one
     ("#if defined(__GNUC__)", "#pragma GCC diagnostic pop", "#endif"),
 )
 
+_BUILT_IN = "defined(__GNUC__) && !defined(__FRAMAC__)"  # one instruction, of the same result
+
 C = Syntax(
     types={
         "float": "float",
@@ -60,6 +62,7 @@ C = Syntax(
     variable="{type} {name} = {value};",
     array="{type} {name}[{size}];",
     fixed="static const {type} {name}[{size}] = {{{values}}};",
+    gathered="const {type} {name}[{size}] = {{{values}}};",
     condition="if ({}) {{",
     repeated="while ({}) {{",
     loop=_loop,
@@ -71,6 +74,7 @@ C = Syntax(
     passed={True: "{}", False: "{}"},
     parameter="{type} {name}",
     array_parameter={True: "{type} {name}[{size}]", False: "const {type} {name}[{size}]"},
+    params="const {prefix}_params *p",
     function=("static {type} {name}({parameters})", "{{"),
     empty="void",
     result="return {};",
@@ -78,4 +82,12 @@ C = Syntax(
     called=_called,
     comment=comment,
     around={"within": _QUIET},
+    instead={
+        "within": (_BUILT_IN, "return __builtin_fabs{suffix}(v) <= limit;"),
+        "nearest": (
+            "!defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)",
+            "const volatile {type} sum = v + {ROUNDS};",
+            "return sum - {ROUNDS};",
+        ),
+    },
 )

@@ -1,4 +1,5 @@
-"""Elementary functions as straight-line graphs of + - * /, comparison, selection, floor: one result anywhere.
+"""Elementary functions as straight-line graphs of + - * /, comparison, selection, floor and the nearest whole number:
+one result anywhere.
 
     sin x  = (-1)^k sin r,     r = x - k pi     exp x  = 2^k e^r,       r = x - k ln 2
     log x  = k ln 2 + log m,   x = 2^k m        atan x = j pi/4 + atan z,  z = x, (x - 1)/(x + 1) or -1/x
@@ -21,17 +22,22 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, reduce
+from functools import cache, cached_property, reduce
 from types import MappingProxyType
 from typing import Any, Literal
 
 import casadi as ca
 
+from hgogen.emit.minimax import DOUBLE, FLOAT, Precision
 from hgogen.graph import Graph
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
 LN2 = Fraction("0.69314718055994530941723212145817656807550013436025525")
 SQRT2 = Fraction("1.41421356237309504880168872420969807856967187537694807")
+
+NEAREST = "nearest"  # the function of that name
+ALL_WHOLE = {"float": 2.0**23, "double": 2.0**52}  # numbers from here on are whole
+ROUNDS = {real: 1.5 * whole for real, whole in ALL_WHOLE.items()}
 
 UNARY = (
     *("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan"),
@@ -76,30 +82,28 @@ def _polar(x: Graph) -> tuple[Graph, Graph]:
     return sign, sign * x
 
 
-def _parity(k: Graph) -> Graph:
-    """1/2 for an odd whole number, 0 for an even one."""
-    half = k * 0.5
-    return half - ca.floor(half)
+def _nearest(real: Literal["float", "double"]) -> ca.Function:
+    """The whole number nearest to v, of two the even one: v + C - C, where C and its neighbours are whole numbers and
+    sums are rounded to them.
+
+    CasADi would make v of it; so the sum is a call, and the result goes through floor, whose slope is 0. Other readers
+    know this function by its name.
+    """
+    v, C = ca.SX.sym("v"), ROUNDS[real]
+    add = ca.Function("add", [v], [v + C], {"never_inline": True})
+    return ca.Function(NEAREST, [v], [ca.floor(add(v) - C + 0.25)], {"never_inline": True})
 
 
 @dataclass(frozen=True)
-class _Arithmetic:
+class _Arithmetic(Precision):
     """The functions in one working precision."""
 
-    letter: Literal["f", "d"]  # of struct
-    bits: int  # of the significand
-    octaves: int  # numbers are below 2^(2^octaves)
-    pi_widths: tuple[int, ...]  # bits of the pieces of pi: times k, each but the last is exact
-    ln2_widths: tuple[int, ...]
-    angle_limit: float  # a larger angle is taken as 0
-    heron: int  # iterations from a relative error of 1/9
-    sin_tail: tuple[float, ...]
-    exp_tail: tuple[float, ...]
-    log_tail: tuple[float, ...]
-    atan_tail: tuple[float, ...]
-    asin_tail: tuple[float, ...]
-
     # --- numbers of this precision
+
+    @cached_property
+    def nearest(self) -> ca.Function:
+        """`_nearest` in this precision."""
+        return _nearest("float" if self.letter == "f" else "double")
 
     def near(self, value: Fraction | float) -> float:
         """The nearest number of this precision."""
@@ -181,7 +185,7 @@ class _Arithmetic:
     def split(self, x: Graph) -> tuple[Graph, Graph]:
         """k and p = e^r - 1, with x = k ln 2 + r, |r| <= ln 2 / 2, for |x| < 2^octaves (else k = 0)."""
         inside = x * x < 4.0**self.octaves
-        k = ca.floor(_when(inside, x * self.near(1 / LN2)) + 0.5)
+        k = self.nearest(_when(inside, x * self.near(1 / LN2)))
         r = x
         for piece in self.pieces(LN2, self.ln2_widths):
             r = r - k * piece
@@ -280,16 +284,16 @@ class _Arithmetic:
         (_, a), (_, b) = _polar(x), _polar(y)
         magnitude = self.exp(_select(y == 0, 0.0, y * self.log(a)))
         whole = _when(b < 2.0**self.bits, y)  # larger numbers are even
-        negative = _select(ca.floor(whole) < whole, math.nan, 1 - _parity(whole) * 4)
+        half = whole * 0.5
+        negative = _select(ca.floor(whole) < whole, math.nan, 1 - (half - ca.floor(half)) * 4)
         return magnitude * _select(x < 0, negative, 1.0)
 
     # --- angles
 
-    def folded(self, x: Graph) -> tuple[Graph, Graph, Graph]:
-        """The sign, |x| and |x| / pi; beyond the limit the last two are 0 (of inf and NaN: NaN and 0)."""
-        sign, a = _polar(x)
-        inside = a < self.angle_limit
-        return sign, a - _select(inside, 0.0, a), _when(inside, a * self.near(1 / PI))
+    def folded(self, x: Graph) -> tuple[Graph, Graph]:
+        """x and x / pi; beyond the limit both are 0 (of inf and NaN: NaN and 0)."""
+        inside = ca.fabs(x) <= self.angle_limit
+        return x - _select(inside, 0.0, x), _when(inside, x * self.near(1 / PI))
 
     def wave(self, a: Graph, k: Graph) -> Graph:
         """sin(a - k pi), |a - k pi| <= pi / 2."""
@@ -299,24 +303,29 @@ class _Arithmetic:
         z = r * r
         return r + z * (r * self.polynomial(z, self.sin_tail))
 
+    def odd(self, k: Graph) -> Graph:
+        """1/4 for an odd whole number, 0 for an even one."""
+        half = k * 0.5
+        rest = half - self.nearest(half)
+        return rest * rest
+
     def sine(self, a: Graph, turns: Graph) -> Graph:
-        k = ca.floor(turns + 0.5)
-        return self.wave(a, k) * (1 - _parity(k) * 4)
+        k = self.nearest(turns)
+        return self.wave(a, k) * (1 - self.odd(k) * 8)
 
     def cosine(self, a: Graph, turns: Graph) -> Graph:
-        k = ca.floor(turns)
-        return self.wave(a, k + 0.5) * (_parity(k) * 4 - 1)
+        k = self.nearest(turns - 0.5)
+        return self.wave(a, k + 0.5) * (self.odd(k) * 8 - 1)
 
     def sin(self, x: Graph) -> Graph:
-        sign, a, turns = self.folded(x)
-        return sign * self.sine(a, turns)
+        return self.sine(*self.folded(x))
 
     def cos(self, x: Graph) -> Graph:
-        _, a, turns = self.folded(x)
-        return self.cosine(a, turns)
+        return self.cosine(*self.folded(ca.fabs(x)))
 
     def tan(self, x: Graph) -> Graph:
-        sign, a, turns = self.folded(x)
+        sign, a = _polar(x)  # the cosine of a negative angle is not rounded as that of a
+        a, turns = self.folded(a)
         return sign * self.sine(a, turns) / self.cosine(a, turns)
 
     # --- inverse angles
@@ -361,40 +370,4 @@ class _Arithmetic:
         return _select(wide, outer, high - (sign * (s + c) - low))
 
 
-# Minimax fits, rounded; in brackets the largest error relative to the function named first.
-# fmt: off
-_FLOAT = _Arithmetic(
-    letter="f", bits=24, octaves=7, pi_widths=(11, 11, 11, 24), ln2_widths=(16, 24), angle_limit=2.0**17, heron=3,
-    # sin r = r + z r s(z), z = r^2, |r| <= pi/2, degree 3 [2^-27.2]
-    sin_tail=(-0.166666597, 0.00833306927, -0.000198097681, 2.60605498e-06),
-    # e^r - 1 = r + r^2 (1/2 + r e(r)), |r| <= ln 2 / 2, degree 3 [2^-25.8]
-    exp_tail=(0.16666545, 0.0416664034, 0.00836643483, 0.00139406463),
-    # 2 atanh s = 2 s + z s l(z), z = s^2, |s| <= (sqrt 2 - 1)^2, degree 2 [2^-30.1]
-    log_tail=(0.666667759, 0.399775594, 0.298718989),
-    # atan t = t + w t a(w), w = t^2, |t| <= sqrt 2 - 1, degree 4 [2^-30.3]
-    atan_tail=(-0.333333164, 0.199985251, -0.142442971, 0.105982684, -0.060873501),
-    # asin s = s + z s b(z), z = s^2, |s| <= 1/2, degree 4 [2^-27.6]
-    asin_tail=(0.166667521, 0.0749530941, 0.0454691537, 0.024184756, 0.0421583615),
-)
-_DOUBLE = _Arithmetic(
-    letter="d", bits=53, octaves=10, pi_widths=(33, 33, 53), ln2_widths=(42, 53), angle_limit=2.0**46, heron=4,
-    # the same: degree 7 [2^-60.5]
-    sin_tail=(-0.16666666666666666, 0.008333333333333207, -0.00019841269841212476, 2.755731921156885e-06,
-        -2.5052106904318463e-08, 1.605894099418856e-10, -7.643019073175594e-13, 2.7214153708237633e-15),
-    # degree 8 [2^-54.8]
-    exp_tail=(0.16666666666666677, 0.04166666666662006, 0.008333333333319133, 0.001388888892057158,
-        0.00019841269894133504, 2.4801516161509485e-05, 2.755723517363855e-06, 2.762234018767848e-07,
-        2.5112386170006326e-08),
-    # degree 6 [2^-59.4]
-    log_tail=(0.6666666666666735, 0.3999999999940915, 0.28571428743768607, 0.22222198416940242,
-        0.1818357316098145, 0.15313807067218427, 0.1479855341727912),
-    # degree 10 [2^-59.2]
-    atan_tail=(-0.3333333333333319, 0.19999999999952187, -0.14285714280054532, 0.11111110776327872,
-        -0.09090897551899073, 0.0769205654090084, -0.06663062132668172, 0.05847583085744142,
-        -0.05037919034280918, 0.038029199329731964, -0.017868310533625382),
-    # degree 11 [2^-55.8]
-    asin_tail=(0.16666666666665408, 0.07500000000337136, 0.044642856828224275, 0.030381959141436713,
-        0.022371757939212672, 0.01735970649535909, 0.013885217879333986, 0.012169329931608453,
-        0.006527452390421315, 0.019529725392007008, -0.016226588131093463, 0.03191389964234026),
-)
-# fmt: on
+_FLOAT, _DOUBLE = (_Arithmetic(**vars(precision)) for precision in (FLOAT, DOUBLE))

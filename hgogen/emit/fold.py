@@ -5,12 +5,14 @@
 import re
 import textwrap
 from collections.abc import Iterable
+from itertools import pairwise
 
 COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
 _MARKS = ("* ", "// ", "/// ", "//! ")  # inside a comment, or of one that ends with the line
 _BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\||else \{) )|(?<!else) (?=\{ )|(?<= = )(?=&)")
-_LIST = re.compile(r"(.*= [{\[])([^(){}\[\]]*)([}\]];)")  # of values, as a table has
+_LIST = re.compile(r"(.*?= [{\[])(.*)([}\]];)")  # of values, as a table has
+_NESTED = re.compile(r"[()\[\]{}]")
 _PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where there is no such place
 
 
@@ -35,8 +37,18 @@ def _fold(line: str) -> list[str]:
         return [*_fold(f"{indent}/* {comment}"), *_fold(f"{indent}{code.rstrip()}")]
     if listed := _LIST.fullmatch(text):
         head, values, tail = listed.groups()
-        return [f"{indent}{head}", *_filled(values, f"{indent}    ", ""), f"{indent}{tail}"]
+        deeper = f"{indent}    "
+        lines = _one_a_line(values, deeper) if _NESTED.search(values) else _filled(values, deeper, "")
+        return [f"{indent}{head}", *lines, f"{indent}{tail}"]
     return _broken(line, len(indent))
+
+
+def _one_a_line(values: str, indent: str) -> list[str]:
+    """The values of a list, each from a new line on."""
+    commas = [k for k, sign in enumerate(values) if values.startswith(", ", k) and not _depth(values[:k])]
+    ends = [*(k + 1 for k in commas), len(values)]
+    parts = (values[a:b].strip() for a, b in pairwise([0, *ends]))
+    return [line for part in parts for line in _fold(f"{indent}{part}")]
 
 
 def _filled(text: str, indent: str, hanging: str) -> list[str]:

@@ -1,6 +1,6 @@
 """The small functions of emitted code, in the order in which they call each other; see `emit.notation`."""
 
-from hgogen.emit.notation import ALL_WHOLE, LARGE, real
+from hgogen.emit.notation import ALL_WHOLE, LARGE, ROUNDS, real
 
 
 def abs(v: float) -> float:
@@ -43,6 +43,11 @@ def whole(v: float) -> float:
     """largest whole number not above v, which an {int} can hold"""
     whole = real(int(v))
     return whole - (1.0 if whole > v else 0.0)
+
+
+def nearest(v: float) -> float:
+    """whole number nearest to v, where |v| is below a third of {ROUNDS}: sums near that are rounded to whole numbers"""
+    return v + ROUNDS - ROUNDS
 
 
 def floor(v: float) -> float:

@@ -1,10 +1,13 @@
 """A block's SX instructions as nodes, with the patterns recognised that have a text of their own."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import casadi as ca
 
 from hgogen.algebra.lookup import Lookup, called, instructions
+from hgogen.discretisation.routine import Routine
+from hgogen.emit import elementary
 
 
 @dataclass(eq=False)
@@ -18,10 +21,16 @@ class Node:
     uses: int = 0
     name: str = ""
     lookup: Lookup | None = None  # of a call
+    routine: Routine | None = None  # of a call
+    element: tuple[int, int] = (0, 0)  # of what a routine computes: result, element
+    labels: dict[int, str] = field(default_factory=dict)  # of a call of a routine: the names of its results
 
 
 _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
 CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # such patterns
+ELEMENT = -5  # of what a routine computes
+NEAREST = -6  # the whole number nearest to one
+PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep", NEAREST: "nearest"}  # functions of ours
 
 
 def read(function: ca.Function) -> list[list[Node]]:
@@ -41,13 +50,42 @@ def read(function: ca.Function) -> list[list[Node]]:
         elif op == ca.OP_CONST:
             slots[give[0]] = Node(op, constant=function.instruction_constant(k))
         elif op == ca.OP_CALL:
-            slots[give[0]] = Node(op, tuple(slots[i] for i in take), lookup=called(texts[k]))
+            slots |= zip(give, _called(called(texts[k]), tuple(slots[i] for i in take)), strict=True)
         else:
             slots[give[0]] = _node(op, tuple(slots[i] for i in take))
             nodes.append(slots[give[0]])
     for node in nodes:
         _settle(node)
     return outputs
+
+
+def _called(function: Lookup | ca.Function, args: tuple[Node, ...]) -> list[Node]:
+    """The results of a call, element by element."""
+    if isinstance(function, Lookup):
+        return [Node(ca.OP_CALL, args, lookup=function)]
+    if function.name() == elementary.NEAREST:
+        return [Node(NEAREST, args)]
+    call = Node(ca.OP_CALL, args, routine=(routine := Routine(function)))
+    places = [(k, i) for k, (_, size) in enumerate(routine.results) for i in range(size)]
+    return [Node(ELEMENT, (call,), element=place) for place in places]
+
+
+def ordered(roots: Iterable[Node]) -> list[Node]:
+    """Every node once, after those that it takes."""
+    nodes: list[Node] = []
+    done: set[int] = set()
+    stack = [(root, False) for root in reversed(list(roots))]
+    while stack:
+        node, ready = stack.pop()
+        if id(node) in done:
+            continue
+        if ready:
+            done.add(id(node))
+            nodes.append(node)
+        else:
+            stack.append((node, True))
+            stack.extend((child, False) for child in reversed(node.args))
+    return nodes
 
 
 def _settle(node: Node) -> None:

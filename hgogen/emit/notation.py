@@ -24,6 +24,7 @@ n = square = line = 0  # n, n^2, n + 1
 SWEEPS = HALVINGS = DEGREE = 0  # those of `discretisation.kernels`
 LARGE = 0.0  # so that its square is infinite
 ALL_WHOLE = 0.0  # numbers from here on are whole
+ROUNDS = 0.0  # three halves of it: added to a number, it rounds it to a whole one
 
 
 def array(size: int) -> list[float]:

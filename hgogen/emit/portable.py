@@ -15,9 +15,9 @@ from hgogen.algebra.lookup import Argument, Lookup
 from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
 from hgogen.emit import helpers, lookup_functions, matrix_loops
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
+from hgogen.emit.elementary import ALL_WHOLE, ROUNDS
 from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax
 
-_ALL_WHOLE: Mapping[Real, float] = {"float": 2.0**23, "double": 2.0**52}
 _LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}
 _ARRAYS = {  # by annotation: how many, and whether they are written
     "Vector": ("n", True),
@@ -46,7 +46,7 @@ NO_CODE = Code()
 
 
 @cache
-def routines(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
+def functions_of(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
     """The functions of a file by name, in its order."""
     tree = ast.parse(inspect.getsource(module))
     return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
@@ -54,9 +54,11 @@ def routines(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
 
 def small(syntax: Syntax, prefix: str, real: Real, names: Collection[str], whole: str) -> Code:
     """The functions of `emit.helpers` that are named; `whole`: the type of whole numbers."""
-    there = routines(helpers)
-    large, many = syntax.marked(_LARGE[real], real), syntax.literal(_ALL_WHOLE[real], real)
-    words = _Words(syntax, prefix, real, there, {"LARGE": large, "ALL_WHOLE": many}, {"int": whole})
+    there = functions_of(helpers)
+    numbers = {"ALL_WHOLE": ALL_WHOLE[real], "ROUNDS": ROUNDS[real]}
+    reals = {"LARGE": syntax.marked(_LARGE[real], real)}
+    reals |= {name: syntax.literal(number, real) for name, number in numbers.items()}
+    words = _Words(syntax, prefix, real, there, reals, {"int": whole})
     return joined(_Function(words, there[name]).text() + code("") for name in there if name in names)
 
 
@@ -67,7 +69,7 @@ def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -
 
 def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
     """The arrays, a search along each axis, and the polynomial of the cell."""
-    there = routines(lookup_functions)
+    there = functions_of(lookup_functions)
     declared = code(*(_fixed(syntax, real, name, numbers) for name, numbers in lookup.arrays.items()))
     arguments = ", ".join(f"{axis.name}: float" for axis in lookup.axes)
     steps = "".join(f" {line}\n" for line in (*lookup.flattened, f"return {lookup.formula('0.0')}"))
@@ -108,12 +110,12 @@ def _fixed(syntax: Syntax, real: Real, name: str, numbers: Sequence[float]) -> s
 
 def called_by(names: Iterable[str]) -> set[str]:
     """These functions of `emit.helpers`, and those that they call themselves."""
-    return set(names).union(*(_calls(routines(helpers), name) for name in names))
+    return set(names).union(*(_calls(functions_of(helpers), name) for name in names))
 
 
 def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str, int]]) -> Code:
     """The functions of the kernels in `used`, (name, size), in the order of their file, after those that they call."""
-    there, written = routines(matrix_loops), []
+    there, written = functions_of(matrix_loops), []
     for kernel in there:
         for size in sorted(size for name, size in used if name == kernel):
             counts = {"n": size, "square": size * size, "line": size + 1}
@@ -125,7 +127,7 @@ def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str,
 
 def passed(syntax: Syntax, kernel: str) -> list[str]:
     """How each argument of a kernel is passed: a text with a hole."""
-    kinds = (_array(each) for each in routines(matrix_loops)[kernel].args.args)
+    kinds = (_array(each) for each in functions_of(matrix_loops)[kernel].args.args)
     return [syntax.passed[kind[1]] if kind else "{}" for kind in kinds]
 
 
@@ -153,7 +155,7 @@ class _Words:
     syntax: Syntax
     prefix: str
     real: Real
-    routines: Mapping[str, ast.FunctionDef]
+    functions: Mapping[str, ast.FunctionDef]
     reals: Mapping[str, str]
     types: Mapping[str, str]
     counts: Mapping[str, int] = field(default_factory=dict)
@@ -178,7 +180,7 @@ class _Function:
         """Its comment, its head, what is declared first, its statements, and what its compiler needs around it."""
         syntax, tree = self.syntax, self.tree
         said = ast.get_docstring(tree) or ""
-        inner = declared + self._block(tree.body)
+        inner = self._chosen(declared + self._block(tree.body))
         names = {**self.words.types, **self.words.reals}
         comment = [] if not said or said.endswith(".") else [syntax.comment(said.format(**names))]
         before, after = syntax.around.get(tree.name, ((), ()))
@@ -190,7 +192,16 @@ class _Function:
         types = frozenset(self.words.types.values()) if "int" in _names(tree) else frozenset()
         start = code(*before, *comment, *(line.format(**head) for line in syntax.function))
         uses = united([*self.used, Uses(types=types)])
-        return start + inner.indented() + code("}", *after) + Code((), uses)
+        return start + inner + code("}", *after) + Code((), uses)
+
+    def _chosen(self, body: Code) -> Code:
+        """The body, or where the language has another one, that behind its switch."""
+        if self.tree.name not in self.syntax.instead:
+            return body.indented()
+        condition, *lines = self.syntax.instead[self.tree.name]
+        words = {"type": self.words.type("real"), "suffix": self.syntax.suffixes[self.words.real], **self.words.reals}
+        other = code(*(line.format(**words) for line in lines))
+        return code(f"#if {condition}") + other.indented() + code("#else") + body.indented() + code("#endif")
 
     def _type(self, kind: str) -> str:
         self.used += [TRUTH] if kind == "bool" else []
@@ -331,7 +342,7 @@ class _Function:
         if name in kinds:
             value = self._value(arguments[0], UNARY)
             return self.syntax.cast.format(type=kinds[name], value=value), self.syntax.casted
-        parameters = self.words.routines[name].args.args
+        parameters = self.words.functions[name].args.args
         texts = map(self._argument, arguments, parameters)
         return f"{self.words.prefix}_{name}({', '.join(texts)})", ATOM
 

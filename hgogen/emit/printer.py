@@ -5,15 +5,28 @@ reader of a block computes the same bits (where the compiler does not contract a
 worth a name, become constant locals; the rest is written in place.
 """
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 
 import casadi as ca
 
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, united
-from hgogen.emit.node import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, negated, negative, read
+from hgogen.emit.node import (
+    CHOOSE,
+    ELEMENT,
+    PATTERNS,
+    Node,
+    boolean,
+    negated,
+    negative,
+    ordered,
+    read,
+)
+from hgogen.emit.operations import CALLS, INFIX, LOGIC
+from hgogen.emit.subprograms import Subprogram
 from hgogen.emit.syntax import (
-    AND,
     ATOM,
     EQUAL,
     OR,
@@ -29,55 +42,14 @@ from hgogen.emit.syntax import (
 
 WIDTH = 92  # longest expression that is written in place
 
-_INFIX: dict[int, tuple[str, float]] = {
-    ca.OP_ADD: (" + ", SUM),
-    ca.OP_SUB: (" - ", SUM),
-    ca.OP_MUL: ("*", PRODUCT),
-    ca.OP_DIV: ("/", PRODUCT),
-    ca.OP_LT: (" < ", ORDER),
-    ca.OP_LE: (" <= ", ORDER),
-    ca.OP_EQ: (" == ", EQUAL),
-    ca.OP_NE: (" != ", EQUAL),
-}
-_LOGIC: dict[int, tuple[str, float]] = {ca.OP_AND: (" && ", AND), ca.OP_OR: (" || ", OR)}
-CALLS: dict[int, str] = {
-    ca.OP_FABS: "abs",
-    ca.OP_FMIN: "min",
-    ca.OP_FMAX: "max",
-    ca.OP_FLOOR: "floor",
-    ca.OP_SIGN: "sign",
-    ca.OP_SQRT: "sqrt",
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "log",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_ASINH: "asinh",
-    ca.OP_ACOSH: "acosh",
-    ca.OP_ATANH: "atanh",
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_HYPOT: "hypot",
-}
-_PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}
-
 
 def _binding(node: Node) -> float:
     """How tightly the text of a value binds."""
-    if node.name:
+    if node.name or node.op == ELEMENT:
         return ATOM
     if node.op in (CHOOSE, ca.OP_IF_ELSE_ZERO) or boolean(node):
         return SELECT
-    return _INFIX[node.op][1] if node.op in _INFIX else UNARY
+    return INFIX[node.op][1] if node.op in INFIX else UNARY
 
 
 @dataclass(frozen=True)
@@ -93,7 +65,9 @@ class Operand:
 @dataclass
 class Printer:
     """Prints one block. Element j of argument i is what `inputs` says, and `local` its name as a local; `is_flag` tells
-    whether argument i is a truth value. `uses`: what the text uses, since each value that has one is written."""
+    whether argument i is a truth value. `routines`: those that the block may call, by their keys; `whole`: all of
+    argument i, as such a call takes it, and its size. `uses`: what the text uses, since each value that has one is
+    written."""
 
     syntax: Syntax
     real: Number
@@ -102,27 +76,25 @@ class Printer:
     local: Callable[[int, int], str]
     is_flag: Callable[[int], bool] = lambda _: False
     calls: Mapping[int, str] = field(default_factory=lambda: CALLS)
+    routines: Mapping[str, Subprogram] = field(default_factory=dict)
+    whole: Callable[[int], tuple[str, int]] = lambda _: ("", 0)
+    called: Counter[str] = field(default_factory=Counter)
     uses: list[Uses] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     taken: set[str] = field(default_factory=set)
 
     def count(self, roots: Iterable[Node]) -> None:
         """How often each value is used, over all roots."""
-        stack, seen = list(roots), set[int]()
-        for root in stack:
-            root.uses += 1
-        while stack:
-            node = stack.pop()
-            if id(node) in seen:
-                continue
-            seen.add(id(node))
-            for child in node.args:
-                child.uses += 1
-                stack.append(child)
+        every = list(roots)
+        for used in (*every, *(child for node in ordered(every) for child in node.args)):
+            used.uses += 1
 
     def declare(self, node: Node, name: str) -> None:
         """A named constant for a value; the name is made unique."""
-        if node.name or node.op == ca.OP_CONST:
+        if node.name or node.op in (ca.OP_CONST, ELEMENT):
+            return
+        if node.routine:
+            self.call_routine(node)
             return
         text, _ = self.raw(node)
         node.name = self.fresh(name)
@@ -156,7 +128,7 @@ class Printer:
                 stack.extend((child, False) for child in reversed(node.args))
                 continue
             done.add(id(node))
-            repeated = any(a is b for i, a in enumerate(node.args) for b in node.args[i + 1 :])
+            repeated = not node.routine and any(a is b for i, a in enumerate(node.args) for b in node.args[i + 1 :])
             for child in node.args:
                 if repeated and child.op not in (ca.OP_CONST, ca.OP_INPUT) and not child.name:
                     self.declare(child, self.number())
@@ -172,8 +144,10 @@ class Printer:
 
     def worthy(self, node: Node) -> bool:
         """Whether a value is better declared than written in place."""
-        if node.op in (ca.OP_CONST, ca.OP_NOT):
+        if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT):
             return False
+        if node.routine:
+            return True
         if node.op == ca.OP_INPUT:
             return node.uses > 1 and not self.inputs(*node.source).local
         if node.op == ca.OP_NEG and node.args[0].name:
@@ -227,6 +201,48 @@ class Printer:
         self.uses.append(Uses(helpers=frozenset({name})))
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
+    def call_routine(self, node: Node) -> None:
+        """Statements that call a routine: it fills an array for each of its results."""
+        assert node.routine
+        subprogram, key = self.routines[node.routine.key], node.routine.key
+        self.called[key] += 1
+        rest, texts = iter(node.args), list[str]()
+        for each in subprogram.passed:
+            column = list(islice(rest, len(each.elements)))
+            name = f"{each.argument.label}_{self.called[key]}"
+            texts += map(self.value, column) if each.by_value else [self._by_reference(name, column)]
+        for result, (name, size) in enumerate(node.routine.results):
+            node.labels[result] = self.fresh(node.labels.get(result, f"{name}_{self.called[key]}"))
+            self.lines.append(self._array(self.syntax.array, node.labels[result], size, value=self.literal(0)))
+        node.name = subprogram.name
+        params = [self.syntax.parameters.get("p", "p")] * subprogram.reads_parameters
+        results = map(self.syntax.passed[True].format, node.labels.values())
+        self.lines.append(f"{self.prefix}_{subprogram.name}({', '.join((*params, *texts, *results))});")
+        self.uses.append(Uses(parameters=frozenset("p" * subprogram.reads_parameters), routines=frozenset({key})))
+
+    def _by_reference(self, name: str, column: Sequence[Node]) -> str:
+        """A column as an array."""
+        first = column[0]
+        by_read = self.syntax.passed[False].format
+        if all(n.op == ca.OP_INPUT and n.source == (first.source[0], k) for k, n in enumerate(column)):
+            text, size = self.whole(first.source[0])
+            if size == len(column):
+                self.uses.append(self.inputs(*first.source).uses)
+                return by_read(text)
+        if all(n.op == ELEMENT and n.args == first.args and n.element[1] == k for k, n in enumerate(column)):
+            (call,), (result, _) = first.args, first.element
+            results = call.routine.results if call.routine else ()
+            if {n.element[0] for n in column} == {result} and results[result][1] == len(column):
+                return by_read(call.labels[result])
+        values, name = ", ".join(map(self.value, column)), self.fresh(name)
+        self.lines.append(self._array(self.syntax.gathered, name, len(column), values=values))
+        return by_read(name)
+
+    def _array(self, text: str, name: str, size: int, **words: str) -> str:
+        """The declaration of an array."""
+        count = self.syntax.literal(size, "unsigned")
+        return text.format(type=self.syntax.types[self.real], name=name, size=size, count=count, **words)
+
     def raw(self, node: Node) -> tuple[str, float]:
         """The text of a value from its operands, and how tightly it binds."""
         op, args = node.op, node.args
@@ -236,8 +252,11 @@ class Printer:
             operand = self.inputs(*node.source)
             self.uses.append(operand.uses)
             return operand.text, operand.binds
-        if op in _PATTERNS:
-            return self.call(_PATTERNS[op], *args)
+        if op == ELEMENT:
+            result, k = node.element
+            return f"{args[0].labels[result]}[{k}]", ATOM
+        if op in PATTERNS:
+            return self.call(PATTERNS[op], *args)
         if op == CHOOSE:
             test, yes, no = args
             return self.choice(test, yes, no)
@@ -247,13 +266,13 @@ class Printer:
             return f"-{self.value(args[0], ATOM)}", UNARY
         if op == ca.OP_NOT:
             return self.negation(args[0])
-        if op in _LOGIC:
-            sign, binds = _LOGIC[op]
+        if op in LOGIC:
+            sign, binds = LOGIC[op]
             return sign.join(self.clause(arg, op) for arg in args), binds
         if op in (ca.OP_LT, ca.OP_LE) and args[0].op == ca.OP_CONST:
             sign = " > " if op == ca.OP_LT else " >= "
             return f"{self.value(args[1], ORDER + 0.1)}{sign}{self.value(args[0], ORDER + 0.1)}", ORDER
-        if op in _INFIX:
+        if op in INFIX:
             return self.infix(op, *args)
         if node.lookup:
             self.uses.append(Uses(lookups=frozenset({node.lookup})))
@@ -281,7 +300,7 @@ class Printer:
     def infix(self, op: int, left: Node, right: Node) -> tuple[str, float]:
         """left op right. The order of operations is part of the result, so a right operand that binds as loosely needs
         parentheses; a sum or product, which commutes bit for bit, is turned round to save them."""
-        sign, binds = _INFIX[op]
+        sign, binds = INFIX[op]
         if self.real == "unsigned" and op in self.syntax.counted:
             return self.syntax.counted[op].format(self.value(left, ATOM), self.value(right)), ATOM
         if op in (ca.OP_ADD, ca.OP_MUL):
@@ -316,23 +335,28 @@ def body(
     printer: Printer,
     function: ca.Function,
     targets: Sequence[Target],
-    names: Sequence[str],
+    names: Sequence[tuple[str, int]],
     hoist: Collection[int],
 ) -> tuple[Code, Code]:
     """The constants that a block declares, and its statements.
 
-    `targets`: for each element of the first outputs; `names`: for each element of the outputs after those; `hoist`:
+    `targets`: for each element of the first outputs; `names`: of the outputs after those, with their sizes; `hoist`:
     arguments that must be read before anything is written.
     """
     nodes = [node for output in read(function) for node in output]
     pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
     named = nodes[len(targets) :]
+    for node in ordered(nodes):
+        if node.routine:
+            node.args = printer.routines[node.routine.key].nodes(node)
     printer.count(node for node, _ in pairs)
     _hoist(printer, [node for node, _ in pairs], hoist)
-    for node, name in zip(named, names, strict=True):
-        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
-            printer.prepare(node)
-            printer.declare(node, name)
+    rest = iter(named)
+    columns = [(name, list(islice(rest, size))) for name, size in names]
+    for name, column in columns:
+        _label(name, column)
+    for name, column in columns:
+        _declare(printer, name, column)
     for node, _ in pairs:
         printer.prepare(node)
         if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
@@ -340,6 +364,21 @@ def body(
     written = [line for node, target in pairs for line in _written(printer, node, target)]
     uses = united(printer.uses)
     return Code(tuple(printer.lines), uses), Code(tuple(written), united([uses, *(t.uses for _, t in pairs)]))
+
+
+def _label(name: str, column: list[Node]) -> None:
+    """Name what a routine computes."""
+    for node in column:
+        if node.op == ELEMENT:
+            node.args[0].labels.setdefault(node.element[0], name)
+
+
+def _declare(printer: Printer, name: str, column: list[Node]) -> None:
+    """Declare a value that has a name, element by element."""
+    for k, node in enumerate(column):
+        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
+            printer.prepare(node)
+            printer.declare(node, name if len(column) == 1 else f"{name}{k + 1}")
 
 
 def _written(printer: Printer, node: Node, target: Target) -> list[str]:
@@ -352,14 +391,6 @@ def _written(printer: Printer, node: Node, target: Target) -> list[str]:
 
 def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
     """Declare the inputs that the block also writes, before anything is written."""
-    inputs: dict[tuple[int, int], Node] = {}
-    stack, seen = list(roots), set[int]()
-    while stack:
-        node = stack.pop()
-        if id(node) not in seen:
-            seen.add(id(node))
-            stack.extend(node.args)
-            if node.op == ca.OP_INPUT and node.source[0] in hoist:
-                inputs[node.source] = node
+    inputs = {node.source: node for node in ordered(roots) if node.op == ca.OP_INPUT and node.source[0] in hoist}
     for source, node in sorted(inputs.items(), key=lambda item: item[0]):
         printer.declare(node, printer.local(*source))

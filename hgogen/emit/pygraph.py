@@ -9,19 +9,20 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from itertools import islice
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.algebra.lookup import Lookup
-from hgogen.emit.elementary import elementary
-from hgogen.emit.node import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
-from hgogen.emit.printer import CALLS, Operand
+from hgogen.emit.elementary import ALL_WHOLE, ROUNDS, elementary
+from hgogen.emit.node import CHOOSE, CLAMP, ELEMENT, KEEP, NEAREST, WITHIN, Node, boolean, ordered, read
+from hgogen.emit.operations import CALLS
+from hgogen.emit.printer import Operand
 from hgogen.emit.syntax import NotPrintable, Number, Real
 
 DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
-_WHOLE = {"float": 2**23, "double": 2**52}  # numbers from here on are whole, as in emit.portable
 _SIMPLE: dict[int, str] = {
     ca.OP_ADD: "{} + {}",
     ca.OP_SUB: "{} - {}",
@@ -37,6 +38,7 @@ _SIMPLE: dict[int, str] = {
     ca.OP_EQ: "{} == {}",
     ca.OP_NE: "{} != {}",
     WITHIN: "-{1} <= {0} <= {1}",
+    NEAREST: "({} + rounds) - rounds",
 }
 _DIVIDED = "{0} / {1} if {1} else divided({0}, {1})"  # Python refuses a division by 0, which C carries out
 _LOGIC: dict[int, str] = {ca.OP_NOT: "not {}", ca.OP_AND: "{} and {}", ca.OP_OR: "{} or {}"}
@@ -52,17 +54,19 @@ class Writer:
     names: dict[str, Any] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
     count: int = 0
+    routines: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """The small functions and constants."""
         number = float if self.real == "double" else DTYPE[self.real]
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
-        self.names |= {"floor": _floor(number, _WHOLE[self.real]), "divided": _divided}
+        self.names |= {"rounds": number(ROUNDS[self.real])}
+        self.names |= {"floor": _floor(number, int(ALL_WHOLE[self.real])), "divided": _divided}
 
     def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
         """The lines that compute a function; its outputs as nodes, each with its name or text in `name`."""
         outputs = read(function)
-        for node in _ordered(node for output in outputs for node in output):
+        for node in ordered(node for output in outputs for node in output):
             self._name(node, inputs, kind)
         return outputs
 
@@ -110,10 +114,25 @@ class Writer:
             name = node.lookup.graph.name()
             self.names[name] = _table(node.lookup, self.real)
             return f"{name}({', '.join(values)})"
+        if node.routine:
+            return self._call(node, values)
+        if op == ELEMENT:
+            return "{}[{}][{}]".format(node.args[0].name, *node.element)
         if op not in CALLS:
             raise NotPrintable(op)
         self.names[CALLS[op]] = _function(CALLS[op], self.real)
         return f"{CALLS[op]}({', '.join(values)})"
+
+    def _call(self, node: Node, values: list[str]) -> str:
+        """The call of a routine, whose results are lists."""
+        assert node.routine
+        number = self.routines.setdefault(node.routine.key, len(self.routines))
+        name = f"r{number}"
+        if name not in self.names:
+            self.names[name] = evaluated(node.routine.function, self.real)
+        rest = iter(values)
+        columns = (", ".join(islice(rest, each.size)) for each in node.routine.arguments)
+        return f"{name}(({', '.join(f'({each},)' for each in columns)},))"
 
     def _constant(self, value: float, kind: Number) -> str:
         if kind == "unsigned":
@@ -126,24 +145,6 @@ class Writer:
 
 
 _PLAIN = str.maketrans({"-": "m", "+": "p", ".": "_"})
-
-
-def _ordered(roots: Iterable[Node]) -> list[Node]:
-    """Every node once, after those that it takes."""
-    ordered: list[Node] = []
-    done: set[int] = set()
-    stack = [(root, False) for root in reversed(list(roots))]
-    while stack:
-        node, ready = stack.pop()
-        if id(node) in done:
-            continue
-        if ready:
-            done.add(id(node))
-            ordered.append(node)
-        else:
-            stack.append((node, True))
-            stack.extend((child, False) for child in reversed(node.args))
-    return ordered
 
 
 def _floor(number: Any, whole: int) -> Callable[[Any], Any]:

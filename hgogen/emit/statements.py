@@ -14,6 +14,7 @@ from hgogen.emit.interface import REACHED, of_section, reached
 from hgogen.emit.kinds import Kinds
 from hgogen.emit.portable import passed
 from hgogen.emit.printer import Operand, Printer, Target, body
+from hgogen.emit.subprograms import Subprogram, subprograms
 from hgogen.emit.syntax import Number, Real, Syntax
 from hgogen.graph import sx
 from hgogen.program import Block, Call, Copy, Kernel, Loop, Place, Program, Section, Statement, When, places, walk
@@ -41,6 +42,11 @@ class Writer:
         """The kinds of its places."""
         return Kinds(self.step)
 
+    @cached_property
+    def subprograms(self) -> dict[str, Subprogram]:
+        """The routines of the step."""
+        return subprograms(self.step)
+
     def _array(self, group: str) -> Place:
         """The place of the array of a group: in the state, or in the member of the group around it."""
         above = self.kinds.groups[group][:-1]
@@ -58,7 +64,7 @@ class Writer:
         start = self.syntax.reach.format(self.syntax.parameters.get(name, name)) + (f"{member}." if member else "")
         return f"{start}{self.syntax.name(place.name) if place.struct in _SIGNALS else place.name}"
 
-    def _uses(self, *places: Place | None) -> Uses:
+    def uses(self, *places: Place | None) -> Uses:
         """The parameters that places are reached through."""
         return Uses(parameters=frozenset(reached(place for place in places if place)))
 
@@ -120,7 +126,7 @@ class Writer:
         depth, total = len(self.kinds.groups[group]), self.kinds.groups[group][-1].count
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
         inner = self.statements(loop.body, taken)
-        uses = self._uses(self._array(group), loop.start, loop.active, loop.index)
+        uses = self.uses(self._array(group), loop.start, loop.active, loop.index)
         uses |= Uses(widest=max(loop.count, total if loop.start else 0))
         bound, active = self.literal(loop.count, "unsigned"), f"{k} < {self.whole(loop.active)}" if loop.active else ""
         needs_k = bool(active) or loop.start is None
@@ -157,14 +163,14 @@ class Writer:
         numbers = (self.within(self.whole(place), total) for place in (copy.target, copy.source))
         target, source = (self.syntax.index(self.whole(array), number) for number in numbers)
         text = self.syntax.copied.format(target=target, source=source)
-        return Code((text,), self._uses(array, copy.target, copy.source) | Uses(widest=total))
+        return Code((text,), self.uses(array, copy.target, copy.source) | Uses(widest=total))
 
     def _kernel(self, kernel: Kernel) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []
         operands += [place for place, _ in kernel.arguments]
         texts = (how.format(self.whole(p)) for p, how in zip(operands, passed(self.syntax, kernel.name), strict=True))
         call = f"{self.prefix}_{kernel.name}({', '.join(texts)})"
-        uses = self._uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
+        uses = self.uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
         return Code((f"{self.whole(kernel.result)} = {call};" if kernel.result else f"{call};",), uses)
 
     def _block(self, block: Block, taken: frozenset[str]) -> Code:
@@ -177,6 +183,8 @@ class Writer:
             inputs=lambda argument, element: self._read(*reads[argument], element, real),
             local=lambda argument, element: self._local(*reads[argument], element),
             is_flag=lambda argument: reads[argument][0] in self.kinds.flags,
+            routines=self.subprograms,
+            whole=lambda argument: (self.whole(reads[argument][0]), reads[argument][1]),
             taken=set(taken),
         )
         sources = {place: argument for argument, (place, _) in enumerate(reads)}
@@ -185,11 +193,7 @@ class Writer:
             for place, size in block.written
             for element in range(size)
         ]
-        names = [
-            name if size == 1 else f"{name}{element + 1}"
-            for name, size in ((name, sx(value).numel()) for name, value in block.names.items())
-            for element in range(size)
-        ]
+        names = [(name, sx(value).numel()) for name, value in block.names.items()]
         hoist = [argument for place, argument in sources.items() if place in written]
         constants, statements = body(printer, block.graph, targets, names, hoist)
         if not statements.lines:
@@ -199,7 +203,7 @@ class Writer:
         return code(self.syntax.comment(block.title)) + statements
 
     def _read(self, place: Place, size: int, element: int, real: Number) -> Operand:
-        text, uses = self.lvalue(place, element, size), self._uses(place)
+        text, uses = self.lvalue(place, element, size), self.uses(place)
         if place.struct == "argument" or (self.kinds.is_index(place) and real != "unsigned"):
             cast = self.syntax.cast.format(type=self.syntax.types[real], value=text)
             return Operand(cast, self.syntax.casted, local=False, uses=uses)
@@ -223,7 +227,7 @@ class Writer:
         if place.struct == "status":
             raised = self.syntax.raised.format(prefix=self.prefix.upper(), bit=place.name)
             return Target(lambda _: raised, condition=True)
-        target, uses = self.lvalue(place, element, size), self._uses(place)
+        target, uses = self.lvalue(place, element, size), self.uses(place)
         source = None if argument is None else (argument, element)
         if self.kinds.is_index(place) and real != "unsigned":
             cast = self.syntax.cast.format(type=self.syntax.types["unsigned"], value="({})")

@@ -89,18 +89,20 @@ class Syntax:
       `reach`: {}, what leads from a parameter, or from a member at hand, to its own members.
     - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
       `index` into an array of structs.
-    - Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`: {type}, {name}, {size}, {values}, an array
-      in a function that is never written; `array`: {type}, {name}, {size}, {value}, which is
-      written before it is read; `member`: {type}, {name}, {element}, the name of one of an array of structs of the
-      type `group`.
+    - Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`, `gathered`: {type}, {name}, {size},
+      {values}, an array in a function that is never written, of numbers or of what is computed; `array`: {type},
+      {name}, {size}, {value}, which is written before it is read; `member`: {type}, {name}, {element}, the name of one
+      of an array of structs of the type `group`.
     - Statements: `condition` and `repeated`: {}, open the block of a test; `loop` gives the head and the first lines of
       one of `k` from `first` to before `end` while `also` holds, and says whether k is used; `falling`: {k}, {first},
       {end}, opens one from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an
       array of structs onto another, by value; `result`: {}; `raised`: {prefix}, {bit}, a bit of the status; `called`,
       a section; `comment`.
     - Functions of a file's own: `function`, lines of {type}, {name}, {parameters}, with `parameter`: {type}, {name},
-      and `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `passed`: {}, an array
-      as an argument, by the same; `around`: lines before and after one of this name.
+      and `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, that
+      of the struct of parameters, only read; `passed`: {}, an array as an argument, by whether it is written; `around`:
+      lines before and after one of this name; `instead`, by its name: where the first holds, the other lines, with
+      {type}, {suffix} and constants of `emit.helpers`, stand in the place of its body.
     """
 
     types: Mapping[str, str]
@@ -117,6 +119,7 @@ class Syntax:
     variable: str
     array: str
     fixed: str
+    gathered: str
     condition: str
     repeated: str
     loop: Callable[[str, str, str, str, bool], Sequence[str]]
@@ -128,6 +131,7 @@ class Syntax:
     passed: Mapping[bool, str]
     parameter: str
     array_parameter: Mapping[bool, str]
+    params: str
     function: Sequence[str]
     empty: str
     result: str
@@ -136,6 +140,7 @@ class Syntax:
     comment: Callable[[str], str]
     counted: Mapping[int, str] = field(default_factory=dict)
     around: Mapping[str, tuple[Sequence[str], Sequence[str]]] = field(default_factory=dict)
+    instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
     copied: str = "{target} = {source};"
     rounded: Mapping[str, str] = field(default_factory=dict)
 

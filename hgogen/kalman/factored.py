@@ -12,7 +12,7 @@ together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h but for
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 from typing import Any
 
 import casadi as ca
@@ -20,6 +20,7 @@ import numpy as np
 
 from hgogen.discretisation.growth import BY_TRIAL
 from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
 from hgogen.graph import Graph
 from hgogen.kalman.closed_loop import advised
@@ -51,11 +52,26 @@ class Moved:
 
     def stages(self) -> Stages:
         """The Runge-Kutta step of z."""
-        return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._signals(c))}, {"z": self.z}, self.clock.dt)
+        return self.stages_from(self.z)
+
+    def stages_from(self, z: Graph) -> Stages:
+        """The Runge-Kutta step of another state (n)."""
+        return advance(RK4, lambda v, c: {"z": self._flow(v["z"], c)["dz"]}, {"z": z}, self.clock.dt)
+
+    @cached_property
+    def _flow(self) -> Callable[[Graph, float], dict[str, Graph]]:
+        return self._routine("flow", lambda *at: {"dz": self.part.flow(*at)})
 
     def jacobian(self, stages: Stages) -> Graph:
         """F (n, n) at the third stage's argument and the signals at mid-step."""
-        return self.part.jacobian(stages.arguments[2]["z"], *self._signals(0.5))
+        jacobian = self._routine("jacobian", lambda *at: {"F": self.part.jacobian(*at)})
+        return jacobian(stages.arguments[2]["z"], 0.5)["F"]
+
+    def _routine(self, name: str, body: Callable[..., dict[str, Graph]]) -> Callable[[Graph, float], dict[str, Graph]]:
+        """A routine of z and of the signals at a fraction of the step."""
+        sizes = {"z": self.part.dynamics.n, **self.clock.sizes}
+        call = routine(name, sizes, lambda at: body(*(at[key] for key in sizes)))
+        return lambda z, c: call({"z": z, **self.clock.signals(c)})
 
     def transition(self, stages: Stages) -> Graph:
         """Phi = I + hF + (hF)^2/2, sparse."""
@@ -80,10 +96,6 @@ class Moved:
         if self.part.forgetting is not None:
             return "P <- exp(rho h) Phi P Phi' + h Q_0"
         return "P <- Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
-
-    def _signals(self, c: float) -> tuple[Graph, Graph, Graph]:
-        """The input, the measurement and its validity at the fraction c of the step."""
-        return self.clock.u(c), self.clock.y(c), self.clock.valid
 
     def row(self, output: int) -> Graph:
         """The row c = dh/dz (1, n) of an output, sparse."""

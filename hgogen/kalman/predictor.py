@@ -7,6 +7,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import casadi as ca
 
 from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, decay_limits
 from hgogen.errors import BadArgument, HgogenError
@@ -81,7 +82,9 @@ class Predictor:
 
     def moved(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
         """z one step later without correction, clamped to the box of the observer's state; z(0) where it is lost."""
-        stages = advance(self.tableau, lambda v, c: {"z": self.dynamics.flow(v["z"], u(c))}, {"z": z}, dt)
+        sizes = {"z": z.numel(), "u": u(0.0).numel()}
+        flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
+        stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
         return clamped(self.z, stages.result["z"])
 
 

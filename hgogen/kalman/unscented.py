@@ -18,11 +18,9 @@ parameter-estimation", ICASSP 2001; the sums by pairs as in Norgaard, Poulsen, R
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any
 
 import casadi as ca
 
-from hgogen.discretisation.runge_kutta import RK4, advance
 from hgogen.graph import Graph
 from hgogen.kalman.factored import Moved
 from hgogen.kalman.riccati_part import Riccati
@@ -84,7 +82,6 @@ def _transformed(part: Unscented, middle: Graph, above: list[Graph], below: list
 def _predict(part: Unscented, clock: Clock) -> Program:
     """Each point moves by itself, then z and S are those of all."""
     moved, n = Moved(part.plain, clock), part.plain.dynamics.n
-    move = _move(part.plain, clock)
     above, below = _points(part, moved.z)
     sides = {"above": "z + g s_", "below": "z - g s_"}
     points = {"middle": ("z", moved.z)}
@@ -96,22 +93,15 @@ def _predict(part: Unscented, clock: Clock) -> Program:
     S, names = triangle(ca.horzcat(sums.slopes, sums.bends, sqrt(part.more) * sums.drift, noise))
     after = {Place("state", part.plain.z.name): sums.middle + sums.drift, **written(S)}
     return (
-        *(move(name, title, point) for name, (title, point) in points.items()),
+        *(_move(moved, name, title, point) for name, (title, point) in points.items()),
         Block("the mean of the points, and P = S S' of their covariance + h Q", after, names),
     )
 
 
-def _move(plain: Riccati, clock: Clock) -> Callable[[str, str, Graph], Block]:
-    """The block of a title that moves a sigma point into a place of the work."""
-
-    def rate(values: Any, c: float) -> dict[str, Graph]:
-        return {"z": plain.flow(values["z"], clock.u(c), clock.y(c), clock.valid)}
-
-    def moved(name: str, title: str, point: Graph) -> Block:
-        stages = advance(RK4, rate, {"z": point}, clock.dt)
-        return Block(f"{title} by classical Runge-Kutta", {Place("work", name): stages.result["z"]}, stages.names)
-
-    return moved
+def _move(moved: Moved, name: str, title: str, point: Graph) -> Block:
+    """Moves a sigma point into a place of the work."""
+    stages = moved.stages_from(point)
+    return Block(f"{title} by classical Runge-Kutta", {Place("work", name): stages.result["z"]}, stages.names)
 
 
 def _update(part: Unscented, clock: Clock, output: int) -> Program:

@@ -17,6 +17,7 @@ from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
 from hgogen.emit.fold import folded
 from hgogen.emit.portable import kernels, tables
+from hgogen.emit.routines import routines
 from hgogen.emit.statements import Writer, called
 from hgogen.emit.syntax import Real, demand_real, demand_step
 from hgogen.program import Field, Group
@@ -53,7 +54,9 @@ _IEEE = (
 
 def _source(step: Step, real: Real) -> list[str]:
     name, declared = step.name, prototypes(step)
-    interface = spaced(_function(declared[key], body) for key, body in _bodies(step, real).items())
+    writer = Writer(C, step, real)
+    interface = spaced(_function(declared[key], body) for key, body in _bodies(writer).items())
+    interface = routines(writer, interface.uses.routines) + interface
     helpers, matrices = interface.uses.helpers, interface.uses.kernels
     shared = functions(name, real, helpers) + tables(C, name, real, interface.uses.lookups)
     text = shared + kernels(C, name, real, matrices) + interface
@@ -67,9 +70,9 @@ def _source(step: Step, real: Real) -> list[str]:
     ]
 
 
-def _bodies(step: Step, real: Real) -> dict[str, Code]:
+def _bodies(writer: Writer) -> dict[str, Code]:
     """The statements of each function."""
-    writer = Writer(C, step, real)
+    step, real = writer.step, writer.real
     bodies = {section.name: writer.function(section.program) for section in (*step.inner, *step.sections)}
     if len(step.sections) > 1:
         bodies["step"] = joined(called(C, step, section) for section in step.sections)

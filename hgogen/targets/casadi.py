@@ -17,7 +17,7 @@ bits: then those are computed as in the C (of a zero, the sign may differ).
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,7 @@ import casadi as ca
 
 from hgogen.algebra.lookup import Lookup, walked
 from hgogen.emit.elementary import elementary
-from hgogen.emit.printer import CALLS
+from hgogen.emit.operations import CALLS
 from hgogen.emit.syntax import Real, demand_step
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
@@ -144,11 +144,22 @@ def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Functi
     and a gain is often first at the end of its range.
     """
     inputs = block.graph.sx_in()
+    return ca.Function("block", inputs, _walked(block.graph, inputs, known)[: len(block.writes)])
+
+
+def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, Callable[..., Graph]]) -> list[Graph]:
+    """The outputs of a function; what it calls stays a call, so that the order of operations does."""
 
     def apply(op: int, lookup: Lookup | None, *values: Graph) -> Graph:
         return (lookup or _applied(op, known))(*values)
 
-    return ca.Function("block", inputs, walked(block.graph, inputs, apply)[: len(block.writes)])
+    def call(routine: ca.Function, values: Sequence[Graph]) -> list[Graph]:
+        symbols = routine.sx_in()
+        own = ca.Function(routine.name(), symbols, _walked(routine, symbols, known), {"never_inline": True})
+        results: list[Graph] = own.call(list(values))
+        return results
+
+    return walked(function, inputs, apply, call)
 
 
 def _applied(op: int, known: Mapping[str, Callable[..., Graph]]) -> Callable[..., Graph]:

@@ -12,6 +12,7 @@ from hgogen.emit.fold import folded
 from hgogen.emit.functions import functions
 from hgogen.emit.interface import Entry, entries
 from hgogen.emit.portable import kernels, tables
+from hgogen.emit.routines import routines
 from hgogen.emit.rustcheck import check as self_check
 from hgogen.emit.rustmanual import documentation, status
 from hgogen.emit.ruststruct import doc, initial, nominal, structs, zeros
@@ -78,10 +79,12 @@ def _recipe(name: str) -> tuple[tuple[str, ...], ...]:
 
 
 def _source(step: Step, real: Real, command: str) -> list[str]:
-    state, parameters = _methods(step, real)
-    used = (state + parameters).uses
+    writer = Writer(RUST, step, real)
+    state, parameters = _methods(writer)
+    shared = routines(writer, state.uses.routines)
+    used = (state + parameters + shared).uses
     private = functions(RUST, step.name, real, used.helpers) + tables(RUST, step.name, real, used.lookups)
-    private += kernels(RUST, step.name, real, used.kernels)
+    private += kernels(RUST, step.name, real, used.kernels) + shared
     return [
         *documentation(step, real, command, _REASON),
         *_ATTRIBUTES,
@@ -100,9 +103,10 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
     ]
 
 
-def _methods(step: Step, real: Real) -> tuple[Code, Code]:
+def _methods(writer: Writer) -> tuple[Code, Code]:
     """Those of the state, and those of the parameters."""
-    writer, known = Writer(RUST, step, real), entries(step)
+    step, real = writer.step, writer.real
+    known = entries(step)
     bodies = {section.name: writer.function(section.program) for section in step.called}
     if len(step.sections) > 1:
         bodies["step"] = joined(called(RUST, step, section) for section in step.sections)

@@ -1,0 +1,146 @@
+"""A part of a graph that emitted code keeps as a function of its own: the plant's flow, which each stage of a
+Runge-Kutta step calls, its Jacobian, or the right-hand side of a whole observer.
+
+In a graph it is a call of a CasADi function that is never inlined. What it reads of the step's memory, such as
+parameters, it is given as further arguments; the names of their symbols say which places these are.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from hgogen.graph import Graph
+from hgogen.program import Place, address, column, sym
+
+MEANINGS = {
+    "flow": "the plant's equation x' = f(x, u), in the coordinates of the estimate",
+    "jacobian": "the entries of the flow's Jacobian that are not constant, by columns",
+    "rate": "the right-hand side of the observer's differential equation",
+}
+Values = Mapping[str, Graph]
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A column that a routine is given; `place`: where it lies, if the routine reads it from the step's memory."""
+
+    name: str
+    size: int
+    place: Place | None = None
+
+    @property
+    def label(self) -> str:
+        """What it is called in emitted code."""
+        return self.place.name if self.place else self.name
+
+    def local(self, element: int) -> str:
+        """What an element is called: z1, or of a column of one that column's name."""
+        return self.label if self.size == 1 else f"{self.label}{element + 1}"
+
+
+@dataclass(frozen=True, eq=False)
+class Routine:
+    """A routine as a call of it shows it: the CasADi function that is called."""
+
+    function: ca.Function
+
+    @property
+    def name(self) -> str:
+        """What it is called in emitted code, without the prefix: a key of `MEANINGS`."""
+        return str(self.function.name())
+
+    @cached_property
+    def key(self) -> str:
+        """The same for two routines that compute the same of the same arguments."""
+        return str(self.function.serialize())
+
+    @cached_property
+    def arguments(self) -> tuple[Argument, ...]:
+        """What it is given, in order."""
+        columns = zip(self.function.name_in(), self.function.sx_in(), strict=True)
+        return tuple(_argument(name, symbols) for name, symbols in columns)
+
+    def elements(self, argument: int) -> tuple[int, ...]:
+        """The elements that it reads of an argument."""
+        steps = range(self.function.n_instructions())
+        reads = (self.function.instruction_input(k) for k in steps if self.function.instruction_id(k) == ca.OP_INPUT)
+        return tuple(sorted({element for number, element in reads if number == argument}))
+
+    @cached_property
+    def results(self) -> tuple[tuple[str, int], ...]:
+        """The names and sizes of what it computes."""
+        return tuple((name, self.function.numel_out(k)) for k, name in enumerate(self.function.name_out()))
+
+
+def _argument(name: str, symbols: Graph) -> Argument:
+    first = symbols[0]
+    size = symbols.numel()
+    return Argument(name, size, address(first)[0]) if _lies(first) else Argument(name, size)
+
+
+def _lies(symbol: Graph) -> bool:
+    """Whether a symbol stands for a place, whose address is its name."""
+    return ":" in symbol.name()
+
+
+def routine(
+    name: str, sizes: Mapping[str, int], body: Callable[[Values], Values]
+) -> Callable[[Values], dict[str, Graph]]:
+    """A routine to call on columns by the names of `sizes`, which gives what `body` does, by the same names.
+
+    An argument that `body` does not read is none of the routine's, a result that is all numbers none of its results,
+    and an element that is a number stays one. Of a matrix the routine has a column of the elements that are no numbers.
+    """
+    arguments = {key: column(ca.SX.sym(f"{key}_{k}") for k in range(size)) for key, size in sizes.items()}
+    results = {key: _Result(value) for key, value in body(arguments).items()}
+    moving = {key: result for key, result in results.items() if not result.value.is_constant()}
+    if not moving:
+        return lambda _: {key: result.value for key, result in results.items()}
+    values = ca.cse([result.computed for result in moving.values()])
+    symbols = ca.symvar(ca.vertcat(*values))
+    names = {symbol.name() for symbol in symbols}
+    read = [key for key, each in arguments.items() if any(symbol.name() in names for symbol in ca.vertsplit(each))]
+    places = sorted({(place, size) for place, _, size in map(address, filter(_lies, symbols))})
+    columns = [*(arguments[key] for key in read), *(sym(*place, size) for place, size in places)]
+    labels = [*read, *(f"place{k}" for k in range(len(places)))]
+    function = ca.Function(name, columns, values, labels, [*moving], {"never_inline": True})
+
+    def call(at: Values) -> dict[str, Graph]:
+        computed = function.call([*(ca.SX(at[key]) for key in read), *columns[len(read) :]])
+        filled = {key: moving[key].filled(new) for key, new in zip(moving, computed, strict=True)}
+        return {key: filled.get(key, result.value) for key, result in results.items()}
+
+    return call
+
+
+@dataclass(frozen=True)
+class _Result:
+    """What a routine's body gives: a column, all of which the routine computes, or a matrix."""
+
+    body: Graph
+
+    @cached_property
+    def value(self) -> Graph:
+        """It, of a column every element."""
+        return ca.densify(self.body) if self.body.is_column() else self.body
+
+    @cached_property
+    def _computed(self) -> list[int]:
+        """The nonzeros that the routine computes."""
+        every = enumerate(self.value.nonzeros())
+        return [k for k, each in every if self.value.is_column() or not each.is_constant()]
+
+    @property
+    def computed(self) -> Graph:
+        """A column of what the routine computes."""
+        elements = self.value.nonzeros()
+        return column(elements[k] for k in self._computed)
+
+    def filled(self, computed: Graph) -> Graph:
+        """The same with what the routine has computed; numbers stay numbers."""
+        elements = self.value.nonzeros()
+        for k, each in zip(self._computed, ca.vertsplit(computed), strict=True):
+            elements[k] = elements[k] if elements[k].is_constant() else each
+        return ca.SX(self.value.sparsity(), column(elements))
