@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import casadi as ca
 import sympy as sp
 
-from hgogen.algebra.lookup import Lookup
+from hgogen.algebra.lookup import Lookup, Reach
 from hgogen.algebra.plain import plain
 from hgogen.algebra.tabulated import Table
 from hgogen.errors import HgogenError
@@ -79,17 +79,17 @@ def sx(value: Graph) -> Graph:
 def to_casadi(
     expressions: Iterable[sp.Expr],
     symbols: Mapping[sp.Symbol, Graph],
-    tops: Mapping[sp.Expr, tuple[float, ...]] | None = None,
+    reaches: Mapping[sp.Expr, tuple[Reach, ...]] | None = None,
 ) -> list[Graph]:
     """The expressions as SX graphs, one scalar each; a subexpression is built once.
 
-    Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded); `tops` tables to the largest
-    arguments at which slopes of them are taken.
+    Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded); `reaches` tables to the
+    arguments between which what jumps of their derivatives is taken.
 
     Raises: `NoGraph`.
     """
     memo: dict[sp.Basic, Graph] = {}
-    return [sx(_convert(each, each, symbols, memo, tops or {})) for each in map(plain, expressions)]
+    return [sx(_convert(each, each, symbols, memo, reaches or {})) for each in map(plain, expressions)]
 
 
 def _convert(
@@ -97,13 +97,13 @@ def _convert(
     whole: sp.Basic,
     symbols: Mapping[sp.Symbol, Graph],
     memo: dict[sp.Basic, Graph],
-    tops: Mapping[sp.Expr, tuple[float, ...]],
+    reaches: Mapping[sp.Expr, tuple[Reach, ...]],
 ) -> Graph:
     if node in memo:
         return memo[node]
 
     def inner(child: sp.Basic) -> Graph:
-        return _convert(child, whole, symbols, memo, tops)
+        return _convert(child, whole, symbols, memo, reaches)
 
     value: Graph
     if isinstance(node, sp.Symbol):
@@ -123,7 +123,7 @@ def _convert(
     elif isinstance(node, sp.Piecewise):
         value = _piecewise(node, inner)
     elif isinstance(node, Table):
-        value = Lookup(node.cells.holding(), node.order, tops.get(node, ()))(*map(inner, node.args))
+        value = Lookup(node.cells.holding(), node.order, reaches.get(node, ()))(*map(inner, node.args))
     elif type(node) in _OPERATIONS:
         value = _OPERATIONS[type(node)](*map(inner, node.args))
     else:

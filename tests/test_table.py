@@ -45,7 +45,7 @@ from hgogen.recheck import tables as tables_module
 from hgogen.recheck.interval import between, intervals
 from hgogen.recheck.verification import recheck
 from hgogen.signal import BadName
-from hgogen.structure.inset import inset, tops
+from hgogen.structure.inset import inset, reaches
 from hgogen.system import BadSystem
 
 KINDS = ("linear", "monotone")
@@ -689,23 +689,51 @@ def test_an_argument_far_larger_than_its_state_has_a_slope_below_the_end() -> No
     slope = _capped_slope(v + far, [far - 1, far, far + 1, far + 2], x, v)
     assert [float(slope([0, place])) for place in (-1, 0.5, 1, 2)] == [1, 1, 1, 1]
     kelvin = hg.table(v + sp.Rational("273.15"), [270, 274.15, 300], [0, 1, 200], name="T")
-    (place,) = tops([kelvin], box((v,)))[kelvin]
+    ((_, place),) = reaches([kelvin], box((v,)))[kelvin]
     assert np.float32(272) < np.float32(place) < np.nextafter(np.float32(274.15), np.float32(0))
 
 
-def test_a_slope_is_held_below_a_point_only_where_it_jumps_there() -> None:
+@pytest.mark.parametrize(
+    ("real", "ends", "offset", "xs"),
+    [("double", (0.1, 1), "0.7", [0.8, 1.9]), ("float", (0, 1.67), "1990.28", [1990.28, 1991.95])],
+)
+def test_an_argument_that_is_rounded_past_the_first_or_last_point_has_a_slope_within(
+    real: str, ends: tuple[float, float], offset: str, xs: list[float]
+) -> None:
+    """0.1 + 0.7 is below 0.8 in doubles, and 1.67 + 1990.28 two steps above 1991.95 in single precision, where a state
+    a little inside its range is no other argument. det dPhi/dx is proved to keep off 0, and is divided by."""
+    x, v = hg.Signal("x", low=ends[0], high=ends[1]), hg.Signal("v", low=-1, high=1)
+    T = hg.table(x + sp.Rational(offset), xs, [0, 3], name="T")
+    plant = hg.System("p", states=(x, v), outputs=(hg.Signal("y"),), flow=[v, -v * x], output=[T])
+    form = hg.forms.phase(plant, original=True)
+    assert {check.id: check for check in form.checks}["phase.rank"].verdict is Verdict.PROVED
+    z = ca.SX.sym("z", 2)
+    pulled = hg.observers.high_gain(form, theta=5, poles=[-1, -1]).dynamics.pulled(ca.DM([1, 1]), z, ca.SX(0, 1), None)
+    at = evaluated(ca.Function("at", [z], [pulled]), real)
+    for place in (-1, *ends, 0.5, 2000):
+        pushed = at([[DTYPE[real](place), DTYPE[real](0)]])[0]
+        assert float(pushed[0]) == pytest.approx((xs[1] - xs[0]) / 3, rel=1e-3)
+
+
+def test_a_slope_is_held_within_a_point_only_where_it_jumps_there() -> None:
     v, w = hg.Signal("v", low=-1, high=1), hg.Signal("w", low=-1, high=1)
 
-    def ends(argument: sp.Expr, xs: list[Any], kind: str = "linear") -> list[tuple[float, ...]]:
+    def ends(argument: sp.Expr, xs: list[Any], kind: str = "linear") -> list[tuple[tuple[float, float], ...]]:
         row = hg.table(argument, xs, [k * k for k in range(len(xs))], kind=kind, name="T")
-        return list(tops([row], box((v, w))).values())
+        return list(reaches([row], box((v, w))).values())
 
-    assert ends(v, [-1, 1, 2]) == [(1 - 2**-18,)]
-    assert ends(2 * v - w, [-4, 3, 5]) == [(3 - 3 * 2**-18,)]
+    free = math.inf
+    assert ends(v, [-1, 1, 2]) == [((-free, 1 - 2**-18),)]
+    assert ends(2 * v - w, [-4, 3, 5]) == [((-free, 3 - 3 * 2**-18),)]
     assert ends(v, [-3, -1.5, 1, 1.5], "monotone") == ends(v, [-1, 0, 1]) == ends(v, [-1, 0, 3]) == []
-    assert ends(v, [-1, 1 - 2**-30, 1, 2]) == [(1 - 2**-32,)]
+    assert ends(v, [-1, 1 - 2**-30, 1, 2]) == [((-free, 1 - 2**-32),)]
+    assert ends(2 * v - w, [-4, -3, 4]) == [((-3, free),)]
+    assert ends(2 * v - w, [-3, 0, 3]) == [((-3, 3),)]
+    assert ends(v + 7, [6 - 2**-20, 8 + 2**-20]) == [((6 - 2**-20, 8 + 2**-20),)]
+    assert ends(v + 7, [6 + 2**-20, 8 - 2**-20]) == ends(2 * v - w, [-4, 4]) == []
+    assert ends(2 * v - w, [-4, -3, 0, 4], "monotone") == []
     grid = hg.table((v, w), ([-1, 0, 2], [-1, 1, 2]), [[0, 1, 9], [2, 5, 8], [7, 1, 3]], name="M")
-    assert tops([grid], box((v, w))) == {grid: (math.inf, 1 - 2**-18)}
+    assert reaches([grid], box((v, w))) == {grid: ((-free, free), (-free, 1 - 2**-18))}
 
 
 def test_slopes_are_taken_inside_the_ranges_only_where_a_table_asks_for_it() -> None:

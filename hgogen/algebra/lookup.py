@@ -32,6 +32,8 @@ from hgogen.algebra.piece import Polynomial, columns, value
 from hgogen.algebra.tabulated import next_order
 
 Graph = Any
+Reach = tuple[float, float]
+FREE = (-math.inf, math.inf)
 _KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else
 _TINY = 2.0**-120  # within single precision
 _TERMS = 2  # of a polynomial in a graph, at least
@@ -62,12 +64,12 @@ class Argument:
 
 @dataclass(frozen=True)
 class Lookup:
-    """A derivative of a table, of the `order` in each argument. Its own derivatives are taken at arguments of at most
-    `tops`, if there are any: in one whose range ends on a breakpoint, below it."""
+    """A derivative of a table, of the `order` in each argument. What jumps of it and of its own derivatives is taken at
+    arguments in `reach`, if there are any: where their range ends on a breakpoint, within it."""
 
     cells: Cells
     order: Index
-    tops: tuple[float, ...] = field(default=(), compare=False)
+    reach: tuple[Reach, ...] = field(default=(), compare=False)
 
     @property
     def name(self) -> str:
@@ -117,19 +119,22 @@ class Lookup:
 
     def slopes(self, *arguments: Graph) -> Graph:
         """The row of its derivatives by each argument in a graph."""
-        tops = self.tops or (math.inf,) * len(arguments)
-        held = [a if top == math.inf else ca.fmin(a, top) for a, top in zip(arguments, tops, strict=True)]
-        places = [(*arguments[:k], a, *arguments[k + 1 :]) for k, a in enumerate(held)]
-        return ca.horzcat(*(Lookup(self.cells, next_order(self.order, k))(*at) for k, at in enumerate(places)))
+        places = [(*arguments[:k], a, *arguments[k + 1 :]) for k, a in enumerate(self._held(arguments))]
+        return ca.horzcat(*(Lookup(self.cells, next_order(self.order, k)).graph(*at) for k, at in enumerate(places)))
 
     def __call__(self, *arguments: Graph) -> Graph:
         """The value in a graph."""
-        return self.graph(*arguments)
+        ways = zip(self.order, arguments, self._held(arguments), strict=True)
+        return self.graph(*(held if order else argument for order, argument, held in ways))
+
+    def _held(self, arguments: Sequence[Graph]) -> list[Graph]:
+        """The arguments in their reach."""
+        return [_within(a, *ends) for a, ends in zip(arguments, self.reach or (FREE,) * len(arguments), strict=True)]
 
     @cached_property
     def graph(self) -> ca.Function:
         """The function in CasADi, which stays one operation of the graphs that call it."""
-        text = repr((self.cells.name, self.cells.points, self.order, *self.tops))
+        text = repr((self.cells.name, self.cells.points, self.order, *self.reach))
         name = f"table_{hashlib.sha256(text.encode()).hexdigest()[:20]}"
         _KNOWN[name] = self
         names = [axis.name for axis in self.axes]
@@ -139,6 +144,11 @@ class Lookup:
         cell = reduce(lambda whole, part: whole * len(part[0].starts) + part[1], zip(self.axes, cells, strict=True), 0)
         result = value(_filled(self.coefficients, len(d)), d, lambda column: _element(column, cell))
         return ca.Function(name, arguments, [result], names, ["value"], {"never_inline": True})
+
+
+def _within(argument: Graph, low: float, high: float) -> Graph:
+    argument = argument if low == -math.inf else ca.fmax(argument, low)
+    return argument if high == math.inf else ca.fmin(argument, high)
 
 
 def _next(x: float) -> float:

@@ -26,7 +26,7 @@ from hgogen.intervals.box import Box, box
 from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
-from hgogen.structure.inset import inset, tops
+from hgogen.structure.inset import inset, reaches
 from hgogen.structure.sided import Sided, sided
 from hgogen.system import System
 
@@ -334,7 +334,7 @@ class Dynamics:
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
         rows = [plain(_with_constants(sp.sympify(e), system)) for e in expressions]
-        return to_casadi(rows, symbols, tops(rows, self._around(states or self.form.states)))
+        return to_casadi(rows, symbols, reaches(rows, self._around(states or self.form.states)))
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step

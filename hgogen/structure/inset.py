@@ -6,9 +6,12 @@ taken a little inside, in every state that such an argument reads, at both ends 
 
 That moves no argument which is largest within the ranges, as min(v, 0) is at v = 0, nor in single precision one that is
 far larger than the state which it reads, as v + 273.15. So the argument of a slope is held below that point as well.
+
+A sum is rounded, too, past the first point of a table or the last: 0.1 + 0.7 is below 0.8 in doubles, 1.67 + 1990.28 in
+single precision two steps above 1991.95. What is proved to keep off 0 would be 0 there. So it is held at those points.
 """
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import lru_cache
@@ -18,6 +21,7 @@ from math import inf
 import sympy as sp
 
 from hgogen.algebra.axis import Axis
+from hgogen.algebra.lookup import FREE, Reach
 from hgogen.algebra.tabulated import Table
 from hgogen.intervals.box import Box, End
 from hgogen.intervals.rational import rational
@@ -37,47 +41,68 @@ def inset(rows: Iterable[sp.Expr], states: Sequence[Signal], around: Box) -> tup
     return tuple(_inner(*s.interval) if s in moved and s.bounded else s.interval for s in states)
 
 
-def tops(rows: Iterable[sp.Expr], around: Box) -> dict[sp.Expr, tuple[float, ...]]:
-    """The largest arguments at which slopes of tables are taken, of those that have any; `around`: as in `inset`."""
+def reaches(rows: Iterable[sp.Expr], around: Box) -> dict[sp.Expr, tuple[Reach, ...]]:
+    """The arguments between which derivatives of tables that jump are taken, of those that keep to any; `around`: as in
+    `inset`."""
     sides = tuple(around.items())
-    every = {node: _tops(node, sides) for row in rows for node in row.atoms(Table)}
-    return {node: places for node, places in every.items() if min(places) < inf}
+    every = {node: _reaches(node, sides) for row in rows for node in row.atoms(Table)}
+    return {node: places for node, places in every.items() if any(each != FREE for each in places)}
 
 
 @lru_cache(maxsize=256)  # the same rows are asked for at each stage of a step
-def _tops(node: Table, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) -> tuple[float, ...]:
-    parts = zip(node.cells.axes, node.cells.smooth, node.order, node.args, strict=True)
+def _reaches(node: Table, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) -> tuple[Reach, ...]:
+    cells = node.cells.holding()  # as it is computed
+    parts = zip(cells.axes, cells.smooth, node.order, node.args, strict=True)
     return tuple(
-        _top(axis, [first == order + 1 for first in smooth], _ends(e, dict(sides))) for axis, smooth, order, e in parts
+        _reach(axis, [first <= order + 1 for first in smooth], e, dict(sides)) for axis, smooth, order, e in parts
     )
 
 
-def _ends(e: sp.Expr, around: Box) -> tuple[End, End]:
-    """Numbers between which an argument lies; the upper by bisection where there are kinks, on which it may be largest
+def _reach(axis: Axis, jumps: Sequence[bool], e: sp.Expr, around: Box) -> Reach:
+    """A state itself is rounded as the points are: at the first and the last it is no argument beyond."""
+    low, most = -_most(-e, around), _most(e, around)
+    bottom, top = _bottom(axis, jumps, low), _top(axis, jumps, (low, most))
+    return (-inf, inf if top == float(axis.x[-1]) else top) if e.is_Symbol else (bottom, top)
+
+
+def _most(e: sp.Expr, around: Box) -> End:
+    """A number above which an argument does not lie; by bisection where there are kinks, on which it may be largest
     while its slope there is not 0."""
     widths = {s: around[s][1] - around[s][0] for s in sorted(e.free_symbols, key=str)}
     sides = {s: Fraction(width) for s, width in widths.items() if width < inf}
-    low, most = rational(e, around)
-    parts = [(most, {s: around[s] for s in widths})]
+    parts = [(rational(e, around)[1], {s: around[s] for s in widths})]
     for _ in range(_SPLITS if e.has(*KINKS) and sides else 0):
         _, part = parts.pop(max(range(len(parts)), key=lambda k: parts[k][0]))
         longest = max(sides, key=lambda s: (part[s][1] - part[s][0]) / sides[s])
         a, b = part[longest]
         halves = [{**part, longest: half} for half in ((a, (a + b) / 2), ((a + b) / 2, b))]
         parts += [(rational(e, half)[1], half) for half in halves]
-    return low, max(top for top, _ in parts)
+    return max(top for top, _ in parts)
+
+
+def _bottom(axis: Axis, jumps: Sequence[bool], low: End) -> float:
+    """The last breakpoint that an argument does not fall below, where it may come near it and the slope jumps there: a
+    lookup takes the cell above it by itself, but for an argument that is rounded below."""
+    k = bisect_right(axis.x, low) - 1
+    return float(axis.x[k]) if k >= 0 and jumps[k] and low - _share(low, axis.x[k]) <= axis.x[k] else -inf
 
 
 def _top(axis: Axis, jumps: Sequence[bool], ends: tuple[End, End]) -> float:
     """Below the first breakpoint that an argument in [low, most] does not pass, where it may come near it and the slope
-    jumps there; at the last a lookup takes the cell below it by itself."""
+    jumps there; the last itself, at which a lookup takes the cell below."""
     low, most = ends
     k = bisect_left(axis.x, most)
-    if -low == inf or k >= len(axis.x) - 1 or not jumps[k]:
+    if -low == inf or k == len(axis.x) or not jumps[k]:
         return inf
     end, least = axis.x[k], max(low, axis.x[k - 1]) if k else low
-    share = SHARE * max(abs(Fraction(low)), abs(end))
-    return float(end - min(share, Fraction(end - least) / 4)) if end - share <= most else inf
+    share = _share(low, end)
+    within = Fraction(0) if k == len(axis.x) - 1 else min(share, Fraction(end - least) / 4)
+    return float(end - within) if end - share <= most else inf
+
+
+def _share(end: End, point: Fraction) -> Fraction:
+    """How near a point an argument may be rounded to it, or past it."""
+    return SHARE * max(abs(Fraction(end)), abs(point)) if -inf < end < inf else Fraction(0)
 
 
 def _ends_on(axis: Axis, argument: sp.Expr, around: Box) -> bool:
