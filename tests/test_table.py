@@ -661,6 +661,19 @@ def test_a_gain_that_is_updated_takes_no_slope_beyond_the_ranges() -> None:
     assert [float(slope([0, place])) for place in (-2, 0, 1, 2)] == pytest.approx([1, 1, 1, 1])
 
 
+@pytest.mark.parametrize(("argument", "end"), [("v", 1), ("v + 8", 9), ("3*v", 3)])
+def test_a_range_that_begins_at_the_last_point_has_a_slope_beyond(argument: str, end: float) -> None:
+    """Gamma at an estimate that is clamped to the low end of v, where T ends with 100 times the slope."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=1, high=2)
+    T = hg.table(sp.sympify(argument, {"v": v}), [end - 2, end], [0, 200], name="T")
+    form = hg.forms.triangular(_two_states(v, T - v, x=x, v=v))
+    observer = hg.observers.updated_gain(form, p_1=1, p_2=2, p_3=10, cap=60, poles=[-1, -1])
+    z = ca.SX.sym("z", 2)
+    slope = ca.Function("slope", [z], [observer.dynamics.jacobian(z, ca.SX(0, 1))[1, 1]])
+    assert {check.id: check for check in observer.checks}["updated_gain.cap"].verdict is Verdict.PROVED
+    assert [float(slope([0, place])) for place in (0, 1, 1.5, 3)] == [-1, -1, -1, -1]
+
+
 def _capped_slope(argument: sp.Expr, xs: Iterable[Any], x: hg.Signal, v: hg.Signal) -> ca.Function:
     """The slope in v of T, which past its third point is far beyond what the proved cap of a gain allows."""
     T = hg.table(argument, xs, [-2, -1, 0, 200], name="T")
@@ -726,7 +739,8 @@ def test_a_slope_is_held_within_a_point_only_where_it_jumps_there() -> None:
     assert ends(v, [-1, 1, 2]) == [((-free, 1 - 2**-18),)]
     assert ends(2 * v - w, [-4, 3, 5]) == [((-free, 3 - 3 * 2**-18),)]
     assert ends(v, [-3, -1.5, 1, 1.5], "monotone") == ends(v, [-1, 0, 1]) == ends(v, [-1, 0, 3]) == []
-    assert ends(v, [-1, 1 - 2**-30, 1, 2]) == [((-free, 1 - 2**-32),)]
+    assert ends(v, [-1, 1 - 2**-30, 1, 2]) == ends(v, [-1, -0.5, 1, 1.5, 2]) == [((-free, 1 - 2**-18),)]
+    assert ends(2 * v - 1, [-3 - 2**-30, -3, 0, 1, 1 + 2**-30, 2]) == [((-3, 1 - 3 * 2**-18),)]
     assert ends(2 * v - w, [-4, -3, 4]) == [((-3, free),)]
     assert ends(2 * v - w, [-3, 0, 3]) == [((-3, 3),)]
     assert ends(v + 7, [6 - 2**-20, 8 + 2**-20]) == [((6 - 2**-20, 8 + 2**-20),)]

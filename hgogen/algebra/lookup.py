@@ -92,7 +92,7 @@ class Lookup:
     def axes(self) -> tuple[Argument, ...]:
         """Its arguments."""
         starts = (tuple(map(float, axis.starts)) for axis in self.cells.axes)
-        closed = ((*each[:-1], _next(each[-1])) if k else each for each, k in zip(starts, self.order, strict=True))
+        closed = ((*each[:-1], above(each[-1])) if k else each for each, k in zip(starts, self.order, strict=True))
         return tuple(Argument(*names, each) for names, each in zip(_NAMES, closed, strict=False))
 
     @cached_property
@@ -151,8 +151,9 @@ def _within(argument: Graph, low: float, high: float) -> Graph:
     return argument if high == math.inf else ca.fmin(argument, high)
 
 
-def _next(x: float) -> float:
-    """A number above x, in single precision as well."""
+def above(x: float) -> float:
+    """A number above x, in single precision as well: at the last point of a table, where the cell beyond begins for its
+    derivatives."""
     if x and not _TINY < abs(x) < 1 / _TINY:
         return math.nextafter(x, math.inf)
     return float(np.nextafter(np.float32(x), np.float32(np.inf))) if x else _TINY

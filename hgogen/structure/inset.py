@@ -21,7 +21,7 @@ from math import inf
 import sympy as sp
 
 from hgogen.algebra.axis import Axis
-from hgogen.algebra.lookup import FREE, Reach
+from hgogen.algebra.lookup import FREE, Reach, above
 from hgogen.algebra.tabulated import Table
 from hgogen.intervals.box import Box, End
 from hgogen.intervals.rational import rational
@@ -59,10 +59,11 @@ def _reaches(node: Table, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) 
 
 
 def _reach(axis: Axis, jumps: Sequence[bool], e: sp.Expr, around: Box) -> Reach:
-    """A state itself is rounded as the points are: at the first and the last it is no argument beyond."""
+    """A state itself is rounded as the points are: it needs no hold at a point where a lookup takes the cell within."""
     low, most = -_most(-e, around), _most(e, around)
     bottom, top = _bottom(axis, jumps, low), _top(axis, jumps, (low, most))
-    return (-inf, inf if top == float(axis.x[-1]) else top) if e.is_Symbol else (bottom, top)
+    last = float(axis.x[-1])
+    return (bottom if bottom > last else -inf, top if top < last else inf) if e.is_Symbol else (bottom, top)
 
 
 def _most(e: sp.Expr, around: Box) -> End:
@@ -81,22 +82,23 @@ def _most(e: sp.Expr, around: Box) -> End:
 
 
 def _bottom(axis: Axis, jumps: Sequence[bool], low: End) -> float:
-    """The last breakpoint that an argument does not fall below, where it may come near it and the slope jumps there: a
-    lookup takes the cell above it by itself, but for an argument that is rounded below."""
-    k = bisect_right(axis.x, low) - 1
-    return float(axis.x[k]) if k >= 0 and jumps[k] and low - _share(low, axis.x[k]) <= axis.x[k] else -inf
+    """The last breakpoint that an argument does not fall below, of those where the slope jumps, where it may come near
+    it: a lookup takes the cell above it by itself, but for an argument that is rounded below, and at the last."""
+    k = max((k for k in range(bisect_right(axis.x, low)) if jumps[k]), default=-1)
+    if k < 0 or low - _share(low, axis.x[k]) > axis.x[k]:
+        return -inf
+    return float(axis.x[k]) if k < len(axis.x) - 1 else above(float(axis.x[k]))
 
 
 def _top(axis: Axis, jumps: Sequence[bool], ends: tuple[End, End]) -> float:
-    """Below the first breakpoint that an argument in [low, most] does not pass, where it may come near it and the slope
-    jumps there; the last itself, at which a lookup takes the cell below."""
+    """Below the first breakpoint that an argument in [low, most] does not pass, of those where the slope jumps, where
+    it may come near it; the last itself, at which a lookup takes the cell below."""
     low, most = ends
-    k = bisect_left(axis.x, most)
-    if -low == inf or k == len(axis.x) or not jumps[k]:
+    k = min((k for k in range(bisect_left(axis.x, most), len(axis.x)) if jumps[k]), default=-1)
+    if -low == inf or k < 0:
         return inf
-    end, least = axis.x[k], max(low, axis.x[k - 1]) if k else low
-    share = _share(low, end)
-    within = Fraction(0) if k == len(axis.x) - 1 else min(share, Fraction(end - least) / 4)
+    end, share = axis.x[k], _share(low, axis.x[k])
+    within = Fraction(0) if k == len(axis.x) - 1 else min(share, Fraction(end - low) / 4)
     return float(end - within) if end - share <= most else inf
 
 
