@@ -11,6 +11,7 @@ from plants import fitzhugh_nagumo, kalman, pendulum, van_der_pol
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.emit.manual import model_digest
 from hgogen.step import StepMayFail
 from hgogen.theorem import rows
 
@@ -72,7 +73,7 @@ def test_a_step_length_is_not_said_to_be_good() -> None:
 def test_what_no_claim_settles_is_listed(name: str) -> None:
     """Each hypothesis that is left to the user, unknown or refuted, once; one that a check knows is a claim."""
     step = emitted.step(name)
-    banner = " ".join(emitted.files(name)[f"{step.name}.h"].split("#ifndef")[0].replace("\n *", "\n").split())
+    banner = " ".join(emitted.files(name)[f"{step.name}.h"].split("typedef")[0].replace("\n *", "\n").split())
     listed = rows(step.observer.theorem, step.observer.checks)
     assert len(listed) >= 5
     for row in listed:
@@ -160,3 +161,19 @@ def test_the_banner_holds_what_makes_the_same_c_again() -> None:
     made = [hg.targets.c99(hg.sample(o, dt=dt), real="double", check=False)["pendulum.c"] for o in (first, again)]
     assert made[0] == made[1]
     assert (theta, dt) == (20 + 1 / 3, 1 / 3000)
+
+
+# --- what firmware compares ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["pendulum", "bank", "fitzhugh_nagumo", "functions"])
+def test_a_header_defines_its_period_its_version_and_its_model(name: str) -> None:
+    """No certificate carries all that `functions` has, so it has no digest."""
+    step, upper = emitted.step(name), emitted.step(name).name.upper()
+    text = emitted.files(name)[f"{step.name}.h"]
+    defined = dict(re.findall(rf"^#define {upper}_(DT|VERSION|MODEL) +(.+)$", text, re.MULTILINE))
+    assert float(defined["DT"].removesuffix("f")) == pytest.approx(step.dt, rel=2**-24)
+    assert defined["VERSION"] == f'"{hg.__version__}"'
+    digest = model_digest(step.observer)
+    assert defined.get("MODEL", "") == f'"{digest}"' * bool(digest)
+    assert bool(digest) is (name != "functions")

@@ -5,19 +5,20 @@
 import re
 from collections.abc import Iterable
 from dataclasses import replace
+from importlib.metadata import version
 from string import Template
 
 from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name, renamed, says
 from hgogen.emit.code import indented
 from hgogen.emit.cstruct import Member, member, members, named, struct
-from hgogen.emit.csyntax import comment, harmless
+from hgogen.emit.csyntax import C, comment, harmless
 from hgogen.emit.described import of_signal, parameters
 from hgogen.emit.interface import of_section
-from hgogen.emit.manual import FAULTS, RANGES, banner, late, order, own, rates, recovery
+from hgogen.emit.manual import FAULTS, RANGES, banner, late, model_digest, order, own, rates, recovery
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
-from hgogen.reading.time_unit import pace
+from hgogen.reading.time_unit import pace, plural
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.sensors import OLDEST, ROUND
@@ -27,16 +28,12 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     """The header's lines."""
     guard = f"{step.name.upper()}_H"
     names = f"In C {says(step)}" if renamed(step) else ""
-    lines = [
-        *_comment(banner(step, command, names)),
-        f"#ifndef {guard}",
-        f"#define {guard}",
-        "",
-        *_manual(step, real),
-        "",
-    ]
+    said = banner(step, command, names)
+    head, mathematics = said[: said.index("")], said[said.index("") + 1 :]
+    lines = [*_comment(head), f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
     lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
-    lines += [*_status(step), "", *_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
+    lines += [*_status(step), *_constants(step, real), *_comment(mathematics), ""]
+    lines += [*_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for each in (each for each in prototypes(step).values() if each.public):
         lines += [comment(each.meaning), f"{each};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
@@ -150,13 +147,24 @@ def _manual(step: Step, real: Real) -> list[str]:
 def _status(step: Step) -> list[str]:
     upper, digits = step.name.upper(), 4 if status_type(step) == "unsigned" else 8
     width = max(len(bit.name) for bit in step.bits)
-    lines = ["/* Status bits: what happened, and what it asks of you. */"]
+    lines = ["/* Status bits: what happened, and what it asks of you. */", ""]
     for k, bit in enumerate(step.bits):
         lines += [
             comment(f"{bit.meaning}. To do: {bit.action}."),
             f"#define {upper}_{bit.name:{width}} 0x{1 << k:0{digits}X}u",
+            "",
         ]
     return lines
+
+
+def _constants(step: Step, real: Real) -> list[str]:
+    """What firmware compares: the period of its timer, and of a state that it restores who wrote it."""
+    upper = step.name.upper()
+    values = {"DT": C.literal(step.dt, real), "VERSION": f'"{version("hgogen")}"'}
+    values |= {"MODEL": f'"{digest}"'} if (digest := model_digest(step.observer)) else {}
+    origin = f"version of hgogen{' and the model' * bool(digest)}"
+    said = comment(f"the period that is compiled in, in {plural(step.time)}; the {origin} that a restored state is of")
+    return [said, *(f"#define {upper}_{name:7} {value}" for name, value in values.items()), ""]
 
 
 # ---------------------------------------------------------------- structs
