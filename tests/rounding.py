@@ -193,7 +193,7 @@ def _instructions(graph: Any) -> list[Instruction]:
 def run(graph: Any, arguments: list[Any]) -> list[list[Rounded]]:
     """The outputs of an SX function at arrays of numbers or `Rounded`. Raises: `Uncertain`."""
     slots: dict[int, Rounded] = {}
-    outputs = [[ZERO] * graph.numel_out(i) for i in range(graph.n_out())]
+    outputs = [[ZERO] * graph.nnz_out(i) for i in range(graph.n_out())]
     for op, take, give, more in _instructions(graph):
         if op == ca.OP_INPUT:
             slots[give[0]] = rounded(arguments[take[0]][take[1]])

@@ -20,9 +20,10 @@ import pytest
 from emitted import compiled, files, run, step, tool
 
 import hgogen as hg
+from hgogen.emit.body import Target, body
 from hgogen.emit.csyntax import C
 from hgogen.emit.fold import COLUMNS
-from hgogen.emit.printer import Operand, Printer, Target, body
+from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.syntax import BeyondFloat
 from hgogen.step import BadStep
 from tests.sweep import by_turns

@@ -55,6 +55,7 @@ def test_it_is_given_what_it_reads_and_computes_what_moves() -> None:
     ]
     assert flow.results == (("dz", 3), ("F", 2))
     assert [flow.elements(k) for k in range(3)] == [(0, 1), (0,), (0,)]
+    assert [flow.entries(k) for k in range(2)] == [["", "", ""], ["F_21", "F_12"]]
 
 
 def routines(name: str) -> list[Subprogram]:

@@ -171,8 +171,8 @@ static void cascaded_tanks_flow(float z1, float z2, float u, float dz[2])
 static void cascaded_tanks_jacobian(float z1, float z2, float u, float F[2])
 {
     const float t1 = cascaded_tanks_clamp(z2, 0.52f, 3.1623f);
-    F[0] = -0.04425f/(2.0f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f, 11.0f)));
-    F[1] = -(u/t1/t1*0.018575f);
+    F[0] = -0.04425f/(2.0f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f, 11.0f))); /* F_11 */
+    F[1] = -(u/t1/t1*0.018575f); /* F_22 */
 }
 
 unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,

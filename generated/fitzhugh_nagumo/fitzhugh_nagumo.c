@@ -181,9 +181,9 @@ static void fitzhugh_nagumo_flow(float z1, float z2, float z3, float u, float dz
 static void fitzhugh_nagumo_jacobian(float z1, float u, float F[3])
 {
     const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
-    F[0] = 1.0f - 0.33333334f*(2.0f*t1*t1 + t1*t1);
-    F[1] = 2.4f*fitzhugh_nagumo_cos(t1);
-    F[2] = -u;
+    F[0] = 1.0f - 0.33333334f*(2.0f*t1*t1 + t1*t1); /* F_11 */
+    F[1] = 2.4f*fitzhugh_nagumo_cos(t1); /* F_21 */
+    F[2] = -u; /* F_12 */
 }
 
 unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,

@@ -225,7 +225,7 @@ def walked(
     """The outputs of an SX function at other inputs, by `apply(operation, lookup or None, arguments)`, and for a
     function that it calls by `call(function, its arguments)`; without one that is written out."""
     work: dict[int, Graph] = {}
-    results = [ca.SX.zeros(*function.size_out(k)) for k in range(function.n_out())]
+    results = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
     texts = instructions(function)
     for k in range(function.n_instructions()):
         op, read, wrote = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
@@ -234,11 +234,11 @@ def walked(
         elif op == ca.OP_CONST:
             work[wrote[0]] = ca.SX(function.instruction_constant(k))
         elif op == ca.OP_OUTPUT:
-            results[wrote[0]][wrote[1]] = work[read[0]]
+            results[wrote[0]].nz[wrote[1]] = work[read[0]]
         elif op == ca.OP_CALL and isinstance(function_called := called(texts[k]), ca.Function):
             columns = _columns(function_called, [work[place] for place in read])
             values = call(function_called, columns) if call else walked(function_called, columns, apply)
-            work |= zip(wrote, (each for value in values for each in ca.vertsplit(value)), strict=True)
+            work |= zip(wrote, (each for value in values for each in value.nonzeros()), strict=True)
         else:
             lookup = called(texts[k]) if op == ca.OP_CALL else None
             work[wrote[0]] = apply(op, lookup, *(work[place] for place in read))

@@ -70,8 +70,16 @@ class Routine:
 
     @cached_property
     def results(self) -> tuple[tuple[str, int], ...]:
-        """The names and sizes of what it computes."""
-        return tuple((name, self.function.numel_out(k)) for k, name in enumerate(self.function.name_out()))
+        """The names and sizes of what it computes, of a matrix how many elements."""
+        return tuple((name, self.function.nnz_out(k)) for k, name in enumerate(self.function.name_out()))
+
+    def entries(self, result: int) -> list[str]:
+        """What the elements of a result are called where that is a matrix: F_21, by columns; "" of a column."""
+        pattern, name = self.function.sparsity_out(result), self.function.name_out(result)
+        if pattern.is_dense() and pattern.is_column():
+            return [""] * pattern.nnz()
+        between = "_" if max(pattern.shape) > 9 else ""
+        return [f"{name}_{i + 1}{between}{j + 1}" for i, j in zip(*pattern.get_triplet(), strict=True)]
 
 
 def _argument(name: str, symbols: Graph) -> Argument:
@@ -91,7 +99,7 @@ def routine(
     """A routine to call on columns by the names of `sizes`, which gives what `body` does, by the same names.
 
     An argument that `body` does not read is none of the routine's, a result that is all numbers none of its results,
-    and an element that is a number stays one. Of a matrix the routine has a column of the elements that are no numbers.
+    and an element that is a number stays one. Of a matrix the routine computes the elements that are no numbers.
     """
     arguments = {key: column(ca.SX.sym(f"{key}_{k}") for k in range(size)) for key, size in sizes.items()}
     results = {key: _Result(value) for key, value in body(arguments).items()}
@@ -99,7 +107,7 @@ def routine(
     if not moving:
         return lambda _: {key: result.value for key, result in results.items()}
     values = ca.cse([result.computed for result in moving.values()])
-    symbols = ca.symvar(ca.vertcat(*values))
+    symbols = ca.symvar(ca.veccat(*values))
     names = {symbol.name() for symbol in symbols}
     read = [key for key, each in arguments.items() if any(symbol.name() in names for symbol in ca.vertsplit(each))]
     places = sorted({(place, size) for place, _, size in map(address, filter(_lies, symbols))})
@@ -134,13 +142,15 @@ class _Result:
 
     @property
     def computed(self) -> Graph:
-        """A column of what the routine computes."""
+        """What the routine computes, sparse."""
+        rows, columns = self.value.sparsity().get_triplet()
+        places = ([each[k] for k in self._computed] for each in (rows, columns))
         elements = self.value.nonzeros()
-        return column(elements[k] for k in self._computed)
+        return ca.SX(ca.Sparsity.triplet(*self.value.shape, *places), column(elements[k] for k in self._computed))
 
     def filled(self, computed: Graph) -> Graph:
         """The same with what the routine has computed; numbers stay numbers."""
         elements = self.value.nonzeros()
-        for k, each in zip(self._computed, ca.vertsplit(computed), strict=True):
+        for k, each in zip(self._computed, computed.nonzeros(), strict=True):
             elements[k] = elements[k] if elements[k].is_constant() else each
         return ca.SX(self.value.sparsity(), column(elements))

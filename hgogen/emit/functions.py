@@ -6,11 +6,12 @@ from collections.abc import Collection
 
 import casadi as ca
 
+from hgogen.emit.body import Target, body
 from hgogen.emit.code import Code, code, joined, spaced
 from hgogen.emit.elementary import elementary
 from hgogen.emit.operations import CALLS
 from hgogen.emit.portable import called_by, small
-from hgogen.emit.printer import Operand, Printer, Target, body
+from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.syntax import Real, Syntax
 
 

@@ -30,6 +30,7 @@ _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_
 CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # such patterns
 ELEMENT = -5  # of what a routine computes
 NEAREST = -6  # the whole number nearest to one
+ARRAY = -7  # all of an argument, as a routine is passed it
 PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep", NEAREST: "nearest"}  # functions of ours
 
 
@@ -37,7 +38,7 @@ def read(function: ca.Function) -> list[list[Node]]:
     """The outputs of an SX function as nodes, one list for each output."""
     slots: dict[int, Node] = {}
     nodes: list[Node] = []
-    outputs = [[Node(ca.OP_CONST)] * function.numel_out(i) for i in range(function.n_out())]
+    outputs = [[Node(ca.OP_CONST)] * function.nnz_out(i) for i in range(function.n_out())]
     inputs: dict[tuple[int, int], Node] = {}
     texts = instructions(function)
     for k in range(function.n_instructions()):

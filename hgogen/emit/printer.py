@@ -6,14 +6,15 @@ worth a name, become constant locals; the rest is written in place.
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
 import casadi as ca
 
-from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, united
+from hgogen.emit.code import NOTHING, TRUTH, Uses
 from hgogen.emit.node import (
+    ARRAY,
     CHOOSE,
     ELEMENT,
     PATTERNS,
@@ -22,7 +23,6 @@ from hgogen.emit.node import (
     negated,
     negative,
     ordered,
-    read,
 )
 from hgogen.emit.operations import CALLS, INFIX, LOGIC
 from hgogen.emit.subprograms import Subprogram
@@ -144,7 +144,7 @@ class Printer:
 
     def worthy(self, node: Node) -> bool:
         """Whether a value is better declared than written in place."""
-        if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT):
+        if node.op in (ca.OP_CONST, ca.OP_NOT, ELEMENT, ARRAY):
             return False
         if node.routine:
             return True
@@ -201,6 +201,20 @@ class Printer:
         self.uses.append(Uses(helpers=frozenset({name})))
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
+    def passed(self, call: Node) -> tuple[Node, ...]:
+        """What a call of a routine passes: elements, or where a column is all of an argument, that."""
+        assert call.routine
+        columns = self.routines[call.routine.key].columns(call)
+        return tuple(
+            node for each, column in columns for node in ([] if each.by_value else self._whole(column)) or column
+        )
+
+    def _whole(self, column: Sequence[Node]) -> list[Node]:
+        """All of an argument, if a column is that."""
+        first, _ = column[0].source
+        lies = all(n.op == ca.OP_INPUT and n.source == (first, k) for k, n in enumerate(column))
+        return [Node(ARRAY, source=(first, 0))] if lies and self.whole(first)[1] == len(column) else []
+
     def call_routine(self, node: Node) -> None:
         """Statements that call a routine: it fills an array for each of its results."""
         assert node.routine
@@ -208,8 +222,8 @@ class Printer:
         self.called[key] += 1
         rest, texts = iter(node.args), list[str]()
         for each in subprogram.passed:
-            column = list(islice(rest, len(each.elements)))
-            name = f"{each.argument.label}_{self.called[key]}"
+            name, first = f"{each.argument.label}_{self.called[key]}", next(rest)
+            column = [first] if first.op == ARRAY else [first, *islice(rest, len(each.elements) - 1)]
             texts += map(self.value, column) if each.by_value else [self._by_reference(name, column)]
         for result, (name, size) in enumerate(node.routine.results):
             node.labels[result] = self.fresh(node.labels.get(result, f"{name}_{self.called[key]}"))
@@ -224,11 +238,9 @@ class Printer:
         """A column as an array."""
         first = column[0]
         by_read = self.syntax.passed[False].format
-        if all(n.op == ca.OP_INPUT and n.source == (first.source[0], k) for k, n in enumerate(column)):
-            text, size = self.whole(first.source[0])
-            if size == len(column):
-                self.uses.append(self.inputs(*first.source).uses)
-                return by_read(text)
+        if first.op == ARRAY:
+            self.uses.append(self.inputs(*first.source).uses)
+            return by_read(self.whole(first.source[0])[0])
         if all(n.op == ELEMENT and n.args == first.args and n.element[1] == k for k, n in enumerate(column)):
             (call,), (result, _) = first.args, first.element
             results = call.routine.results if call.routine else ()
@@ -313,84 +325,3 @@ class Printer:
         if self.real in self.syntax.rounded and binds in (SUM, PRODUCT):
             return self.syntax.rounded[self.real].format(text), ATOM
         return text, binds
-
-
-@dataclass(frozen=True)
-class Target:
-    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value, `condition`
-    for one that says whether the statement runs.
-
-    `source`: the input element that is this same place; writing it back unchanged is left out. `uses`: what the
-    statement uses beside the text.
-    """
-
-    write: Callable[[str], str]
-    flag: bool = False
-    condition: bool = False
-    source: tuple[int, int] | None = None
-    uses: Uses = NOTHING
-
-
-def body(
-    printer: Printer,
-    function: ca.Function,
-    targets: Sequence[Target],
-    names: Sequence[tuple[str, int]],
-    hoist: Collection[int],
-) -> tuple[Code, Code]:
-    """The constants that a block declares, and its statements.
-
-    `targets`: for each element of the first outputs; `names`: of the outputs after those, with their sizes; `hoist`:
-    arguments that must be read before anything is written.
-    """
-    nodes = [node for output in read(function) for node in output]
-    pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
-    named = nodes[len(targets) :]
-    for node in ordered(nodes):
-        if node.routine:
-            node.args = printer.routines[node.routine.key].nodes(node)
-    printer.count(node for node, _ in pairs)
-    _hoist(printer, [node for node, _ in pairs], hoist)
-    rest = iter(named)
-    columns = [(name, list(islice(rest, size))) for name, size in names]
-    for name, column in columns:
-        _label(name, column)
-    for name, column in columns:
-        _declare(printer, name, column)
-    for node, _ in pairs:
-        printer.prepare(node)
-        if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
-            printer.declare(node, printer.number())
-    written = [line for node, target in pairs for line in _written(printer, node, target)]
-    uses = united(printer.uses)
-    return Code(tuple(printer.lines), uses), Code(tuple(written), united([uses, *(t.uses for _, t in pairs)]))
-
-
-def _label(name: str, column: list[Node]) -> None:
-    """Name what a routine computes."""
-    for node in column:
-        if node.op == ELEMENT:
-            node.args[0].labels.setdefault(node.element[0], name)
-
-
-def _declare(printer: Printer, name: str, column: list[Node]) -> None:
-    """Declare a value that has a name, element by element."""
-    for k, node in enumerate(column):
-        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
-            printer.prepare(node)
-            printer.declare(node, name if len(column) == 1 else f"{name}{k + 1}")
-
-
-def _written(printer: Printer, node: Node, target: Target) -> list[str]:
-    if not target.condition:
-        return [target.write(printer.truth(node) if target.flag else printer.value(node))]
-    if node.op == ca.OP_CONST:
-        return [target.write("")] if node.constant else []
-    return [printer.syntax.condition.format(printer.truth(node)), f"    {target.write('')}", "}"]
-
-
-def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
-    """Declare the inputs that the block also writes, before anything is written."""
-    inputs = {node.source: node for node in ordered(roots) if node.op == ca.OP_INPUT and node.source[0] in hoist}
-    for source, node in sorted(inputs.items(), key=lambda item: item[0]):
-        printer.declare(node, printer.local(*source))

@@ -4,8 +4,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from hgogen.discretisation.routine import MEANINGS
+from hgogen.emit.body import Target, body
 from hgogen.emit.code import Code, code, joined
-from hgogen.emit.printer import Operand, Printer, Target, body
+from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.statements import Writer
 from hgogen.emit.subprograms import Subprogram
 
@@ -43,10 +44,16 @@ class _Function:
             taken={"p", *(name for name, _ in routine.results), *names},
         )
         places = [f"{name}[{k}]" for name, size in routine.results for k in range(size)]
-        targets = [Target(f"{place} = {{}};".format) for place in places]
+        entries = [entry for k in range(len(routine.results)) for entry in routine.entries(k)]
+        targets = [self._written(place, entry) for place, entry in zip(places, entries, strict=True)]
         arrays = [each.number for each in self.subprogram.passed if not each.by_value]
         constants, statements = body(printer, routine.function, targets, [], arrays)
         return constants + statements
+
+    def _written(self, place: str, entry: str) -> Target:
+        """Where an element goes; of a matrix a comment says which it is."""
+        said = f" {self.writer.syntax.comment(entry)}" if entry else ""
+        return Target(lambda text: f"{place} = {text};{said}")
 
     def _read(self, number: int, element: int) -> Operand:
         argument = self.subprogram.routine.arguments[number]

@@ -8,12 +8,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
+from hgogen.emit.body import Target, body
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
 from hgogen.emit.described import entry
 from hgogen.emit.interface import REACHED, of_section, reached
 from hgogen.emit.kinds import Kinds
 from hgogen.emit.portable import passed
-from hgogen.emit.printer import Operand, Printer, Target, body
+from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.subprograms import Subprogram, subprograms
 from hgogen.emit.syntax import Number, Real, Syntax
 from hgogen.graph import sx

@@ -47,10 +47,10 @@ class Subprogram:
         """Whether it is given the struct of parameters."""
         return len(self.passed) < len(self.routine.arguments)
 
-    def nodes(self, call: Node) -> tuple[Node, ...]:
-        """What a call passes, element by element."""
+    def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
+        """What a call passes for each argument, element by element."""
         every = list(_columns(call))
-        return tuple(every[each.number][1][k] for each in self.passed for k in each.elements)
+        return ((each, [every[each.number][1][k] for k in each.elements]) for each in self.passed)
 
 
 def _columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:

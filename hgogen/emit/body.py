@@ -1,0 +1,92 @@
+"""The body of a block or a function: the constants that it declares, and its statements."""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import casadi as ca
+
+from hgogen.emit.code import NOTHING, Code, Uses, united
+from hgogen.emit.node import ELEMENT, Node, ordered, read
+from hgogen.emit.printer import Printer
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value, `condition`
+    for one that says whether the statement runs.
+
+    `source`: the input element that is this same place; writing it back unchanged is left out. `uses`: what the
+    statement uses beside the text.
+    """
+
+    write: Callable[[str], str]
+    flag: bool = False
+    condition: bool = False
+    source: tuple[int, int] | None = None
+    uses: Uses = NOTHING
+
+
+def body(
+    printer: Printer,
+    function: ca.Function,
+    targets: Sequence[Target],
+    names: Sequence[tuple[str, int]],
+    hoist: Collection[int],
+) -> tuple[Code, Code]:
+    """The constants that a block declares, and its statements.
+
+    `targets`: for each element of the first outputs; `names`: of the outputs after those, with their sizes; `hoist`:
+    arguments that must be read before anything is written.
+    """
+    nodes = [node for output in read(function) for node in output]
+    pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
+    named = nodes[len(targets) :]
+    for node in ordered(nodes):
+        if node.routine:
+            node.args = printer.passed(node)
+    printer.count(node for node, _ in pairs)
+    _hoist(printer, [node for node, _ in pairs], hoist)
+    rest = iter(named)
+    columns = [(name, list(islice(rest, size))) for name, size in names]
+    for name, column in columns:
+        _label(name, column)
+    for name, column in columns:
+        _declare(printer, name, column)
+    for node, _ in pairs:
+        printer.prepare(node)
+        if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
+            printer.declare(node, printer.number())
+    written = [line for node, target in pairs for line in _written(printer, node, target)]
+    uses = united(printer.uses)
+    return Code(tuple(printer.lines), uses), Code(tuple(written), united([uses, *(t.uses for _, t in pairs)]))
+
+
+def _label(name: str, column: list[Node]) -> None:
+    """Name what a routine computes."""
+    for node in column:
+        if node.op == ELEMENT:
+            node.args[0].labels.setdefault(node.element[0], name)
+
+
+def _declare(printer: Printer, name: str, column: list[Node]) -> None:
+    """Declare a value that has a name, element by element."""
+    for k, node in enumerate(column):
+        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
+            printer.prepare(node)
+            printer.declare(node, name if len(column) == 1 else f"{name}{k + 1}")
+
+
+def _written(printer: Printer, node: Node, target: Target) -> list[str]:
+    if not target.condition:
+        return [target.write(printer.truth(node) if target.flag else printer.value(node))]
+    if node.op == ca.OP_CONST:
+        return [target.write("")] if node.constant else []
+    return [printer.syntax.condition.format(printer.truth(node)), f"    {target.write('')}", "}"]
+
+
+def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
+    """Declare the inputs that the block also writes, before anything is written."""
+    inputs = {node.source: node for node in ordered(roots) if node.op == ca.OP_INPUT and node.source[0] in hoist}
+    for source, node in sorted(inputs.items(), key=lambda item: item[0]):
+        printer.declare(node, printer.local(*source))
