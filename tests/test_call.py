@@ -19,6 +19,7 @@ from hgogen.calling import native
 from hgogen.calling.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.emit import layout
 from hgogen.emit.exact import machine
+from hgogen.reading.named import BadNames
 from hgogen.step import BadStep
 
 NAN, INF = float("nan"), float("inf")
@@ -461,11 +462,13 @@ def test_a_record_of_the_wrong_shape_is_refused(name: str, data: dict[str, Any],
 
 def test_records_without_inputs() -> None:
     step, estimates = fresh("no_input"), []
-    for u in ((), [], np.zeros((5, 0)), None):
+    for u in ((), [], np.zeros((5, 0)), {}, None):
         step.reset()
         estimates.append(step.run(**({} if u is None else {"u": u}), y=np.ones(5), engine="python").x)
     assert all(np.array_equal(x, estimates[0]) for x in estimates)
     assert step(y=1.0).names == ("x1", "x2")
+    with pytest.raises(BadNames, match=r"^u names 'w', but there are no names to give$"):
+        step.run(u={"w": np.ones(5)}, y=np.ones(5))
 
 
 def test_tuning_names_what_can_be_tuned() -> None:

@@ -32,6 +32,7 @@ from hgogen.emit.cost import cost
 from hgogen.emit.csyntax import C
 from hgogen.emit.portable import tables
 from hgogen.emit.pygraph import DTYPE, evaluated
+from hgogen.emit.syntax import PointsMerge
 from hgogen.graph import to_casadi
 from hgogen.intervals.box import box
 from hgogen.intervals.enclosure import enclose
@@ -921,3 +922,25 @@ def test_a_third_derivative_that_jumps_is_the_checker_s_too() -> None:
     assert rechecked.range_on(fourth, around) is None
     assert rechecked.range_on(fourth, [(Fraction(5, 4), Fraction(7, 4))]) == (0, 0)
     assert curve(numbers[::2], numbers[1::2], "monotone", "turned").smooth == ((1, 2, 3, 1),)
+
+
+@pytest.mark.parametrize("second", [1.000000001, 1.0000002])
+def test_points_that_are_one_number_in_float_are_refused_there(second: float) -> None:
+    """Between them the table rises from 1 to 100, which would be a jump: the bound of its slope is of no jump."""
+    x, v, y = (hg.Signal(name, low=0, high=1) for name in "xvy")
+    table = hg.table(x, [0, 1, second], [0, 1, 100])
+    plant = hg.System("merged", states=(x, v), outputs=(y,), flow=[v, -table], output=[x])
+    step = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=[1, 1], R=1), dt=0.01)
+    ys = np.full((3, 1), 0.5)
+    assert hg.targets.c99(step, real="double", check=False)
+    assert np.isfinite(step.run(y=ys, engine="python").x).all()
+    if second == 1.0000002:  # a float apart
+        assert hg.targets.c99(step, real="float", check=False)
+        return
+    for carry_out in (
+        lambda: hg.targets.c99(step, real="float", check=False),
+        lambda: hg.targets.rust(step, real="float", check=False),
+        lambda: hg.sample(step.observer, dt=0.01, real="float", engine="python").run(y=ys),
+    ):
+        with pytest.raises(PointsMerge, match=r"points 1\.0 and 1\.000000001, which are one number in float; take"):
+            carry_out()

@@ -236,9 +236,8 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         if len(set(lengths.values())) > 1:
             listing = ", ".join(f"{signal} {length}" for signal, length in lengths.items())
             raise BadShape(f"{name} with columns of different lengths ({listing})", "must have one length for all")
-        value = np.stack(
-            [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)], 1
-        )
+        arrays = [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)]
+        value = np.stack(arrays, 1) if arrays else []
     try:
         array = np.asarray(unmasked(value), dtype=float)
     except OverflowError:

@@ -16,7 +16,7 @@ from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
 from hgogen.emit import helpers, lookup_functions, matrix_loops
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
 from hgogen.emit.elementary import ALL_WHOLE, ROUNDS
-from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax
+from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
 
 _LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}
 _ARRAYS = {  # by annotation: how many, and whether they are written
@@ -68,7 +68,8 @@ def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -
 
 
 def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
-    """The arrays, a search along each axis, and the polynomial of the cell."""
+    """The arrays, a search along each axis, and the polynomial of the cell. Raises: `PointsMerge`."""
+    demand_apart(lookup, real)
     there = functions_of(lookup_functions)
     declared = code(*(_fixed(syntax, real, name, numbers) for name, numbers in lookup.arrays.items()))
     arguments = ", ".join(f"{axis.name}: float" for axis in lookup.axes)

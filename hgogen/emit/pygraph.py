@@ -20,7 +20,7 @@ from hgogen.emit.elementary import ALL_WHOLE, ROUNDS, elementary
 from hgogen.emit.node import CHOOSE, CLAMP, ELEMENT, KEEP, NEAREST, WITHIN, Node, boolean, ordered, read
 from hgogen.emit.operations import CALLS
 from hgogen.emit.printer import Operand
-from hgogen.emit.syntax import NotPrintable, Number, Real
+from hgogen.emit.syntax import NotPrintable, Number, Real, demand_apart
 
 DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
 _SIMPLE: dict[int, str] = {
@@ -187,7 +187,8 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 
 @lru_cache(maxsize=1024)
 def _table(lookup: Lookup, real: Real) -> Callable[..., Any]:
-    """A table of numbers."""
+    """A table of numbers. Raises: `PointsMerge`."""
+    demand_apart(lookup, real)
     number = float if real == "double" else DTYPE[real]
     names: dict[str, Any] = {name: [number(each) for each in numbers] for name, numbers in lookup.arrays.items()}
     lines = [line.format(**vars(axis)) for axis in lookup.axes for line in _SEARCH]

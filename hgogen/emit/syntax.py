@@ -6,11 +6,13 @@ between languages and knows none of them. Texts with holes are those of `str.for
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal
 
 import casadi as ca
 import numpy as np
 
+from hgogen.algebra.lookup import Lookup
 from hgogen.emit.interface import Entry
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.step import Step
@@ -43,6 +45,29 @@ class BeyondFloat(HgogenError):
 
     def __str__(self) -> str:
         return f"{self.value:g} is beyond the range of {self.real}; choose other units, or real='double'"
+
+
+@dataclass(eq=False)
+class PointsMerge(HgogenError):
+    """A table with two points that are one number in the working precision: it would jump there."""
+
+    table: str
+    points: tuple[float, float]
+    real: str
+
+    def __str__(self) -> str:
+        a, b = self.points
+        fix = 'take points further apart, or real="double"'
+        return f"the table {self.table} has the points {a!r} and {b!r}, which are one number in {self.real}; {fix}"
+
+
+def demand_apart(lookup: Lookup, real: Real) -> None:
+    """Raise `PointsMerge` for a table whose points the working precision does not tell apart."""
+    number = {"float": np.float32, "double": np.float64}[real]
+    for axis in lookup.axes:
+        for pair in pairwise(axis.breaks):
+            if number(pair[0]) == number(pair[1]):
+                raise PointsMerge(lookup.cells.name, pair, real)
 
 
 @dataclass(eq=False)

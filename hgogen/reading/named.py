@@ -69,6 +69,8 @@ def in_order(
 
 def _unknown(name: Any, shown: Mapping[str, str]) -> str:
     """The end of a sentence on a name that is none of those `shown`: the one that was meant, or all of them."""
+    if not shown:
+        return "but there are no names to give"
     spelled = str(name)[:60]
     close = [each for each in shown if each.lower() == spelled.lower()] or get_close_matches(spelled, shown, n=1)
     fix = f"did you mean {close[0]}?" if close else f"they are {', '.join(shown.values())}"

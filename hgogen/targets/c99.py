@@ -32,7 +32,7 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     self-check, whose vectors take a while to compute.
 
     Raises: `NoStep`, `BadReal`; `HidesHeader`, `OneName` for names that C cannot carry; `BeyondFloat`,
-    `NotPrintable` for a number, an operation that has no text.
+    `NotPrintable` for a number, an operation that has no text; `PointsMerge` for a table.
     """
     demand_step(step, "c99")
     demand_real(real)

@@ -53,7 +53,7 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     self-check, whose vectors take a while to compute.
 
     Raises: `NoStep`, `BadReal`; `NoCrate`, `OneName` for names that Rust cannot carry; `BeyondFloat`,
-    `NotPrintable` for a number, an operation that has no text.
+    `NotPrintable` for a number, an operation that has no text; `PointsMerge` for a table.
     """
     demand_step(step, "rust")
     demand_real(real)
