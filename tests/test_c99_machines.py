@@ -184,7 +184,7 @@ def test_an_8_bit_machine_computes_every_bit(name: str, tmp_path: Path) -> None:
 
 # Bytes and instructions on a Cortex-M4F at -O2, with a fifth more than was measured: a change that costs is seen.
 # One step of three Riccati states by RK4 alone takes 900; this one has five predictors, guards and theta as well.
-BUDGET = {"text": 10400, "stack": 128, "instructions": 3450, "state": 184, "params": 36}
+BUDGET = {"text": 9400, "stack": 160, "instructions": 2720, "state": 184, "params": 36}
 
 
 @pytest.mark.slow
@@ -218,6 +218,7 @@ def test_recovery_costs_no_more_than_twenty_instructions_where_nothing_is_wrong(
 
 # MISRA C:2012 rules that cppcheck's addon reports on header and source, and why they stay:
 MISRA = {
+    "2.5": "the period, the version and the model are macros that firmware compares",
     "5.7": "reported for the anonymous structs of the parameters, which have no tag to be unique",
     "8.7": "the interface is called from other files",
     "12.1": "a*b + c without parentheses reads as the formula does",
