@@ -529,3 +529,26 @@ def test_free_parameters_have_their_values_in_their_order() -> None:
     plant = hg.System("ramp", states=(x,), outputs=(hg.Signal("y"),), parameters=(p, q), flow=(p + 3 * q,), output=(x,))
     truth = trial_module.Plant(plant, Trial("ramp", duration=1.0, start={"x": 0.0}, inputs={}), 0.5, (p, q))
     assert truth.truth({"x": 0.0}, [1.0, 2.0]).x[-1, 0] == pytest.approx(7.0, abs=1e-9)
+
+
+def test_an_error_in_the_middle_is_seen_behind_fine_steps() -> None:
+    """One step of 0.2 between steps of 0.002, of x' = x cos(40 t)."""
+    x, time = ca.SX.sym("x"), ca.SX.sym("t")
+    ode = {"x": x, "t": time, "p": ca.SX(0, 1), "ode": x * ca.cos(40 * time)}
+    times = [*np.linspace(0, 0.2, 101), *np.linspace(0.4, 0.6, 101)]
+    assert March(ode, times)(np.ones(1), np.zeros(0)) is None
+
+
+def test_the_peak_of_a_run_is_the_largest_after_any_event() -> None:
+    events = tuple(Response(time, 0.1, peak, 0.0, 0, 0.0) for time, peak in ((0.0, 2.0), (1.0, 3.0), (2.0, 1.0)))
+    (peak,) = (one for one in spreads([Outcome(0, {}, Metrics(0, "c", events, {}, 0))]) if one.name == "peak of theta")
+    assert peak.worst == 3.0
+
+
+def test_noise_that_varies_alone_has_the_size_of_its_draw() -> None:
+    made = step()
+    each = hg.campaign(made, TRIAL, 3, "noise=0.1..10")
+    for one in each.run(jobs=1):
+        noise = {"y": OrnsteinUhlenbeck(0.01 * one.varied["noise"], 0.05)}
+        (wanted,) = try_out(made, Trial("let_go", 2.0, TRIAL.start, TRIAL.inputs, noise), seeds=[one.run])
+        assert one.metrics == metrics(made, wanted)

@@ -315,3 +315,28 @@ def test_errors_are_as_many_times_too_large_as_a_state_s_share_of_nees() -> None
     states = consistency_module.OfStates(("a", "b"), 100, 1.0, 8.0, (1.0, 3.0))
     (sentence,) = consistency_module.Consistency((), states).sentences()
     assert "errors of a, b are 2 times as large" in sentence
+
+
+def test_where_two_sensors_see_a_jump_the_second_is_less_surprised() -> None:
+    """Of two of one state, after the first corrected: by a filter that corrects at samples, and by one that integrates
+    with them, to a tenth of the first."""
+    q, w = hg.Signal("q", low=-50, high=50), hg.Signal("w", low=-50, high=50)
+    outputs = (hg.Signal("one"), hg.Signal("other"))
+    system = hg.System("twice", states=(q, w), outputs=outputs, flow=[w, -4 * q - 0.4 * w], output=[2 * q, 2 * q])
+    y = np.zeros((60, 2))
+    y[50:] = 1.0
+    shares = []
+    for method in (hg.methods.continuous_discrete, hg.methods.rk4):
+        first, second = filtering(system, method, noise=0.03).run(y=y).innovations[50]
+        shares.append(second / first)
+    assert shares[0] < 0.8
+    assert shares[1] == pytest.approx(shares[0], abs=0.1)
+
+
+def test_what_is_forgotten_until_a_sample_is_in_its_variance() -> None:
+    """s = exp(rho h) c Phi P Phi' c' + R/h of the P of the last sample, of a filter that integrates with them."""
+    observer = hg.observers.kalman_like(hg.forms.state_affine(plant(1)), rho=20, R=R[0])
+    run = hg.sample(observer, hg.methods.rk4, dt=DT).run(y=simulated(np.random.default_rng(3), 1, 60)[0])
+    c = C[0] @ PHI
+    known = np.exp(20 * DT) * np.einsum("i,kij,j->k", c, run.covariance[:-1], c) + R[0] / DT
+    assert run.variances[1:, 0] == pytest.approx(known, rel=1e-3)

@@ -654,3 +654,14 @@ def test_run_takes_late_samples_and_judges_them_in_time(tmp_path: Path, monkeypa
     assert ahead[5]["count"] == np.isfinite(known[-1][5:]).sum()
     missing = CliRunner().invoke(app, arguments[:6])
     assert "y_age" in missing.output
+
+
+def test_a_sample_that_is_too_late_has_no_innovation() -> None:
+    step, _ = fresh("bent")
+    u, y = signals(step, 20)
+    rows = step.arriving(y)
+    rows[12, -1] = 9.0
+    run = step.run(u, rows)
+    assert step.flags(run.status[12]) == ("LATE_y",)
+    assert np.isnan([run.innovations[12, 0], run.variances[12, 0]]).all()
+    assert np.isfinite(np.delete(run.innovations[5:, 0], 7)).all()

@@ -25,6 +25,7 @@ from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
 from hgogen.identification.solution import Solution
 from hgogen.identification.structural import parted
+from hgogen.identification.task import Task
 from hgogen.identification.whiteness import alike
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.parameters import read
@@ -823,3 +824,67 @@ def test_an_offset_that_is_not_told_stays_near_its_start() -> None:
     assert fit.joint is not None
     assert "offset_of_y" not in fit.joint.repairs
     assert list(_without_offset(fit)) == []
+
+
+def ramps() -> hg.System:
+    """x' = g, v' = -g, both read."""
+    outputs = (Y, hg.Signal("z"))
+    return hg.System("ramps", states=(X, V), outputs=outputs, parameters=(G,), flow=[G, -G], output=[X, V])
+
+
+def task(plant: hg.System, log: hg.Log, offset: tuple[hg.Signal, ...] = ()) -> Task:
+    """Of all parameters of a plant, by simulation."""
+    return Task(plant, plant, plant.parameters, (), (log,), offset, "hold", "simulation")
+
+
+def test_the_size_of_an_offset_is_the_spread_of_its_own_output() -> None:
+    y = np.arange(30.0)[:, None] * [1, -100]
+    made = task(ramps(), hg.Log(np.zeros((30, 0)), y, DT), ramps().outputs[1:])
+    assert made.solver.unit[1] == pytest.approx(y[:, 1].std())
+
+
+def test_segments_begin_on_the_line_between_samples_that_are_there() -> None:
+    """60 of a sample each; of a state that no output shows they begin at rest."""
+    plant = hg.System("ramp", states=(X, V), outputs=(Y,), parameters=(G,), flow=[G, -G * V], output=[X])
+    line = 0.1 * np.arange(60) - 2
+    y = np.where((np.arange(60) >= 10) & (np.arange(60) < 30), np.nan, line)
+    made = task(plant, hg.Log(np.zeros((60, 0)), y[:, None], DT))
+    nodes = made.nominal[1:].reshape(60, 2)
+    assert nodes[:, 0] == pytest.approx(line)
+    assert not nodes[:, 1].any()
+
+
+def test_each_record_takes_residuals_for_a_first_state_of_its_own() -> None:
+    """Of two straight lines of one slope from 10 samples each: s^2 = e'e/(20 - 3), and the variance of the slope is s^2
+    over 2 sum (t - mean)^2."""
+    g = hg.Signal("g", nominal=1)
+    plant = hg.System("ramp", states=(X,), outputs=(Y,), parameters=(g,), flow=[g], output=[X])
+    t, draw = 0.2 * np.arange(10), np.random.default_rng(0)
+    both = [start + 1.5 * t + 0.05 * draw.normal(size=10) for start in (0.0, -1.0)]
+    fit = hg.fit(plant, *(hg.Log(np.zeros((10, 0)), y, 0.2) for y in both), free=["g"], starts=1)
+    away = t - t.mean()
+    slope = sum(away @ y for y in both) / (2 * away @ away)
+    e = np.concatenate([y - y.mean() - slope * away for y in both])
+    said = np.sqrt(e @ e / 17 * alike(e) / (2 * away @ away))
+    assert fit.parameters[0].deviation == pytest.approx(said, rel=1e-4)
+
+
+def test_a_start_that_did_not_settle_is_no_rival() -> None:
+    made = task(ramps(), hg.Log(np.zeros((30, 0)), np.arange(30.0)[:, None] * [1, -1], DT))
+    best, settled, lost = (
+        Solution(np.array([value]), 2.0, "", 1, there) for value, there in ((1, True), (3, True), (5, False))
+    )
+    assert list(made._rivals(best, (best, settled, lost), np.array([0.1]))) == [{"g": 3.0}]
+
+
+def test_starts_without_a_range_lie_between_half_and_twice_the_nominal_value() -> None:
+    made = task(ramps(), hg.Log(np.zeros((30, 0)), np.arange(30.0)[:, None] * [1, -1], DT))
+    draw = np.random.default_rng(0)
+    ratios = np.array([made.drawn(draw)[0] for _ in range(50)]) / G.nominal
+    assert 0.5 <= ratios.min() < 0.7
+    assert 1.4 < ratios.max() <= 2
+
+
+def test_the_scale_of_residuals_is_about_zero() -> None:
+    """Of residuals that all lie to one side as well: they are no less wrong for that."""
+    assert robust_module.deviation(np.array([2.0, 3.0, 4.0])) == pytest.approx(3 * robust_module.NORMAL)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from test_cli import hgogen
 
+import hgogen as hg
+from hgogen.identification.records import beyond
 from hgogen.reading.log import BadRecord, table
 from hgogen.reading.mapped import column
 
@@ -132,3 +134,11 @@ def test_a_record_beyond_the_declared_range_is_said(tmp_path: Path) -> None:
     for words in (("fit", "--free", "a", "--starts", "1"), ("tune", "--observers", "high_gain")):
         report = json.loads(hgogen(words[0], "pendulum", *data, *words[1:])[0])
         assert report["notes"][0].startswith(said.format(count)), words
+
+
+def test_the_farthest_sample_is_that_farthest_from_the_range() -> None:
+    """Not the largest: of a range from 100 to 110, 90 is farther than 112."""
+    x = hg.Signal("x", low=100, high=110)
+    plant = hg.System("warm", states=(x,), outputs=(hg.Signal("y"),), flow=[0 * x], output=[x])
+    (said,) = beyond(plant, hg.Log(np.zeros((3, 0)), np.array([[105.0], [90.0], [112.0]]), 0.1))
+    assert "in 2 of 3 samples, as far as 90:" in said

@@ -6,8 +6,10 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
+import casadi as ca
 import numpy as np
 import pytest
 from test_cli import hgogen
@@ -16,7 +18,8 @@ from test_fit import DT, PLANT, TRUE, here, log  # noqa: F401, the fixture
 import hgogen as hg
 from hgogen.commands import fitting
 from hgogen.identification.innovations import SURE
-from hgogen.identification.progress import CannotGoOn, Progress, progress_of
+from hgogen.identification.progress import CannotGoOn, Progress, Searches, digests, progress_of
+from hgogen.identification.solution import Solution, Solver
 from hgogen.structure.valued import valued
 from hgogen.trials.prediction import predictions
 
@@ -153,3 +156,47 @@ def test_rows_held_out_are_predicted_with_the_noise_that_was_fitted(here: Path) 
     ahead = {row["ahead"]: row for row in result["predictions"]}
     assert ahead[5]["fitted"] < ahead[5]["unfitted"]
     assert ahead[25]["fitted"] < 0.1 * ahead[25]["copying"]
+
+
+def solution(cost: float) -> Solution:
+    """One that ended."""
+    return Solution(np.array([cost]), cost, "", 1, True)
+
+
+def test_searches_that_ended_keep_their_places_and_later_ones_begin_anew() -> None:
+    """Of four starts two had ended, and the third was stopped at 7."""
+    given: list[np.ndarray | None] = []
+
+    def solve(begin: np.ndarray, at: np.ndarray | None, each: Any) -> Solution:
+        given.append(at)
+        return solution(9.0)
+
+    before = (solution(1.0), solution(2.0))
+    searches = Searches({}, lambda progress: None, Progress({}, before, 3, np.array([7.0])))
+    ended: tuple[Solution, ...] = ()
+    for _ in range(4):
+        ended = searches.solved(cast(Any, SimpleNamespace(solve=solve)), np.zeros(1), ended)
+    assert [one.cost for one in ended] == [1.0, 2.0, 9.0, 9.0]
+    assert given == [np.array([7.0]), None]
+
+
+def test_a_cost_that_was_no_number_is_none_again() -> None:
+    """JSON has no other word for it."""
+    ended = [{"unknowns": [0.0], "cost": None, "status": "", "iterations": 1, "settled": False}]
+    progress = progress_of({"task": {}, "ended": ended, "iteration": 0, "at": [0.0]})
+    assert math.isnan(progress.ended[0].cost)
+
+
+def test_the_same_samples_at_another_period_are_other_records() -> None:
+    record = log(1, count=20)
+    one, other = (digests(PLANT, [hg.Log(record.u, record.y, dt)], {}) for dt in (DT, 2 * DT))
+    assert one["records"] != other["records"]
+    assert one["plant"] == other["plant"]
+
+
+def test_what_goes_on_is_pulled_to_where_it_was_begun() -> None:
+    """Of a cost that says nothing only the pull is left."""
+    v = ca.MX.sym("v", 1)
+    problem = cast(Any, SimpleNamespace(graph=(v, 0 * v, ca.MX(0, 1)), constants=1, size=1))
+    end = Solver(problem, np.array([-9.0]), np.array([9.0]), np.ones(1)).solve(np.array([1.0]), np.array([3.0]))
+    assert end.unknowns == pytest.approx([1.0], abs=0.05)

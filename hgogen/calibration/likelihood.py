@@ -72,7 +72,7 @@ class Likelihood:
         return -float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])
 
     def maxima(self, ended: Iterable[Ended]) -> tuple[Noise, ...]:
-        """The maxima at which searches ended, the most likely first."""
+        """The maxima at which searches ended: those that settled, then the others, the most likely first."""
         finite = [one for one in ended if np.isfinite(one[0])]
         return tuple(self._noise(*one) for one in _distinct(sorted(finite, key=lambda one: (not one[2], -one[0]))))
 
