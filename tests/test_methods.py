@@ -312,9 +312,10 @@ def test_factors_in_float_survive_2000_samples_without_measurement(n: int) -> No
     L, d, P = np.eye(n, dtype=np.float32), np.ones(n, np.float32), np.eye(n, dtype=np.float32)
     noise, lost = np.full(n, 0.01 * h, np.float32), False
     constants = [Phi.T.ravel(), np.eye(n, dtype=np.float32).ravel(), noise]
+    places = function.sparsity_out(0).get_triplet()  # rows and columns of what is computed of L
     for _ in range(2000):
         lower, d = (np.array(part, np.float32) for part in evaluate(function, [L.T.ravel(), d, *constants], "float"))
-        L = lower.reshape(n, n).T
+        L[*places] = lower
         assert (d > 0).all()
         P = Phi @ P @ Phi.T + np.diag(noise)
         lost = lost or np.linalg.eigvalsh((P + P.T).astype(float) / 2).min() <= 0

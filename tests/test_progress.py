@@ -165,10 +165,10 @@ def solution(cost: float) -> Solution:
 
 def test_searches_that_ended_keep_their_places_and_later_ones_begin_anew() -> None:
     """Of four starts two had ended, and the third was stopped at 7."""
-    given: list[np.ndarray | None] = []
+    iterates: list[np.ndarray | None] = []
 
     def solve(begin: np.ndarray, at: np.ndarray | None, each: Any) -> Solution:
-        given.append(at)
+        iterates.append(at)
         return solution(9.0)
 
     before = (solution(1.0), solution(2.0))
@@ -177,7 +177,7 @@ def test_searches_that_ended_keep_their_places_and_later_ones_begin_anew() -> No
     for _ in range(4):
         ended = searches.solved(cast(Any, SimpleNamespace(solve=solve)), np.zeros(1), ended)
     assert [one.cost for one in ended] == [1.0, 2.0, 9.0, 9.0]
-    assert given == [np.array([7.0]), None]
+    assert iterates == [np.array([7.0]), None]
 
 
 def test_a_cost_that_was_no_number_is_none_again() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +21,7 @@ from test_cli import hgogen
 import hgogen as hg
 from hgogen.calibration import adaptive as adaptive_module
 from hgogen.calibration import judged as judged_module
-from hgogen.calibration import verdicts as verdicts_module
-from hgogen.calibration.grid import Search, Task
+from hgogen.calibration.grid import Task
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
 from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
 from hgogen.calibration.readable import readable
@@ -785,45 +784,16 @@ def test_of_ends_at_one_place_the_settled_one_is_the_maximum() -> None:
     assert only.settled
 
 
-def test_innovations_held_out_are_those_of_each_row_from_the_first_on() -> None:
-    """The first sample of a record has none: it is where the filter starts."""
-    record = demanded(log(6, 100)[0])
-    noise = Noise({"x": 1e-10 * SCALE.units["x"], "v": 0.7}, {"y": 0.03}, 0.0, True)
-    row: Any = SimpleNamespace(noise=noise, likelihood=likelihood(record))
-    (e,) = Tuned.innovations(row, [(record, 0)]).values()
-    (late,) = Tuned.innovations(row, [(record, 40)]).values()
-    assert len(e) == 99
-    assert np.array_equal(late, e[39:])
-
-
 def test_where_samples_are_missing_the_last_one_is_copied() -> None:
     y = np.array([[0.0], [np.nan], [2.0], [5.0]])
     (squares,) = Ahead(1).rival((hg.Log(np.zeros((4, 0)), y, 1.0),))
     assert squares[:, 0] == pytest.approx([np.nan, np.nan, 4.0, 9.0], nan_ok=True)
 
 
-def test_between_the_best_theta_and_those_next_to_it_others_are_tried() -> None:
-    """Half way by their ratio."""
-    none: Any = None
-    search = Search(none, "high_gain", 0, SCALE, [replace(SCALE, theta=theta) for theta in (1.0, 2.0, 4.0, 8.0, 16.0)])
-    assert [one.theta for one in search._between(2, range(5))] == pytest.approx([8**0.5, 32**0.5], rel=0.05)
-
-
-def test_an_adaptive_theta_adds_its_own_errors_to_those_of_the_filter(monkeypatch: pytest.MonkeyPatch) -> None:
-    first, other = (SimpleNamespace(step=name) for name in ("theta 1", "adaptive"))
-    monkeypatch.setattr(adaptive_module, "_first", lambda *given: other)
-    monkeypatch.setattr(adaptive_module, "_innovations", lambda *given: np.ones(1))
-    task: Any = SimpleNamespace(dt=DT, judge=SimpleNamespace(errors={"theta 1": 1.0, "adaptive": 1.5}.__getitem__))
-    plain: Any = Tuned("riccati", cast(Any, first), SCALE, None, None, {}, np.array([1.1]), ())
-    made = adaptive_module.adaptive(task, plain)
-    assert isinstance(made, Tuned)
-    assert made.errors == pytest.approx([1.6])
-
-
 def test_an_alarm_is_not_set_by_the_beginning_of_a_record() -> None:
     """In which the estimate finds its way: the first twentieth."""
     run = SimpleNamespace(traces={"innovation": np.arange(100.0)})
-    step = SimpleNamespace(reset=lambda: None, run=lambda **given: run)
+    step = SimpleNamespace(reset=lambda: None, run=lambda **options: run)
     task: Any = SimpleNamespace(records=[log(1, 100)[0]], judge=SimpleNamespace(engine="python"))
     first: Any = SimpleNamespace(step=step)
     assert adaptive_module._innovations(task, first).tolist() == list(range(5, 100))
@@ -842,9 +812,3 @@ def test_a_sample_is_read_up_to_the_width_of_its_range_beyond_it() -> None:
     y[:4] = -15.1, -14.9, 14.9, 15.1
     there = readable(PLANT, hg.Log(np.zeros(20), y, DT), 1).y[:4, 0]
     assert there == pytest.approx([np.nan, -14.9, 14.9, np.nan], nan_ok=True)
-
-
-def test_variances_that_are_too_large_are_no_more_to_be_trusted() -> None:
-    (said,) = verdicts_module._doubts(row("riccati", 0.5), Judged("riccati", {}, {}, {"y": 0.04}), "in all rows")
-    assert said.startswith("innovations of y are 0.2 times as large as riccati takes them to be")
-    assert "they scatter less there" in said
