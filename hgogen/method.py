@@ -114,7 +114,7 @@ class Explicit:
         rhs = routine(
             "rate",
             {name: value.numel() for name, value in start.items()} | clock.sizes,
-            lambda at: rates(part.rhs({name: at[name] for name in start}, at["u"], at["y"], at["valid"])),
+            lambda at: {f"d{name}": slope for name, slope in part.rhs(at, at["u"], at["y"], at["valid"]).items()},
         )
 
         def rate(values: Mapping[str, Graph], c: float) -> Mapping[str, Graph]:
@@ -160,11 +160,6 @@ class Explicit:
             basis=EVERYWHERE,
             rule=self.name,
         )
-
-
-def rates(slopes: Mapping[str, Graph]) -> dict[str, Graph]:
-    """The slopes of fields by the names of their derivatives."""
-    return {f"d{name}": slope for name, slope in slopes.items()}
 
 
 def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:

@@ -59,6 +59,13 @@ def test_clang_has_no_warning_and_every_bit_is_as_recorded(name: str, tmp_path: 
     assert check("clang", name, "float", tmp_path, "-O2", exact(name)) == passed(name)
 
 
+@pytest.mark.parametrize("other", ["-U__FLT_EVAL_METHOD__", "-D__FRAMAC__"])
+@pytest.mark.parametrize("name", ["pendulum", "cascaded_tanks"])
+def test_what_other_compilers_and_analysers_read_has_the_same_bits(name: str, other: str, tmp_path: Path) -> None:
+    """The nearest whole number where the compiler may compute in more digits, and the test of a number's size."""
+    assert check("gcc", name, "float", tmp_path, "-O2", exact(name), other) == passed(name)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("optimisation", ["-O0", "-O1", "-O3", "-Os"])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])

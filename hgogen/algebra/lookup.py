@@ -235,13 +235,12 @@ def walked(
             work[wrote[0]] = ca.SX(function.instruction_constant(k))
         elif op == ca.OP_OUTPUT:
             results[wrote[0]].nz[wrote[1]] = work[read[0]]
-        elif op == ca.OP_CALL and isinstance(function_called := called(texts[k]), ca.Function):
-            columns = _columns(function_called, [work[place] for place in read])
-            values = call(function_called, columns) if call else walked(function_called, columns, apply)
+        elif isinstance(target := called(texts[k]) if op == ca.OP_CALL else None, ca.Function):
+            columns = _columns(target, [work[place] for place in read])
+            values = call(target, columns) if call else walked(target, columns, apply)
             work |= zip(wrote, (each for value in values for each in value.nonzeros()), strict=True)
         else:
-            lookup = called(texts[k]) if op == ca.OP_CALL else None
-            work[wrote[0]] = apply(op, lookup, *(work[place] for place in read))
+            work[wrote[0]] = apply(op, target, *(work[place] for place in read))
     return results
 
 
@@ -253,8 +252,12 @@ def _columns(function: ca.Function, values: Sequence[Graph]) -> list[Graph]:
 
 def instructions(function: ca.Function) -> list[Graph]:
     """The instructions of an SX function as graphs, of which calls know what they call; none where it has no call."""
-    calls = any(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
-    return ca.vertsplit(function.instructions_sx()) if calls else []
+    return ca.vertsplit(function.instructions_sx()) if calls(function) else []
+
+
+def calls(function: ca.Function) -> bool:
+    """Whether an SX function calls another one."""
+    return any(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
 
 
 def jacobian(rows: Graph, x: Graph) -> Graph:

@@ -44,7 +44,7 @@ def body(
     named = nodes[len(targets) :]
     for node in ordered(nodes):
         if node.routine:
-            node.args = printer.passed(node)
+            printer.arrange(node)
     printer.count(node for node, _ in pairs)
     _hoist(printer, [node for node, _ in pairs], hoist)
     rest = iter(named)

@@ -15,7 +15,7 @@ from hgogen.emit.cstruct import Member, member, members, named, struct
 from hgogen.emit.csyntax import C, comment, harmless
 from hgogen.emit.described import of_signal, parameters
 from hgogen.emit.interface import of_section
-from hgogen.emit.manual import FAULTS, RANGES, banner, late, model_digest, order, own, rates, recovery
+from hgogen.emit.manual import FAULTS, RANGES, late, mathematics, model_digest, order, own, rates, recovery, title
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
 from hgogen.reading.time_unit import pace, plural
@@ -28,11 +28,9 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     """The header's lines."""
     guard = f"{step.name.upper()}_H"
     names = f"In C {says(step)}" if renamed(step) else ""
-    said = banner(step, command, names)
-    head, mathematics = said[: said.index("")], said[said.index("") + 1 :]
-    lines = [*_comment(head), f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
+    lines = [*_comment(title(step, command)), f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
     lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
-    lines += [*_status(step), *_constants(step, real), *_comment(mathematics), ""]
+    lines += [*_status(step), *_constants(step, real), *_comment(mathematics(step, names)), ""]
     lines += [*_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for each in (each for each in prototypes(step).values() if each.public):
         lines += [comment(each.meaning), f"{each};", ""]

@@ -1,12 +1,13 @@
 """A block's SX instructions as nodes, with the patterns recognised that have a text of their own."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 
 import casadi as ca
 
 from hgogen.algebra.lookup import Lookup, called, instructions
-from hgogen.discretisation.routine import Routine
+from hgogen.discretisation.routine import Argument, Routine
 from hgogen.emit import elementary
 
 
@@ -24,6 +25,7 @@ class Node:
     routine: Routine | None = None  # of a call
     element: tuple[int, int] = (0, 0)  # of what a routine computes: result, element
     labels: dict[int, str] = field(default_factory=dict)  # of a call of a routine: the names of its results
+    passed: tuple[tuple["Node", ...], ...] = ()  # of a call of a routine: what it passes for each argument
 
 
 _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
@@ -69,6 +71,13 @@ def _called(function: Lookup | ca.Function, args: tuple[Node, ...]) -> list[Node
     call = Node(ca.OP_CALL, args, routine=(routine := Routine(function)))
     places = [(k, i) for k, (_, size) in enumerate(routine.results) for i in range(size)]
     return [Node(ELEMENT, (call,), element=place) for place in places]
+
+
+def columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:
+    """What a call of a routine gives for each argument, element by element."""
+    assert call.routine
+    rest = iter(call.args)
+    return ((argument, list(islice(rest, argument.size))) for argument in call.routine.arguments)
 
 
 def ordered(roots: Iterable[Node]) -> list[Node]:

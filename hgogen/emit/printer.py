@@ -8,22 +8,12 @@ worth a name, become constant locals; the rest is written in place.
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain
 
 import casadi as ca
 
 from hgogen.emit.code import NOTHING, TRUTH, Uses
-from hgogen.emit.node import (
-    ARRAY,
-    CHOOSE,
-    ELEMENT,
-    PATTERNS,
-    Node,
-    boolean,
-    negated,
-    negative,
-    ordered,
-)
+from hgogen.emit.node import ARRAY, CHOOSE, ELEMENT, PATTERNS, Node, boolean, negated, negative, ordered
 from hgogen.emit.operations import CALLS, INFIX, LOGIC
 from hgogen.emit.subprograms import Subprogram
 from hgogen.emit.syntax import (
@@ -201,29 +191,27 @@ class Printer:
         self.uses.append(Uses(helpers=frozenset({name})))
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
-    def passed(self, call: Node) -> tuple[Node, ...]:
-        """What a call of a routine passes: elements, or where a column is all of an argument, that."""
+    def arrange(self, call: Node) -> None:
+        """Leave to a call of a routine what it passes: elements, or where a column is all of an argument, that."""
         assert call.routine
         columns = self.routines[call.routine.key].columns(call)
-        return tuple(
-            node for each, column in columns for node in ([] if each.by_value else self._whole(column)) or column
-        )
+        call.passed = tuple(tuple(column) if each.by_value else self._as_array(column) for each, column in columns)
+        call.args = tuple(chain.from_iterable(call.passed))
 
-    def _whole(self, column: Sequence[Node]) -> list[Node]:
-        """All of an argument, if a column is that."""
+    def _as_array(self, column: list[Node]) -> tuple[Node, ...]:
+        """A column, or where it is all of an argument, that."""
         first, _ = column[0].source
         lies = all(n.op == ca.OP_INPUT and n.source == (first, k) for k, n in enumerate(column))
-        return [Node(ARRAY, source=(first, 0))] if lies and self.whole(first)[1] == len(column) else []
+        return (Node(ARRAY, source=(first, 0)),) if lies and self.whole(first)[1] == len(column) else tuple(column)
 
     def call_routine(self, node: Node) -> None:
         """Statements that call a routine: it fills an array for each of its results."""
         assert node.routine
         subprogram, key = self.routines[node.routine.key], node.routine.key
         self.called[key] += 1
-        rest, texts = iter(node.args), list[str]()
-        for each in subprogram.passed:
-            name, first = f"{each.argument.label}_{self.called[key]}", next(rest)
-            column = [first] if first.op == ARRAY else [first, *islice(rest, len(each.elements) - 1)]
+        texts = list[str]()
+        for each, column in zip(subprogram.passed, node.passed, strict=True):
+            name = f"{each.argument.label}_{self.called[key]}"
             texts += map(self.value, column) if each.by_value else [self._by_reference(name, column)]
         for result, (name, size) in enumerate(node.routine.results):
             node.labels[result] = self.fresh(node.labels.get(result, f"{name}_{self.called[key]}"))

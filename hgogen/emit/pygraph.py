@@ -9,7 +9,6 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from itertools import islice
 from typing import Any
 
 import casadi as ca
@@ -17,7 +16,7 @@ import numpy as np
 
 from hgogen.algebra.lookup import Lookup
 from hgogen.emit.elementary import ALL_WHOLE, ROUNDS, elementary
-from hgogen.emit.node import CHOOSE, CLAMP, ELEMENT, KEEP, NEAREST, WITHIN, Node, boolean, ordered, read
+from hgogen.emit.node import CHOOSE, CLAMP, ELEMENT, KEEP, NEAREST, WITHIN, Node, boolean, columns, ordered, read
 from hgogen.emit.operations import CALLS
 from hgogen.emit.printer import Operand
 from hgogen.emit.syntax import NotPrintable, Number, Real, demand_apart
@@ -115,7 +114,7 @@ class Writer:
             self.names[name] = _table(node.lookup, self.real)
             return f"{name}({', '.join(values)})"
         if node.routine:
-            return self._call(node, values)
+            return self._call(node, kind)
         if op == ELEMENT:
             return "{}[{}][{}]".format(node.args[0].name, *node.element)
         if op not in CALLS:
@@ -123,16 +122,15 @@ class Writer:
         self.names[CALLS[op]] = _function(CALLS[op], self.real)
         return f"{CALLS[op]}({', '.join(values)})"
 
-    def _call(self, node: Node, values: list[str]) -> str:
+    def _call(self, node: Node, kind: Number) -> str:
         """The call of a routine, whose results are lists."""
         assert node.routine
         number = self.routines.setdefault(node.routine.key, len(self.routines))
         name = f"r{number}"
         if name not in self.names:
             self.names[name] = evaluated(node.routine.function, self.real)
-        rest = iter(values)
-        columns = (", ".join(islice(rest, each.size)) for each in node.routine.arguments)
-        return f"{name}(({', '.join(f'({each},)' for each in columns)},))"
+        texts = (", ".join(self.number(each, kind) for each in column) for _, column in columns(node))
+        return f"{name}(({', '.join(f'({text},)' for text in texts)},))"
 
     def _constant(self, value: float, kind: Number) -> str:
         if kind == "unsigned":

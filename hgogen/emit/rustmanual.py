@@ -2,7 +2,7 @@
 
 from hgogen.emit import naming
 from hgogen.emit.code import indented
-from hgogen.emit.manual import FAULTS, RANGES, banner, late, order, own, rates, recovery
+from hgogen.emit.manual import FAULTS, RANGES, late, mathematics, order, own, rates, recovery, title
 from hgogen.emit.ruststruct import doc
 from hgogen.emit.rustsyntax import line, rust_name
 from hgogen.emit.syntax import Real
@@ -29,12 +29,14 @@ _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C o
 def documentation(step: Step, real: Real, command: str, why: str) -> list[str]:
     """The lines at the head of the crate; `why`: a name is another in Rust."""
     names = naming.says(step, rust_name)
-    title, *said = banner(step, command, f"In Rust {names}, for {why} has the name" if names else "")
+    first, *others = title(step, command)
     text = [
-        title,
+        first,
         "",
         "```text",
-        *said,
+        *others,
+        "",
+        *mathematics(step, f"In Rust {names}, for {why} has the name" if names else ""),
         "```",
         *(part for paragraph in _manual(step, real) for part in ("", paragraph)),
     ]

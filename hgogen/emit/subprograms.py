@@ -6,17 +6,17 @@ a bank, whose members have parameters of their own, it is passed.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
 
 import casadi as ca
 
+from hgogen.algebra.lookup import calls
 from hgogen.discretisation.routine import Argument, Routine
-from hgogen.emit.node import Node, ordered, read
+from hgogen.emit.interface import reached
+from hgogen.emit.node import Node, columns, ordered, read
 from hgogen.program import Block, walk
 from hgogen.step import Step
 
 REGISTERS = 8  # that take numbers in a call on x86-64; a Cortex-M4F has 16
-_PARAMETERS = ("plant", "gain", "derived")
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,8 @@ class Subprogram:
 
     def columns(self, call: Node) -> Iterator[tuple[Passed, list[Node]]]:
         """What a call passes for each argument, element by element."""
-        every = list(_columns(call))
+        every = list(columns(call))
         return ((each, [every[each.number][1][k] for k in each.elements]) for each in self.passed)
-
-
-def _columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:
-    """What a call of a routine gives for each argument."""
-    assert call.routine
-    rest = iter(call.args)
-    return ((argument, list(islice(rest, argument.size))) for argument in call.routine.arguments)
 
 
 def subprograms(step: Step) -> dict[str, Subprogram]:
@@ -67,7 +60,7 @@ def subprograms(step: Step) -> dict[str, Subprogram]:
     for block, call in _calls(step):
         assert call.routine
         routine = routines.setdefault(call.routine.key, call.routine)
-        others = (argument for argument, column in _columns(call) if not _lies(block, argument, column))
+        others = (argument for argument, column in columns(call) if not _lies(block, argument, column))
         moving.setdefault(routine.key, set()).update(others)
     return {
         key: Subprogram(routine, name, _passed(routine, moving[key]))
@@ -97,15 +90,14 @@ def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
     programs = (*(section.program for section in step.called), step.estimate, step.tuning)
     blocks = (statement for program in programs for statement in walk(program) if isinstance(statement, Block))
     for block in blocks:
-        graph = block.graph
-        if any(graph.instruction_id(k) == ca.OP_CALL for k in range(graph.n_instructions())):
-            nodes = ordered(node for output in read(graph) for node in output)
+        if calls(block.graph):
+            nodes = ordered(node for output in read(block.graph) for node in output)
             yield from ((block, node) for node in nodes if node.routine)
 
 
 def _lies(block: Block, argument: Argument, column: list[Node]) -> bool:
     """Whether a call gives for an argument the parameter that the routine was written with."""
-    if argument.place is None or argument.place.struct not in _PARAMETERS:
+    if argument.place is None or reached([argument.place]) != {"p"}:
         return False
     sources = [node.source for node in column if node.op == ca.OP_INPUT]
     return len(sources) == argument.size and all(
