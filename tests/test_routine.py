@@ -53,9 +53,9 @@ def test_it_is_given_what_it_reads_and_computes_what_moves() -> None:
         ("u", 1, None),
         ("place0", 1, Place("gain", "theta")),
     ]
-    assert flow.results == (("dz", 3), ("F", 2))
+    assert flow.results == (("dz", 2), ("F", 2))
     assert [flow.elements(k) for k in range(3)] == [(0, 1), (0,), (0,)]
-    assert [flow.entries(k) for k in range(2)] == [["", "", ""], ["F_21", "F_12"]]
+    assert [flow.entries(k) for k in range(2)] == [["", ""], ["F_21", "F_12"]]
 
 
 def routines(name: str) -> list[Subprogram]:

@@ -15,7 +15,11 @@
 
 static float cascaded_tanks_abs(float v)
 {
-    return (v < 0.0f) ? -v : v;
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
 }
 
 static float cascaded_tanks_min(float a, float b)
@@ -50,6 +54,12 @@ static bool cascaded_tanks_within(float v, float limit)
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
 #endif
+
+/* v in [-most, most] */
+static float cascaded_tanks_limit(float v, float most)
+{
+    return cascaded_tanks_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
 
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float cascaded_tanks_keep(float v, float low, float high, float otherwise, float limit)
@@ -160,7 +170,7 @@ static float cascaded_tanks_exp(float x)
 }
 #endif
 
-/* the plant's equation x' = f(x, u), in the coordinates of the estimate */
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
 static void cascaded_tanks_flow(float z1, float z2, float u, float dz[2])
 {
     dz[0] = 0.05646f*z2 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f, 11.0f));
@@ -179,6 +189,7 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
     const cascaded_tanks_input *in)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool capped = false;
     bool lost = false;
     bool running = false;
@@ -277,68 +288,94 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
                 cascaded_tanks_flow(z1, z2, s->u, dz_1);
                 float dz_2[2];
                 cascaded_tanks_flow(z1 + 4.0f*dz_1[0], z2 + 4.0f*dz_1[1], u, dz_2);
-                predictor->z[0] = cascaded_tanks_keep(z1 + 2.0f*(dz_1[0] + dz_2[0]), -10.5f, 21.75f, 5.0f,
-                    1e+15f);
-                predictor->z[1] = cascaded_tanks_keep(z2 + 2.0f*(dz_1[1] + dz_2[1]), -3.44345f, 7.12575f,
-                    1.7525125f, 1e+15f);
+                predictor->z[0] = z1 + 2.0f*(dz_1[0] + dz_2[0]);
+                predictor->z[1] = z2 + 2.0f*(dz_1[1] + dz_2[1]);
+            }
+            /* is it beyond its box, or lost? */
+            {
+                const float z1 = predictor->z[0];
+                const float z2 = predictor->z[1];
+                beyond = !(z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f);
+            }
+            if (beyond) {
+                /* keep it in its box */
+                {
+                    const float z1 = predictor->z[0];
+                    const float z2 = predictor->z[1];
+                    predictor->z[0] = cascaded_tanks_keep(z1, -10.5f, 21.75f, 5.0f, 1e+15f);
+                    predictor->z[1] = cascaded_tanks_keep(z2, -3.44345f, 7.12575f, 1.7525125f, 1e+15f);
+                }
             }
         }
-        /* is a value lost? */
-        {
-            const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f) && cascaded_tanks_within(s->z[1], 1e+30f)
-                && cascaded_tanks_within(s->L, 1e+30f);
-            lost = !(t1 && cascaded_tanks_within(s->D[0], 1e+30f) && cascaded_tanks_within(s->D[1], 1e+30f));
-        }
-        if (lost) {
-            /* a value is lost: all restart */
-            s->z[0] = 5.0f;
-            s->z[1] = 1.7525125f;
-            s->L = 0.0f;
-            s->D[0] = 0.25f;
-            s->D[1] = 0.25f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 23.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 23.0f;
-            s->doubt_sum = 0.0f;
-            status |= CASCADED_TANKS_RESTARTED;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
-                /* as after a reset */
-                predictor->sum = 0.0f;
-                /* counters as after a reset */
-                predictor->samples = 0u;
-            }
-        }
-        /* keep z in its box */
+        /* is a value beyond its box, or lost? */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
-            s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
-            if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
-                status |= CASCADED_TANKS_STATE_LIMITED;
-            }
-        }
-        /* keep L in its box */
-        {
-            const float L21 = s->L;
-            s->L = cascaded_tanks_clamp(L21, -3.2772714e+08f, 3.2772714e+08f);
-        }
-        /* keep D in its box */
-        {
+            const bool t1 = z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f
+                && cascaded_tanks_within(s->L, 3.2772714e+08f);
             const float D1 = s->D[0];
             const float D2 = s->D[1];
-            s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
-            s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
+            beyond = !(t1 && D1 >= 1e-16f && D1 <= 260.01562f && D2 >= 5.6e-15f && D2 <= 27.926996f);
+        }
+        if (beyond) {
+            /* is a value lost? */
+            {
+                const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f)
+                    && cascaded_tanks_within(s->z[1], 1e+30f) && cascaded_tanks_within(s->L, 1e+30f);
+                lost = !(t1 && cascaded_tanks_within(s->D[0], 1e+30f)
+                    && cascaded_tanks_within(s->D[1], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 5.0f;
+                s->z[1] = 1.7525125f;
+                s->L = 0.0f;
+                s->D[0] = 0.25f;
+                s->D[1] = 0.25f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 23.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 23.0f;
+                s->doubt_sum = 0.0f;
+                status |= CASCADED_TANKS_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
+                s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
+                if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
+                    status |= CASCADED_TANKS_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L;
+                s->L = cascaded_tanks_limit(L21, 3.2772714e+08f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
+                s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
+            }
         }
     } else {
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -357,6 +394,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
     const cascaded_tanks_output *out)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool doubtful = false;
     float e = 0.0f;
     float innovation = 0.0f;
@@ -415,57 +453,69 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 predictor->samples = (samples < 11u) ? samples + 1u : 11u;
             }
         }
-        /* is a value lost? */
-        {
-            const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f) && cascaded_tanks_within(s->z[1], 1e+30f)
-                && cascaded_tanks_within(s->D[0], 1e+30f);
-            lost = !(t1 && cascaded_tanks_within(s->D[1], 1e+30f));
-        }
-        if (lost) {
-            /* a value is lost: all restart */
-            s->z[0] = 5.0f;
-            s->z[1] = 1.7525125f;
-            s->L = 0.0f;
-            s->D[0] = 0.25f;
-            s->D[1] = 0.25f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 23.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 23.0f;
-            s->doubt_sum = 0.0f;
-            status |= CASCADED_TANKS_RESTARTED;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
-                /* as after a reset */
-                predictor->sum = 0.0f;
-                /* counters as after a reset */
-                predictor->samples = 0u;
-            }
-        }
-        /* keep z in its box */
+        /* is a value beyond its box, or lost? */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
-            s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
-            if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
-                status |= CASCADED_TANKS_STATE_LIMITED;
-            }
-        }
-        /* keep D in its box */
-        {
             const float D1 = s->D[0];
+            const bool t1 = z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f && D1 >= 1e-16f
+                && D1 <= 260.01562f;
             const float D2 = s->D[1];
-            s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
-            s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
+            beyond = !(t1 && D2 >= 5.6e-15f && D2 <= 27.926996f);
+        }
+        if (beyond) {
+            /* is a value lost? */
+            {
+                const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f)
+                    && cascaded_tanks_within(s->z[1], 1e+30f) && cascaded_tanks_within(s->D[0], 1e+30f);
+                lost = !(t1 && cascaded_tanks_within(s->D[1], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 5.0f;
+                s->z[1] = 1.7525125f;
+                s->L = 0.0f;
+                s->D[0] = 0.25f;
+                s->D[1] = 0.25f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 23.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 23.0f;
+                s->doubt_sum = 0.0f;
+                status |= CASCADED_TANKS_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
+                s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
+                if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
+                    status |= CASCADED_TANKS_STATE_LIMITED;
+                }
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
+                s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
+            }
         }
     }
     /* is the estimate where it cannot be for long? */
@@ -515,18 +565,17 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 /* more doubt */
                 {
                     const float doubt_y = s->doubt_y;
-                    s->doubt_y = cascaded_tanks_clamp(doubt_y + 1.0f, 0.0f, 23552.0f);
+                    s->doubt_y = cascaded_tanks_min(doubt_y + 1.0f, 23552.0f);
                 }
                 /* is patience at its end? */
-                over_y = cascaded_tanks_clamp(s->patience_y, 23.0f, 23552.0f) <= s->doubt_y;
+                over_y = s->patience_y <= s->doubt_y;
             } else {
                 /* less doubt */
                 {
                     const float doubt_y = s->doubt_y;
                     const float patience_y = s->patience_y;
-                    s->doubt_y = cascaded_tanks_clamp(doubt_y - 1.0f, 0.0f, 23552.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 23.0f : cascaded_tanks_clamp(patience_y, 23.0f,
-                        23552.0f);
+                    s->doubt_y = cascaded_tanks_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 23.0f : patience_y;
                     over_y = false;
                 }
             }
@@ -534,18 +583,17 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 /* more doubt */
                 {
                     const float doubt_range = s->doubt_range;
-                    s->doubt_range = cascaded_tanks_clamp(doubt_range + 1.0f, 0.0f, 23552.0f);
+                    s->doubt_range = cascaded_tanks_min(doubt_range + 1.0f, 23552.0f);
                 }
                 /* is patience at its end? */
-                over_range = cascaded_tanks_clamp(s->patience_range, 23.0f, 23552.0f) <= s->doubt_range;
+                over_range = s->patience_range <= s->doubt_range;
             } else {
                 /* less doubt */
                 {
                     const float doubt_range = s->doubt_range;
                     const float patience_range = s->patience_range;
-                    s->doubt_range = cascaded_tanks_clamp(doubt_range - 1.0f, 0.0f, 23552.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 23.0f
-                        : cascaded_tanks_clamp(patience_range, 23.0f, 23552.0f);
+                    s->doubt_range = cascaded_tanks_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 23.0f : patience_range;
                     over_range = false;
                 }
             }
@@ -556,16 +604,16 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                     /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
-                        s->doubt_y = cascaded_tanks_clamp(patience_y, 23.0f, 11776.0f);
-                        s->patience_y = cascaded_tanks_clamp(2.0f*patience_y, 23.0f, 23552.0f);
+                        s->doubt_y = cascaded_tanks_min(patience_y, 11776.0f);
+                        s->patience_y = cascaded_tanks_min(2.0f*patience_y, 23552.0f);
                     }
                 }
                 if (over_range) {
                     /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
-                        s->doubt_range = cascaded_tanks_clamp(patience_range, 23.0f, 11776.0f);
-                        s->patience_range = cascaded_tanks_clamp(2.0f*patience_range, 23.0f, 23552.0f);
+                        s->doubt_range = cascaded_tanks_min(patience_range, 11776.0f);
+                        s->patience_range = cascaded_tanks_min(2.0f*patience_range, 23552.0f);
                     }
                 }
                 /* the estimate restarts */
@@ -610,7 +658,10 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
 unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool lost = false;
+    bool moves = false;
+    float mu = 0.0f;
     bool restart = false;
     bool running = false;
     /* no time has passed before the second call */
@@ -646,65 +697,84 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
                 s->oldest = (t1 >= 5u) ? 0u : t1;
             }
         }
-        /* theta by the exact sub-flows of its law: rise, then decay */
+        /* how much growth the innovation asks for, 0 to 1 */
         {
-            const float theta = s->theta;
             const float gamma_0 = p->gain.gamma_0;
             const float t1 = cascaded_tanks_clamp((s->innovation
                 - gamma_0)/cascaded_tanks_max(p->gain.gamma_1 - gamma_0, 1e-06f), 0.0f, 1.0f);
-            const float mu = t1*t1*(3.0f - 2.0f*t1);
-            const float t2 = 4.0f*mu/p->gain.rise_time;
-            const float t3 = 1.0f/theta;
-            const float theta_1 = p->gain.theta_1;
-            const float t4 = 1.0f/theta_1;
-            const float t5 = cascaded_tanks_max(t3 - t4, 0.0f);
-            const float t6 = 2.0f*theta_1;
-            const float t7 = t6 - cascaded_tanks_max(theta, theta_1);
-            const float risen = (t2 <= t5 && theta <= theta_1) ? 1.0f/cascaded_tanks_max(t3 - t2, t4)
-                : t6 - t7/(1.0f + t7*(t2 - t5));
-            const float decay = cascaded_tanks_exp(-(4.0f*p->gain.rate*(1.0f - mu)));
-            s->theta = cascaded_tanks_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t6);
+            mu = t1*t1*(3.0f - 2.0f*t1);
         }
-        /* is a value lost? */
-        lost = !(cascaded_tanks_within(s->innovation, 1e+30f) && cascaded_tanks_within(s->theta, 1e+30f));
-        if (lost) {
-            /* a value is lost: all restart */
-            s->z[0] = 5.0f;
-            s->z[1] = 1.7525125f;
-            s->L = 0.0f;
-            s->D[0] = 0.25f;
-            s->D[1] = 0.25f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 23.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 23.0f;
-            s->doubt_sum = 0.0f;
-            status |= CASCADED_TANKS_RESTARTED;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
-                /* as after a reset */
-                predictor->sum = 0.0f;
-                /* counters as after a reset */
-                predictor->samples = 0u;
-            }
-        }
-        /* keep innovation in its box */
-        {
-            const float innovation_before = s->innovation;
-            s->innovation = cascaded_tanks_clamp(innovation_before, 0.0f, 1e+30f);
-        }
-        /* keep theta in its box */
+        /* is theta at rest? */
         {
             const float theta = s->theta;
-            s->theta = cascaded_tanks_clamp(theta, 1.0f, 4.0f);
+            moves = !(mu <= 0.0f && theta >= 1.0f && theta <= 1.0f);
+        }
+        if (moves) {
+            /* theta by the exact sub-flows of its law: rise, then decay */
+            {
+                const float theta = s->theta;
+                const float t1 = 4.0f*mu/p->gain.rise_time;
+                const float t2 = 1.0f/theta;
+                const float theta_1 = p->gain.theta_1;
+                const float t3 = 1.0f/theta_1;
+                const float t4 = cascaded_tanks_max(t2 - t3, 0.0f);
+                const float t5 = 2.0f*theta_1;
+                const float t6 = t5 - cascaded_tanks_max(theta, theta_1);
+                const float risen = (t1 <= t4 && theta <= theta_1) ? 1.0f/cascaded_tanks_max(t2 - t1, t3)
+                    : t5 - t6/(1.0f + t6*(t1 - t4));
+                const float decay = cascaded_tanks_exp(-(4.0f*p->gain.rate*(1.0f - mu)));
+                s->theta = cascaded_tanks_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t5);
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float innovation_before = s->innovation;
+            const float theta = s->theta;
+            beyond = !(innovation_before >= 0.0f && innovation_before <= 1e+30f && theta >= 1.0f
+                && theta <= 4.0f);
+        }
+        if (beyond) {
+            /* is a value lost? */
+            lost = !(cascaded_tanks_within(s->innovation, 1e+30f) && cascaded_tanks_within(s->theta, 1e+30f));
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 5.0f;
+                s->z[1] = 1.7525125f;
+                s->L = 0.0f;
+                s->D[0] = 0.25f;
+                s->D[1] = 0.25f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 23.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 23.0f;
+                s->doubt_sum = 0.0f;
+                status |= CASCADED_TANKS_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+            /* keep innovation in its box */
+            {
+                const float innovation_before = s->innovation;
+                s->innovation = cascaded_tanks_clamp(innovation_before, 0.0f, 1e+30f);
+            }
+            /* keep theta in its box */
+            {
+                const float theta = s->theta;
+                s->theta = cascaded_tanks_clamp(theta, 1.0f, 4.0f);
+            }
         }
     }
     return status;

@@ -15,7 +15,11 @@
 
 static float fitzhugh_nagumo_abs(float v)
 {
-    return (v < 0.0f) ? -v : v;
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
 }
 
 static float fitzhugh_nagumo_min(float a, float b)
@@ -51,6 +55,12 @@ static bool fitzhugh_nagumo_within(float v, float limit)
 #pragma GCC diagnostic pop
 #endif
 
+/* v in [-most, most] */
+static float fitzhugh_nagumo_limit(float v, float most)
+{
+    return fitzhugh_nagumo_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float fitzhugh_nagumo_keep(float v, float low, float high, float otherwise, float limit)
 {
@@ -65,12 +75,12 @@ static float fitzhugh_nagumo_exp(float x)
     return expf(x);
 }
 
-static float fitzhugh_nagumo_sin(float x)
+static float fitzhugh_nagumo_small_sin(float x)
 {
     return sinf(x);
 }
 
-static float fitzhugh_nagumo_cos(float x)
+static float fitzhugh_nagumo_small_cos(float x)
 {
     return cosf(x);
 }
@@ -81,12 +91,12 @@ static float fitzhugh_nagumo_exp(float x)
     return expf(x);
 }
 
-static float fitzhugh_nagumo_sin(float x)
+static float fitzhugh_nagumo_small_sin(float x)
 {
     return arm_sin_f32(x);
 }
 
-static float fitzhugh_nagumo_cos(float x)
+static float fitzhugh_nagumo_small_cos(float x)
 {
     return arm_cos_f32(x);
 }
@@ -139,50 +149,41 @@ static float fitzhugh_nagumo_exp(float x)
     return (x > 88.896126f) ? fitzhugh_nagumo_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
 }
 
-static float fitzhugh_nagumo_sin(float x)
+static float fitzhugh_nagumo_small_sin(float x)
 {
-    const bool t1 = fitzhugh_nagumo_within(x, 131072.0f);
-    const float t2 = fitzhugh_nagumo_nearest(t1 ? 0.31830987f*x : 0.0f);
-    const float t3 = x - (t1 ? 0.0f : x) - 3.140625f*t2 - 0.0009675026f*t2 - 1.5099067e-07f*t2
-        - 5.126688e-12f*t2;
-    const float t4 = t3*t3;
-    const float t5 = 0.5f*t2;
-    const float t6 = t5 - fitzhugh_nagumo_nearest(t5);
-    return (t3 + t3*(((2.606055e-06f*t4 - 0.00019809768f)*t4 + 0.008333069f)*t4 - 0.1666666f)*t4)*
-        (1.0f - t6*t6*8.0f);
+    const float t1 = fitzhugh_nagumo_nearest(0.31830987f*x);
+    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
+    const float t3 = t2*t2;
+    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
+        (1.0f - t1*t1*2.0f);
 }
 
-static float fitzhugh_nagumo_cos(float x)
+static float fitzhugh_nagumo_small_cos(float x)
 {
     const float t1 = fitzhugh_nagumo_abs(x);
-    const bool t2 = fitzhugh_nagumo_within(x, 131072.0f);
-    const float t3 = fitzhugh_nagumo_nearest((t2 ? 0.31830987f*t1 : 0.0f) - 0.5f);
-    const float t4 = t3 + 0.5f;
-    const float t5 = t1 - (t2 ? 0.0f : t1) - 3.140625f*t4 - 0.0009675026f*t4 - 1.5099067e-07f*t4
-        - 5.126688e-12f*t4;
-    const float t6 = t5*t5;
-    const float t7 = 0.5f*t3;
-    const float t8 = t7 - fitzhugh_nagumo_nearest(t7);
-    return (t5 + t5*(((2.606055e-06f*t6 - 0.00019809768f)*t6 + 0.008333069f)*t6 - 0.1666666f)*t6)*
-        (t8*t8*8.0f - 1.0f);
+    const float t2 = fitzhugh_nagumo_nearest(0.31830987f*t1 - 0.5f);
+    const float t3 = t2 + 0.5f;
+    const float t4 = t1 - 3.141593f*t3 + 3.2584137e-07f*t3 - 1.0780606e-14f*t3;
+    const float t5 = t4*t4;
+    return (t4 + t4*(((2.606055e-06f*t5 - 0.00019809768f)*t5 + 0.008333069f)*t5 - 0.1666666f)*t5)*
+        (2.0f*t2 - 1.0f);
 }
 #endif
 
-/* the plant's equation x' = f(x, u), in the coordinates of the estimate */
-static void fitzhugh_nagumo_flow(float z1, float z2, float z3, float u, float dz[3])
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void fitzhugh_nagumo_flow(float z1, float z2, float z3, float u, float dz[2])
 {
-    const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
+    const float t1 = fitzhugh_nagumo_limit(z1, 3.5f);
     dz[0] = t1 - t1*t1*t1*0.33333334f - u*z2;
-    dz[1] = 2.4f*fitzhugh_nagumo_sin(t1) - 0.8f*fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f) + 0.8f*z3;
-    dz[2] = 0.0f;
+    dz[1] = 2.4f*fitzhugh_nagumo_small_sin(t1) - 0.8f*fitzhugh_nagumo_limit(z2, 10.0f) + 0.8f*z3;
 }
 
 /* the entries of the flow's Jacobian that are not constant, by columns */
 static void fitzhugh_nagumo_jacobian(float z1, float u, float F[3])
 {
-    const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
+    const float t1 = fitzhugh_nagumo_limit(z1, 3.5f);
     F[0] = 1.0f - 0.33333334f*(2.0f*t1*t1 + t1*t1); /* F_11 */
-    F[1] = 2.4f*fitzhugh_nagumo_cos(t1); /* F_21 */
+    F[1] = 2.4f*fitzhugh_nagumo_small_cos(t1); /* F_21 */
     F[2] = -u; /* F_12 */
 }
 
@@ -190,6 +191,7 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
     const fitzhugh_nagumo_input *in)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool capped = false;
     bool lost = false;
     bool running = false;
@@ -199,11 +201,11 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
         const float u_given = in->u;
         const bool u_usable = fitzhugh_nagumo_within(u_given, 1e+15f);
         const float u_taken = u_usable ? u_given : s->u;
-        u = fitzhugh_nagumo_clamp(u_taken, -1.0f, 1.0f);
+        u = fitzhugh_nagumo_limit(u_taken, 1.0f);
         if (!u_usable) {
             status |= FITZHUGH_NAGUMO_REUSED_u;
         }
-        if (u_taken < -1.0f || u_taken > 1.0f) {
+        if (fitzhugh_nagumo_abs(u_taken) > 1.0f) {
             status |= FITZHUGH_NAGUMO_CLAMPED_u;
         }
     }
@@ -226,15 +228,15 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             const float z2 = s->z[1];
             const float z3 = s->z[2];
             const float u_before = s->u;
-            float k1_z[3];
+            float k1_z[2];
             fitzhugh_nagumo_flow(z1, z2, z3, u_before, k1_z);
             const float t1 = u_before + 0.5f*(u - u_before);
-            float k2_z[3];
+            float k2_z[2];
             fitzhugh_nagumo_flow(z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1], z3, t1, k2_z);
             const float t2 = z1 + 0.005f*k2_z[0];
-            float k3_z[3];
+            float k3_z[2];
             fitzhugh_nagumo_flow(t2, z2 + 0.005f*k2_z[1], z3, t1, k3_z);
-            float k4_z[3];
+            float k4_z[2];
             fitzhugh_nagumo_flow(z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1], z3, u, k4_z);
             float F_1[3];
             fitzhugh_nagumo_jacobian(t2, t1, F_1);
@@ -324,90 +326,120 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
                 const float z1 = predictor->z[0];
                 const float z2 = predictor->z[1];
                 const float z3 = predictor->z[2];
-                float dz_1[3];
+                float dz_1[2];
                 fitzhugh_nagumo_flow(z1, z2, z3, s->u, dz_1);
-                float dz_2[3];
+                float dz_2[2];
                 fitzhugh_nagumo_flow(z1 + 0.01f*dz_1[0], z2 + 0.01f*dz_1[1], z3, u, dz_2);
-                predictor->z[0] = fitzhugh_nagumo_keep(z1 + 0.005f*(dz_1[0] + dz_2[0]), -10.5f, 10.5f, 0.0f,
-                    1e+15f);
-                predictor->z[1] = fitzhugh_nagumo_keep(z2 + 0.005f*(dz_1[1] + dz_2[1]), -80.0f, 80.0f, 0.0f,
-                    1e+15f);
-                predictor->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+15f);
+                predictor->z[0] = z1 + 0.005f*(dz_1[0] + dz_2[0]);
+                predictor->z[1] = z2 + 0.005f*(dz_1[1] + dz_2[1]);
+            }
+            /* is it beyond its box, or lost? */
+            {
+                const bool t1 = fitzhugh_nagumo_within(predictor->z[0], 10.5f)
+                    && fitzhugh_nagumo_within(predictor->z[1], 80.0f);
+                beyond = !(t1 && fitzhugh_nagumo_within(predictor->z[2], 512.0f));
+            }
+            if (beyond) {
+                /* keep it in its box */
+                {
+                    const float z1 = predictor->z[0];
+                    const float z2 = predictor->z[1];
+                    const float z3 = predictor->z[2];
+                    predictor->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+15f);
+                    predictor->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+15f);
+                    predictor->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+15f);
+                }
             }
         }
-        /* is a value lost? */
+        /* is a value beyond its box, or lost? */
         {
-            const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
-                && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
-            const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1e+30f)
-                && fitzhugh_nagumo_within(s->L[1], 1e+30f) && fitzhugh_nagumo_within(s->L[2], 1e+30f);
-            const bool t3 = t2 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
-                && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
-            lost = !t3;
-        }
-        if (lost) {
-            /* a value is lost: all restart */
-            s->z[0] = 0.0f;
-            s->z[1] = 0.0f;
-            s->z[2] = 0.0f;
-            s->L[0] = 0.0f;
-            s->L[1] = 0.0f;
-            s->L[2] = 0.0f;
-            s->D[0] = 1.0f;
-            s->D[1] = 1.0f;
-            s->D[2] = 1.0f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 1023.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 1023.0f;
-            s->doubt_sum = 0.0f;
-            status |= FITZHUGH_NAGUMO_RESTARTED;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
-                predictor->z[2] = s->z[2];
-                /* as after a reset */
-                predictor->sum = 0.0f;
-                /* counters as after a reset */
-                predictor->samples = 0u;
-            }
-        }
-        /* keep z in its box */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            s->z[0] = fitzhugh_nagumo_clamp(z1, -10.5f, 10.5f);
-            s->z[1] = fitzhugh_nagumo_clamp(z2, -80.0f, 80.0f);
-            s->z[2] = fitzhugh_nagumo_clamp(z3, -512.0f, 512.0f);
-            if (z1 < -10.5f || z1 > 10.5f || z2 < -80.0f || z2 > 80.0f || z3 < -512.0f || z3 > 512.0f) {
-                status |= FITZHUGH_NAGUMO_STATE_LIMITED;
-            }
-        }
-        /* keep L in its box */
-        {
-            const float L21 = s->L[0];
-            const float L31 = s->L[1];
-            const float L32 = s->L[2];
-            s->L[0] = fitzhugh_nagumo_clamp(L21, -1.0354689e+10f, 1.0354689e+10f);
-            s->L[1] = fitzhugh_nagumo_clamp(L31, -4.8761905e+10f, 4.8761905e+10f);
-            s->L[2] = fitzhugh_nagumo_clamp(L32, -4.709162e+09f, 4.709162e+09f);
-        }
-        /* keep D in its box */
-        {
+            const bool t1 = fitzhugh_nagumo_within(s->z[0], 10.5f) && fitzhugh_nagumo_within(s->z[1], 80.0f)
+                && fitzhugh_nagumo_within(s->z[2], 512.0f);
+            const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1.0354689e+10f)
+                && fitzhugh_nagumo_within(s->L[1], 4.8761905e+10f);
             const float D1 = s->D[0];
             const float D2 = s->D[1];
+            const bool t3 = t2 && fitzhugh_nagumo_within(s->L[2], 4.709162e+09f) && D1 >= 1e-15f
+                && D1 <= 110.25f && D2 >= 1e-16f && D2 <= 11820.959f;
             const float D3 = s->D[2];
-            s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
-            s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
-            s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
+            beyond = !(t3 && D3 >= 2.3e-18f && D3 <= 262144.0f);
+        }
+        if (beyond) {
+            /* is a value lost? */
+            {
+                const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
+                    && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
+                const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1e+30f)
+                    && fitzhugh_nagumo_within(s->L[1], 1e+30f) && fitzhugh_nagumo_within(s->L[2], 1e+30f);
+                const bool t3 = t2 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
+                    && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
+                lost = !t3;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 1.0f;
+                s->D[1] = 1.0f;
+                s->D[2] = 1.0f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 1023.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 1023.0f;
+                s->doubt_sum = 0.0f;
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    predictor->z[2] = s->z[2];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = fitzhugh_nagumo_limit(z1, 10.5f);
+                s->z[1] = fitzhugh_nagumo_limit(z2, 80.0f);
+                s->z[2] = fitzhugh_nagumo_limit(z3, 512.0f);
+                if (fitzhugh_nagumo_abs(z1) > 10.5f || fitzhugh_nagumo_abs(z2) > 80.0f
+                    || fitzhugh_nagumo_abs(z3) > 512.0f) {
+                    status |= FITZHUGH_NAGUMO_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                s->L[0] = fitzhugh_nagumo_limit(L21, 1.0354689e+10f);
+                s->L[1] = fitzhugh_nagumo_limit(L31, 4.8761905e+10f);
+                s->L[2] = fitzhugh_nagumo_limit(L32, 4.709162e+09f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
+                s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
+                s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
+            }
         }
     } else {
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -427,6 +459,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     const fitzhugh_nagumo_output *out)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool doubtful = false;
     float e = 0.0f;
     float innovation = 0.0f;
@@ -444,7 +477,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         const float y = out->y;
         const float t1 = y - s->z[0];
         const bool t2 = fitzhugh_nagumo_within(y, 3e+38f);
-        const bool t3 = t2 && y >= -15.0f && y <= 15.0f && fitzhugh_nagumo_within(t1, 1e+16f);
+        const bool t3 = t2 && fitzhugh_nagumo_within(y, 15.0f) && fitzhugh_nagumo_within(t1, 1e+16f);
         sample = y;
         e = t1;
         innovation = t1;
@@ -489,76 +522,88 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 predictor->samples = (samples < 126u) ? samples + 1u : 126u;
             }
         }
-        /* is a value lost? */
+        /* is a value beyond its box, or lost? */
         {
-            const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
-                && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
-            const bool t2 = t1 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
-                && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
-            lost = !t2;
-        }
-        if (lost) {
-            /* a value is lost: all restart */
-            s->z[0] = 0.0f;
-            s->z[1] = 0.0f;
-            s->z[2] = 0.0f;
-            s->L[0] = 0.0f;
-            s->L[1] = 0.0f;
-            s->L[2] = 0.0f;
-            s->D[0] = 1.0f;
-            s->D[1] = 1.0f;
-            s->D[2] = 1.0f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 1023.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 1023.0f;
-            s->doubt_sum = 0.0f;
-            status |= FITZHUGH_NAGUMO_RESTARTED;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
-                predictor->z[2] = s->z[2];
-                /* as after a reset */
-                predictor->sum = 0.0f;
-                /* counters as after a reset */
-                predictor->samples = 0u;
-            }
-        }
-        /* keep z in its box */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            s->z[0] = fitzhugh_nagumo_clamp(z1, -10.5f, 10.5f);
-            s->z[1] = fitzhugh_nagumo_clamp(z2, -80.0f, 80.0f);
-            s->z[2] = fitzhugh_nagumo_clamp(z3, -512.0f, 512.0f);
-            if (z1 < -10.5f || z1 > 10.5f || z2 < -80.0f || z2 > 80.0f || z3 < -512.0f || z3 > 512.0f) {
-                status |= FITZHUGH_NAGUMO_STATE_LIMITED;
-            }
-        }
-        /* keep D in its box */
-        {
+            const bool t1 = fitzhugh_nagumo_within(s->z[0], 10.5f) && fitzhugh_nagumo_within(s->z[1], 80.0f)
+                && fitzhugh_nagumo_within(s->z[2], 512.0f);
             const float D1 = s->D[0];
             const float D2 = s->D[1];
             const float D3 = s->D[2];
-            s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
-            s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
-            s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
+            const bool t2 = t1 && D1 >= 1e-15f && D1 <= 110.25f && D2 >= 1e-16f && D2 <= 11820.959f
+                && D3 >= 2.3e-18f && D3 <= 262144.0f;
+            beyond = !t2;
+        }
+        if (beyond) {
+            /* is a value lost? */
+            {
+                const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
+                    && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
+                const bool t2 = t1 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
+                    && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
+                lost = !t2;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 1.0f;
+                s->D[1] = 1.0f;
+                s->D[2] = 1.0f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 1023.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 1023.0f;
+                s->doubt_sum = 0.0f;
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    predictor->z[2] = s->z[2];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = fitzhugh_nagumo_limit(z1, 10.5f);
+                s->z[1] = fitzhugh_nagumo_limit(z2, 80.0f);
+                s->z[2] = fitzhugh_nagumo_limit(z3, 512.0f);
+                if (fitzhugh_nagumo_abs(z1) > 10.5f || fitzhugh_nagumo_abs(z2) > 80.0f
+                    || fitzhugh_nagumo_abs(z3) > 512.0f) {
+                    status |= FITZHUGH_NAGUMO_STATE_LIMITED;
+                }
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
+                s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
+                s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
+            }
         }
     }
     /* is the estimate where it cannot be for long? */
     {
-        const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        const float z3 = s->z[2];
-        const bool t1 = z1 < -3.5f || z1 > 3.5f || z2 < -10.0f || z2 > 10.0f || z3 < -8.0f || z3 > 8.0f;
+        const bool t1 = fitzhugh_nagumo_abs(s->z[0]) > 3.5f || fitzhugh_nagumo_abs(s->z[1]) > 10.0f
+            || fitzhugh_nagumo_abs(s->z[2]) > 8.0f;
         if (t1) {
             status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
         }
@@ -566,7 +611,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     }
     if (doubtful) {
         /* is there a sample to judge by? */
-        sampled = valid || (fitzhugh_nagumo_within(sample, 3e+38f) && sample >= -15.0f && sample <= 15.0f);
+        sampled = valid || (fitzhugh_nagumo_within(sample, 3e+38f) && fitzhugh_nagumo_within(sample, 15.0f));
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
@@ -591,30 +636,24 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 s->doubt_sum = 0.0f;
             }
             /* which signs show? */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                shows_y = !fitzhugh_nagumo_within(innovation, 1.0f);
-                shows_range = z1 < -3.85f || z1 > 3.85f || z2 < -11.0f || z2 > 11.0f || z3 < -8.8f
-                    || z3 > 8.8f;
-            }
+            shows_y = !fitzhugh_nagumo_within(innovation, 1.0f);
+            shows_range = fitzhugh_nagumo_abs(s->z[0]) > 3.85f || fitzhugh_nagumo_abs(s->z[1]) > 11.0f
+                || fitzhugh_nagumo_abs(s->z[2]) > 8.8f;
             if (shows_y) {
                 /* more doubt */
                 {
                     const float doubt_y = s->doubt_y;
-                    s->doubt_y = fitzhugh_nagumo_clamp(doubt_y + 1.0f, 0.0f, 1047552.0f);
+                    s->doubt_y = fitzhugh_nagumo_min(doubt_y + 1.0f, 1047552.0f);
                 }
                 /* is patience at its end? */
-                over_y = fitzhugh_nagumo_clamp(s->patience_y, 1023.0f, 1047552.0f) <= s->doubt_y;
+                over_y = s->patience_y <= s->doubt_y;
             } else {
                 /* less doubt */
                 {
                     const float doubt_y = s->doubt_y;
                     const float patience_y = s->patience_y;
-                    s->doubt_y = fitzhugh_nagumo_clamp(doubt_y - 1.0f, 0.0f, 1047552.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 1023.0f : fitzhugh_nagumo_clamp(patience_y, 1023.0f,
-                        1047552.0f);
+                    s->doubt_y = fitzhugh_nagumo_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 1023.0f : patience_y;
                     over_y = false;
                 }
             }
@@ -622,18 +661,17 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 /* more doubt */
                 {
                     const float doubt_range = s->doubt_range;
-                    s->doubt_range = fitzhugh_nagumo_clamp(doubt_range + 1.0f, 0.0f, 1047552.0f);
+                    s->doubt_range = fitzhugh_nagumo_min(doubt_range + 1.0f, 1047552.0f);
                 }
                 /* is patience at its end? */
-                over_range = fitzhugh_nagumo_clamp(s->patience_range, 1023.0f, 1047552.0f) <= s->doubt_range;
+                over_range = s->patience_range <= s->doubt_range;
             } else {
                 /* less doubt */
                 {
                     const float doubt_range = s->doubt_range;
                     const float patience_range = s->patience_range;
-                    s->doubt_range = fitzhugh_nagumo_clamp(doubt_range - 1.0f, 0.0f, 1047552.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 1023.0f
-                        : fitzhugh_nagumo_clamp(patience_range, 1023.0f, 1047552.0f);
+                    s->doubt_range = fitzhugh_nagumo_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 1023.0f : patience_range;
                     over_range = false;
                 }
             }
@@ -644,16 +682,16 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                     /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
-                        s->doubt_y = fitzhugh_nagumo_clamp(patience_y, 1023.0f, 523776.0f);
-                        s->patience_y = fitzhugh_nagumo_clamp(2.0f*patience_y, 1023.0f, 1047552.0f);
+                        s->doubt_y = fitzhugh_nagumo_min(patience_y, 523776.0f);
+                        s->patience_y = fitzhugh_nagumo_min(2.0f*patience_y, 1047552.0f);
                     }
                 }
                 if (over_range) {
                     /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
-                        s->doubt_range = fitzhugh_nagumo_clamp(patience_range, 1023.0f, 523776.0f);
-                        s->patience_range = fitzhugh_nagumo_clamp(2.0f*patience_range, 1023.0f, 1047552.0f);
+                        s->doubt_range = fitzhugh_nagumo_min(patience_range, 523776.0f);
+                        s->patience_range = fitzhugh_nagumo_min(2.0f*patience_range, 1047552.0f);
                     }
                 }
                 /* the estimate restarts */
@@ -706,7 +744,10 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
 unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool lost = false;
+    bool moves = false;
+    float mu = 0.0f;
     bool restart = false;
     bool running = false;
     /* no time has passed before the second call */
@@ -743,70 +784,90 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
                 s->oldest = (t1 >= 5u) ? 0u : t1;
             }
         }
-        /* theta by the exact sub-flows of its law: rise, then decay */
+        /* how much growth the innovation asks for, 0 to 1 */
         {
-            const float theta = s->theta;
             const float gamma_0 = p->gain.gamma_0;
             const float t1 = fitzhugh_nagumo_clamp((s->innovation
                 - gamma_0)/fitzhugh_nagumo_max(p->gain.gamma_1 - gamma_0, 3.2e-07f), 0.0f, 1.0f);
-            const float mu = t1*t1*(3.0f - 2.0f*t1);
-            const float t2 = 0.01f*mu/p->gain.rise_time;
-            const float t3 = 1.0f/theta;
-            const float theta_1 = p->gain.theta_1;
-            const float t4 = 1.0f/theta_1;
-            const float t5 = fitzhugh_nagumo_max(t3 - t4, 0.0f);
-            const float t6 = 2.0f*theta_1;
-            const float t7 = t6 - fitzhugh_nagumo_max(theta, theta_1);
-            const float risen = (t2 <= t5 && theta <= theta_1) ? 1.0f/fitzhugh_nagumo_max(t3 - t2, t4)
-                : t6 - t7/(1.0f + t7*(t2 - t5));
-            const float decay = fitzhugh_nagumo_exp(-(0.01f*p->gain.rate*(1.0f - mu)));
-            s->theta = fitzhugh_nagumo_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t6);
+            mu = t1*t1*(3.0f - 2.0f*t1);
         }
-        /* is a value lost? */
-        lost = !(fitzhugh_nagumo_within(s->innovation, 1e+30f) && fitzhugh_nagumo_within(s->theta, 1e+30f));
-        if (lost) {
-            /* a value is lost: all restart */
-            s->z[0] = 0.0f;
-            s->z[1] = 0.0f;
-            s->z[2] = 0.0f;
-            s->L[0] = 0.0f;
-            s->L[1] = 0.0f;
-            s->L[2] = 0.0f;
-            s->D[0] = 1.0f;
-            s->D[1] = 1.0f;
-            s->D[2] = 1.0f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 1023.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 1023.0f;
-            s->doubt_sum = 0.0f;
-            status |= FITZHUGH_NAGUMO_RESTARTED;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
-                predictor->z[2] = s->z[2];
-                /* as after a reset */
-                predictor->sum = 0.0f;
-                /* counters as after a reset */
-                predictor->samples = 0u;
-            }
-        }
-        /* keep innovation in its box */
-        {
-            const float innovation_before = s->innovation;
-            s->innovation = fitzhugh_nagumo_clamp(innovation_before, 0.0f, 1e+30f);
-        }
-        /* keep theta in its box */
+        /* is theta at rest? */
         {
             const float theta = s->theta;
-            s->theta = fitzhugh_nagumo_clamp(theta, 1.0f, 8.0f);
+            moves = !(mu <= 0.0f && theta >= 1.0f && theta <= 1.0f);
+        }
+        if (moves) {
+            /* theta by the exact sub-flows of its law: rise, then decay */
+            {
+                const float theta = s->theta;
+                const float t1 = 0.01f*mu/p->gain.rise_time;
+                const float t2 = 1.0f/theta;
+                const float theta_1 = p->gain.theta_1;
+                const float t3 = 1.0f/theta_1;
+                const float t4 = fitzhugh_nagumo_max(t2 - t3, 0.0f);
+                const float t5 = 2.0f*theta_1;
+                const float t6 = t5 - fitzhugh_nagumo_max(theta, theta_1);
+                const float risen = (t1 <= t4 && theta <= theta_1) ? 1.0f/fitzhugh_nagumo_max(t2 - t1, t3)
+                    : t5 - t6/(1.0f + t6*(t1 - t4));
+                const float decay = fitzhugh_nagumo_exp(-(0.01f*p->gain.rate*(1.0f - mu)));
+                s->theta = fitzhugh_nagumo_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t5);
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float innovation_before = s->innovation;
+            const float theta = s->theta;
+            beyond = !(innovation_before >= 0.0f && innovation_before <= 1e+30f && theta >= 1.0f
+                && theta <= 8.0f);
+        }
+        if (beyond) {
+            /* is a value lost? */
+            lost = !(fitzhugh_nagumo_within(s->innovation, 1e+30f)
+                && fitzhugh_nagumo_within(s->theta, 1e+30f));
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 1.0f;
+                s->D[1] = 1.0f;
+                s->D[2] = 1.0f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 1023.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 1023.0f;
+                s->doubt_sum = 0.0f;
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    predictor->z[2] = s->z[2];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+            /* keep innovation in its box */
+            {
+                const float innovation_before = s->innovation;
+                s->innovation = fitzhugh_nagumo_clamp(innovation_before, 0.0f, 1e+30f);
+            }
+            /* keep theta in its box */
+            {
+                const float theta = s->theta;
+                s->theta = fitzhugh_nagumo_clamp(theta, 1.0f, 8.0f);
+            }
         }
     }
     return status;

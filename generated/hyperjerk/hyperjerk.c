@@ -9,7 +9,21 @@
 
 static float hyperjerk_abs(float v)
 {
-    return (v < 0.0f) ? -v : v;
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float hyperjerk_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float hyperjerk_max(float a, float b)
+{
+    return (a > b) ? a : b;
 }
 
 static float hyperjerk_clamp(float v, float low, float high)
@@ -35,6 +49,12 @@ static bool hyperjerk_within(float v, float limit)
 #pragma GCC diagnostic pop
 #endif
 
+/* v in [-most, most] */
+static float hyperjerk_limit(float v, float most)
+{
+    return hyperjerk_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float hyperjerk_keep(float v, float low, float high, float otherwise, float limit)
 {
@@ -53,9 +73,9 @@ static void hyperjerk_rate(const hyperjerk_params *p, const float w[4], const fl
     const float eta2 = eta[1];
     const float eta3 = eta[2];
     const float eta4 = eta[3];
-    const float t1 = hyperjerk_clamp(w1, -3.0f, 3.0f);
-    const float t2 = t1*t1*4.5f - 2.7f*hyperjerk_clamp(w2, -4.0f, 4.0f)
-        - 5.2f*hyperjerk_clamp(w3, -6.0f, 6.0f) - hyperjerk_clamp(w4, -12.0f, 12.0f);
+    const float t1 = hyperjerk_limit(w1, 3.0f);
+    const float t2 = t1*t1*4.5f - 2.7f*hyperjerk_limit(w2, 4.0f) - 5.2f*hyperjerk_limit(w3, 6.0f)
+        - hyperjerk_limit(w4, 12.0f);
     const float theta = p->gain.theta;
     dw[0] = w2 + 6.0f*eta1;
     dw[1] = w3 + 15.0f*eta2;
@@ -70,6 +90,7 @@ static void hyperjerk_rate(const hyperjerk_params *p, const float w[4], const fl
 unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool doubtful = false;
     bool lost = false;
     bool over_range = false;
@@ -87,7 +108,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         const float y_given = out->y;
         const bool t1 = hyperjerk_within(y_given, 3e+38f);
         const float w1 = s->w[0];
-        const bool t2 = t1 && y_given >= -9.0f && y_given <= 9.0f && hyperjerk_within(y_given - w1, 1e+16f);
+        const bool t2 = t1 && hyperjerk_within(y_given, 9.0f) && hyperjerk_within(y_given - w1, 1e+16f);
         const float t3 = t2 ? y_given : w1;
         y = t3;
         y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
@@ -174,56 +195,66 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
             s->eta[2] = eta3 + 0.00016666666f*(k1_eta[2] + 2.0f*k2_eta[2] + 2.0f*k3_eta[2] + k4_eta[2]);
             s->eta[3] = eta4 + 0.00016666666f*(k1_eta[3] + 2.0f*k2_eta[3] + 2.0f*k3_eta[3] + k4_eta[3]);
         }
-        /* is a value lost? */
+        /* is a value beyond its box, or lost? */
         {
-            const bool t1 = hyperjerk_within(s->w[0], 1e+30f) && hyperjerk_within(s->w[1], 1e+30f)
-                && hyperjerk_within(s->w[2], 1e+30f);
-            const bool t2 = t1 && hyperjerk_within(s->w[3], 1e+30f) && hyperjerk_within(s->eta[0], 1e+30f)
+            const bool t1 = hyperjerk_within(s->w[0], 9.0f) && hyperjerk_within(s->w[1], 40.0f)
+                && hyperjerk_within(s->w[2], 600.0f);
+            const bool t2 = t1 && hyperjerk_within(s->w[3], 12000.0f) && hyperjerk_within(s->eta[0], 1e+30f)
                 && hyperjerk_within(s->eta[1], 1e+30f);
-            lost = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
+            beyond = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
         }
-        if (lost) {
-            /* a value is lost: all restart */
-            s->w[0] = 0.0f;
-            s->w[1] = 0.0f;
-            s->w[2] = 0.0f;
-            s->w[3] = 0.0f;
-            s->eta[0] = 0.0f;
-            s->eta[1] = 0.0f;
-            s->eta[2] = 0.0f;
-            s->eta[3] = 0.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 7523.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 7523.0f;
-            s->doubt_sum = 0.0f;
-            status |= HYPERJERK_RESTARTED;
-        }
-        /* keep w in its box */
-        {
-            const float w1 = s->w[0];
-            const float w2 = s->w[1];
-            const float w3 = s->w[2];
-            const float w4 = s->w[3];
-            s->w[0] = hyperjerk_clamp(w1, -9.0f, 9.0f);
-            s->w[1] = hyperjerk_clamp(w2, -40.0f, 40.0f);
-            s->w[2] = hyperjerk_clamp(w3, -600.0f, 600.0f);
-            s->w[3] = hyperjerk_clamp(w4, -12000.0f, 12000.0f);
-            if (w1 < -9.0f || w1 > 9.0f || w2 < -40.0f || w2 > 40.0f || w3 < -600.0f || w3 > 600.0f
-                || w4 < -12000.0f || w4 > 12000.0f) {
-                status |= HYPERJERK_STATE_LIMITED;
+        if (beyond) {
+            /* is a value lost? */
+            {
+                const bool t1 = hyperjerk_within(s->w[0], 1e+30f) && hyperjerk_within(s->w[1], 1e+30f)
+                    && hyperjerk_within(s->w[2], 1e+30f);
+                const bool t2 = t1 && hyperjerk_within(s->w[3], 1e+30f)
+                    && hyperjerk_within(s->eta[0], 1e+30f) && hyperjerk_within(s->eta[1], 1e+30f);
+                lost = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
             }
-        }
-        /* keep eta in its box */
-        {
-            const float eta1 = s->eta[0];
-            const float eta2 = s->eta[1];
-            const float eta3 = s->eta[2];
-            const float eta4 = s->eta[3];
-            s->eta[0] = hyperjerk_clamp(eta1, -1e+30f, 1e+30f);
-            s->eta[1] = hyperjerk_clamp(eta2, -1e+30f, 1e+30f);
-            s->eta[2] = hyperjerk_clamp(eta3, -1e+30f, 1e+30f);
-            s->eta[3] = hyperjerk_clamp(eta4, -1e+30f, 1e+30f);
+            if (lost) {
+                /* a value is lost: all restart */
+                s->w[0] = 0.0f;
+                s->w[1] = 0.0f;
+                s->w[2] = 0.0f;
+                s->w[3] = 0.0f;
+                s->eta[0] = 0.0f;
+                s->eta[1] = 0.0f;
+                s->eta[2] = 0.0f;
+                s->eta[3] = 0.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 7523.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 7523.0f;
+                s->doubt_sum = 0.0f;
+                status |= HYPERJERK_RESTARTED;
+            }
+            /* keep w in its box */
+            {
+                const float w1 = s->w[0];
+                const float w2 = s->w[1];
+                const float w3 = s->w[2];
+                const float w4 = s->w[3];
+                s->w[0] = hyperjerk_limit(w1, 9.0f);
+                s->w[1] = hyperjerk_limit(w2, 40.0f);
+                s->w[2] = hyperjerk_limit(w3, 600.0f);
+                s->w[3] = hyperjerk_limit(w4, 12000.0f);
+                if (hyperjerk_abs(w1) > 9.0f || hyperjerk_abs(w2) > 40.0f || hyperjerk_abs(w3) > 600.0f
+                    || hyperjerk_abs(w4) > 12000.0f) {
+                    status |= HYPERJERK_STATE_LIMITED;
+                }
+            }
+            /* keep eta in its box */
+            {
+                const float eta1 = s->eta[0];
+                const float eta2 = s->eta[1];
+                const float eta3 = s->eta[2];
+                const float eta4 = s->eta[3];
+                s->eta[0] = hyperjerk_limit(eta1, 1e+30f);
+                s->eta[1] = hyperjerk_limit(eta2, 1e+30f);
+                s->eta[2] = hyperjerk_limit(eta3, 1e+30f);
+                s->eta[3] = hyperjerk_limit(eta4, 1e+30f);
+            }
         }
     }
     /* remember the sample */
@@ -232,11 +263,8 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
     /* is the estimate where it cannot be for long? */
     {
         const float w1 = s->w[0];
-        const float w2 = s->w[1];
-        const float w3 = s->w[2];
-        const float w4 = s->w[3];
-        const bool t1 = w1 < -3.0f || w1 > 3.0f || w2 < -4.0f || w2 > 4.0f || w3 < -6.0f || w3 > 6.0f
-            || w4 < -12.0f || w4 > 12.0f;
+        const bool t1 = hyperjerk_abs(w1) > 3.0f || hyperjerk_abs(s->w[1]) > 4.0f
+            || hyperjerk_abs(s->w[2]) > 6.0f || hyperjerk_abs(s->w[3]) > 12.0f;
         if (t1) {
             status |= HYPERJERK_OUTSIDE_BOX;
         }
@@ -246,8 +274,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         /* is there a sample to judge by? */
         {
             const float y_given = out->y;
-            sampled = valid > 0.0f || (hyperjerk_within(y_given, 3e+38f) && y_given >= -9.0f
-                && y_given <= 9.0f);
+            sampled = valid > 0.0f || (hyperjerk_within(y_given, 3e+38f) && hyperjerk_within(y_given, 9.0f));
         }
         if (sampled) {
             /* was doubt or patience spoiled? */
@@ -275,29 +302,25 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
             /* which signs show? */
             {
                 const float w1 = s->w[0];
-                const float w2 = s->w[1];
-                const float w3 = s->w[2];
-                const float w4 = s->w[3];
                 shows_y = !hyperjerk_within(out->y - w1, 0.6f);
-                shows_range = w1 < -3.3f || w1 > 3.3f || w2 < -4.4f || w2 > 4.4f || w3 < -6.6f || w3 > 6.6f
-                    || w4 < -13.2f || w4 > 13.2f;
+                shows_range = hyperjerk_abs(w1) > 3.3f || hyperjerk_abs(s->w[1]) > 4.4f
+                    || hyperjerk_abs(s->w[2]) > 6.6f || hyperjerk_abs(s->w[3]) > 13.2f;
             }
             if (shows_y) {
                 /* more doubt */
                 {
                     const float doubt_y = s->doubt_y;
-                    s->doubt_y = hyperjerk_clamp(doubt_y + 1.0f, 0.0f, 4194304.0f);
+                    s->doubt_y = hyperjerk_min(doubt_y + 1.0f, 4194304.0f);
                 }
                 /* is patience at its end? */
-                over_y = hyperjerk_clamp(s->patience_y, 7523.0f, 4194304.0f) <= s->doubt_y;
+                over_y = s->patience_y <= s->doubt_y;
             } else {
                 /* less doubt */
                 {
                     const float doubt_y = s->doubt_y;
                     const float patience_y = s->patience_y;
-                    s->doubt_y = hyperjerk_clamp(doubt_y - 1.0f, 0.0f, 4194304.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 7523.0f : hyperjerk_clamp(patience_y, 7523.0f,
-                        4194304.0f);
+                    s->doubt_y = hyperjerk_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 7523.0f : patience_y;
                     over_y = false;
                 }
             }
@@ -305,18 +328,17 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                 /* more doubt */
                 {
                     const float doubt_range = s->doubt_range;
-                    s->doubt_range = hyperjerk_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
+                    s->doubt_range = hyperjerk_min(doubt_range + 1.0f, 4194304.0f);
                 }
                 /* is patience at its end? */
-                over_range = hyperjerk_clamp(s->patience_range, 7523.0f, 4194304.0f) <= s->doubt_range;
+                over_range = s->patience_range <= s->doubt_range;
             } else {
                 /* less doubt */
                 {
                     const float doubt_range = s->doubt_range;
                     const float patience_range = s->patience_range;
-                    s->doubt_range = hyperjerk_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 7523.0f
-                        : hyperjerk_clamp(patience_range, 7523.0f, 4194304.0f);
+                    s->doubt_range = hyperjerk_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 7523.0f : patience_range;
                     over_range = false;
                 }
             }
@@ -327,16 +349,16 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                     /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
-                        s->doubt_y = hyperjerk_clamp(patience_y, 7523.0f, 2097152.0f);
-                        s->patience_y = hyperjerk_clamp(2.0f*patience_y, 7523.0f, 4194304.0f);
+                        s->doubt_y = hyperjerk_min(patience_y, 2097152.0f);
+                        s->patience_y = hyperjerk_min(2.0f*patience_y, 4194304.0f);
                     }
                 }
                 if (over_range) {
                     /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
-                        s->doubt_range = hyperjerk_clamp(patience_range, 7523.0f, 2097152.0f);
-                        s->patience_range = hyperjerk_clamp(2.0f*patience_range, 7523.0f, 4194304.0f);
+                        s->doubt_range = hyperjerk_min(patience_range, 2097152.0f);
+                        s->patience_range = hyperjerk_min(2.0f*patience_range, 4194304.0f);
                     }
                 }
                 /* the estimate restarts */

@@ -15,7 +15,21 @@
 
 static float pendulum_abs(float v)
 {
-    return (v < 0.0f) ? -v : v;
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float pendulum_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float pendulum_max(float a, float b)
+{
+    return (a > b) ? a : b;
 }
 
 static float pendulum_clamp(float v, float low, float high)
@@ -41,6 +55,12 @@ static bool pendulum_within(float v, float limit)
 #pragma GCC diagnostic pop
 #endif
 
+/* v in [-most, most] */
+static float pendulum_limit(float v, float most)
+{
+    return pendulum_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float pendulum_keep(float v, float low, float high, float otherwise, float limit)
 {
@@ -50,13 +70,13 @@ static float pendulum_keep(float v, float low, float high, float otherwise, floa
 /* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
  * Define PENDULUM_USE_LIBM for those of <math.h>, or PENDULUM_USE_CMSIS for CMSIS-DSP. */
 #if defined(PENDULUM_USE_LIBM)
-static float pendulum_sin(float x)
+static float pendulum_small_sin(float x)
 {
     return sinf(x);
 }
 
 #elif defined(PENDULUM_USE_CMSIS)
-static float pendulum_sin(float x)
+static float pendulum_small_sin(float x)
 {
     return arm_sin_f32(x);
 }
@@ -74,17 +94,13 @@ static float pendulum_nearest(float v)
 #endif
 }
 
-static float pendulum_sin(float x)
+static float pendulum_small_sin(float x)
 {
-    const bool t1 = pendulum_within(x, 131072.0f);
-    const float t2 = pendulum_nearest(t1 ? 0.31830987f*x : 0.0f);
-    const float t3 = x - (t1 ? 0.0f : x) - 3.140625f*t2 - 0.0009675026f*t2 - 1.5099067e-07f*t2
-        - 5.126688e-12f*t2;
-    const float t4 = t3*t3;
-    const float t5 = 0.5f*t2;
-    const float t6 = t5 - pendulum_nearest(t5);
-    return (t3 + t3*(((2.606055e-06f*t4 - 0.00019809768f)*t4 + 0.008333069f)*t4 - 0.1666666f)*t4)*
-        (1.0f - t6*t6*8.0f);
+    const float t1 = pendulum_nearest(0.31830987f*x);
+    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
+    const float t3 = t2*t2;
+    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
+        (1.0f - t1*t1*2.0f);
 }
 #endif
 
@@ -93,16 +109,16 @@ static void pendulum_rate(const pendulum_params *p, float z1, float z2, float u,
     float dz[2])
 {
     const float t1 = valid*(y - z1);
-    const float t2 = u - 0.1f*pendulum_clamp(z2, -20.0f, 20.0f)
-        - 19.6f*pendulum_sin(pendulum_clamp(z1, -4.0f, 4.0f));
     dz[0] = z2 + p->derived.K[0]*t1;
-    dz[1] = p->derived.K[1]*t1 + t2;
+    dz[1] = u - 0.1f*pendulum_limit(z2, 20.0f) - 19.6f*pendulum_small_sin(pendulum_limit(z1, 4.0f))
+        + p->derived.K[1]*t1;
 }
 
 unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendulum_input *in,
     const pendulum_output *out)
 {
     unsigned status = 0u;
+    bool beyond = false;
     bool doubtful = false;
     bool lost = false;
     bool over_range = false;
@@ -121,11 +137,11 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         const float tau = in->tau;
         const bool tau_usable = pendulum_within(tau, 1e+15f);
         const float tau_taken = tau_usable ? tau : s->u;
-        u = pendulum_clamp(tau_taken, -1.0f, 1.0f);
+        u = pendulum_limit(tau_taken, 1.0f);
         if (!tau_usable) {
             status |= PENDULUM_REUSED_tau;
         }
-        if (tau_taken < -1.0f || tau_taken > 1.0f) {
+        if (pendulum_abs(tau_taken) > 1.0f) {
             status |= PENDULUM_CLAMPED_tau;
         }
     }
@@ -134,7 +150,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         const float y_given = out->y;
         const bool t1 = pendulum_within(y_given, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && y_given >= -12.0f && y_given <= 12.0f && pendulum_within(y_given - z1, 1e+16f);
+        const bool t2 = t1 && pendulum_within(y_given, 12.0f) && pendulum_within(y_given - z1, 1e+16f);
         const float t3 = t2 ? y_given : z1;
         y = t3;
         y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
@@ -171,27 +187,31 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
             s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
         }
-        /* is a value lost? */
-        lost = !(pendulum_within(s->z[0], 1e+30f) && pendulum_within(s->z[1], 1e+30f));
-        if (lost) {
-            /* a value is lost: all restart */
-            s->z[0] = 0.0f;
-            s->z[1] = 0.0f;
-            s->doubt_y = 0.0f;
-            s->patience_y = 761.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 761.0f;
-            s->doubt_sum = 0.0f;
-            status |= PENDULUM_RESTARTED;
-        }
-        /* keep z in its box */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            s->z[0] = pendulum_clamp(z1, -12.0f, 12.0f);
-            s->z[1] = pendulum_clamp(z2, -400.0f, 400.0f);
-            if (z1 < -12.0f || z1 > 12.0f || z2 < -400.0f || z2 > 400.0f) {
-                status |= PENDULUM_STATE_LIMITED;
+        /* is a value beyond its box, or lost? */
+        beyond = !(pendulum_within(s->z[0], 12.0f) && pendulum_within(s->z[1], 400.0f));
+        if (beyond) {
+            /* is a value lost? */
+            lost = !(pendulum_within(s->z[0], 1e+30f) && pendulum_within(s->z[1], 1e+30f));
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 761.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 761.0f;
+                s->doubt_sum = 0.0f;
+                status |= PENDULUM_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = pendulum_limit(z1, 12.0f);
+                s->z[1] = pendulum_limit(z2, 400.0f);
+                if (pendulum_abs(z1) > 12.0f || pendulum_abs(z2) > 400.0f) {
+                    status |= PENDULUM_STATE_LIMITED;
+                }
             }
         }
     }
@@ -203,8 +223,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     /* is the estimate where it cannot be for long? */
     {
         const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        const bool t1 = z1 < -4.0f || z1 > 4.0f || z2 < -20.0f || z2 > 20.0f;
+        const bool t1 = pendulum_abs(z1) > 4.0f || pendulum_abs(s->z[1]) > 20.0f;
         if (t1) {
             status |= PENDULUM_OUTSIDE_BOX;
         }
@@ -214,8 +233,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         /* is there a sample to judge by? */
         {
             const float y_given = out->y;
-            sampled = valid > 0.0f || (pendulum_within(y_given, 3e+38f) && y_given >= -12.0f
-                && y_given <= 12.0f);
+            sampled = valid > 0.0f || (pendulum_within(y_given, 3e+38f) && pendulum_within(y_given, 12.0f));
         }
         if (sampled) {
             /* was doubt or patience spoiled? */
@@ -243,26 +261,24 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             /* which signs show? */
             {
                 const float z1 = s->z[0];
-                const float z2 = s->z[1];
                 shows_y = !pendulum_within(out->y - z1, 0.8f);
-                shows_range = z1 < -4.4f || z1 > 4.4f || z2 < -22.0f || z2 > 22.0f;
+                shows_range = pendulum_abs(z1) > 4.4f || pendulum_abs(s->z[1]) > 22.0f;
             }
             if (shows_y) {
                 /* more doubt */
                 {
                     const float doubt_y = s->doubt_y;
-                    s->doubt_y = pendulum_clamp(doubt_y + 1.0f, 0.0f, 779264.0f);
+                    s->doubt_y = pendulum_min(doubt_y + 1.0f, 779264.0f);
                 }
                 /* is patience at its end? */
-                over_y = pendulum_clamp(s->patience_y, 761.0f, 779264.0f) <= s->doubt_y;
+                over_y = s->patience_y <= s->doubt_y;
             } else {
                 /* less doubt */
                 {
                     const float doubt_y = s->doubt_y;
                     const float patience_y = s->patience_y;
-                    s->doubt_y = pendulum_clamp(doubt_y - 1.0f, 0.0f, 779264.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 761.0f : pendulum_clamp(patience_y, 761.0f,
-                        779264.0f);
+                    s->doubt_y = pendulum_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 761.0f : patience_y;
                     over_y = false;
                 }
             }
@@ -270,18 +286,17 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                 /* more doubt */
                 {
                     const float doubt_range = s->doubt_range;
-                    s->doubt_range = pendulum_clamp(doubt_range + 1.0f, 0.0f, 779264.0f);
+                    s->doubt_range = pendulum_min(doubt_range + 1.0f, 779264.0f);
                 }
                 /* is patience at its end? */
-                over_range = pendulum_clamp(s->patience_range, 761.0f, 779264.0f) <= s->doubt_range;
+                over_range = s->patience_range <= s->doubt_range;
             } else {
                 /* less doubt */
                 {
                     const float doubt_range = s->doubt_range;
                     const float patience_range = s->patience_range;
-                    s->doubt_range = pendulum_clamp(doubt_range - 1.0f, 0.0f, 779264.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 761.0f
-                        : pendulum_clamp(patience_range, 761.0f, 779264.0f);
+                    s->doubt_range = pendulum_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 761.0f : patience_range;
                     over_range = false;
                 }
             }
@@ -292,16 +307,16 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                     /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
-                        s->doubt_y = pendulum_clamp(patience_y, 761.0f, 389632.0f);
-                        s->patience_y = pendulum_clamp(2.0f*patience_y, 761.0f, 779264.0f);
+                        s->doubt_y = pendulum_min(patience_y, 389632.0f);
+                        s->patience_y = pendulum_min(2.0f*patience_y, 779264.0f);
                     }
                 }
                 if (over_range) {
                     /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
-                        s->doubt_range = pendulum_clamp(patience_range, 761.0f, 389632.0f);
-                        s->patience_range = pendulum_clamp(2.0f*patience_range, 761.0f, 779264.0f);
+                        s->doubt_range = pendulum_min(patience_range, 389632.0f);
+                        s->patience_range = pendulum_min(2.0f*patience_range, 779264.0f);
                     }
                 }
                 /* the estimate restarts */

@@ -220,15 +220,20 @@ Call = Callable[[ca.Function, Sequence[Graph]], Sequence[Graph]]
 
 
 def walked(
-    function: ca.Function, inputs: Sequence[Graph], apply: Callable[..., Graph], call: Call | None = None
+    function: ca.Function,
+    inputs: Sequence[Graph],
+    apply: Callable[..., Graph],
+    call: Call | None = None,
+    operations: Sequence[int] = (),
 ) -> list[Graph]:
     """The outputs of an SX function at other inputs, by `apply(operation, lookup or None, arguments)`, and for a
-    function that it calls by `call(function, its arguments)`; without one that is written out."""
+    function that it calls by `call(function, its arguments)`; without one that is written out. `operations`: those of
+    the instructions, CasADi's own without them."""
     work: dict[int, Graph] = {}
     results = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
     texts = instructions(function)
-    for k in range(function.n_instructions()):
-        op, read, wrote = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+    for k, op in enumerate(operations or map(function.instruction_id, range(function.n_instructions()))):
+        read, wrote = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_INPUT:
             work[wrote[0]] = inputs[read[0]][read[1]]
         elif op == ca.OP_CONST:

@@ -15,7 +15,7 @@ from hgogen.graph import Graph
 from hgogen.program import Place, address, column, sym
 
 MEANINGS = {
-    "flow": "the plant's equation x' = f(x, u), in the coordinates of the estimate",
+    "flow": "the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant",
     "jacobian": "the entries of the flow's Jacobian that are not constant, by columns",
     "rate": "the right-hand side of the observer's differential equation",
 }
@@ -74,10 +74,11 @@ class Routine:
         return tuple((name, self.function.nnz_out(k)) for k, name in enumerate(self.function.name_out()))
 
     def entries(self, result: int) -> list[str]:
-        """What the elements of a result are called where that is a matrix: F_21, by columns; "" of a column."""
+        """What the elements of a result are called: of a matrix F_21, by columns; of a column that leaves some out dz3;
+        "" where the place in it says so."""
         pattern, name = self.function.sparsity_out(result), self.function.name_out(result)
-        if pattern.is_dense() and pattern.is_column():
-            return [""] * pattern.nnz()
+        if pattern.is_column():
+            return ["" if row == k else f"{name}{row + 1}" for k, row in enumerate(pattern.row())]
         between = "_" if max(pattern.shape) > 9 else ""
         return [f"{name}_{i + 1}{between}{j + 1}" for i, j in zip(*pattern.get_triplet(), strict=True)]
 
@@ -98,8 +99,8 @@ def routine(
 ) -> Callable[[Values], dict[str, Graph]]:
     """A routine to call on columns by the names of `sizes`, which gives what `body` does, by the same names.
 
-    An argument that `body` does not read is none of the routine's, a result that is all numbers none of its results,
-    and an element that is a number stays one. Of a matrix the routine computes the elements that are no numbers.
+    An argument that `body` does not read is none of the routine's. What is a number stays one: the routine computes the
+    other elements, and no result that is all numbers.
     """
     arguments = {key: column(ca.SX.sym(f"{key}_{k}") for k in range(size)) for key, size in sizes.items()}
     results = {key: _Result(value) for key, value in body(arguments).items()}
@@ -125,20 +126,14 @@ def routine(
 
 @dataclass(frozen=True)
 class _Result:
-    """What a routine's body gives: a column, all of which the routine computes, or a matrix."""
+    """What a routine's body gives, of which the routine computes what is no number."""
 
-    body: Graph
-
-    @cached_property
-    def value(self) -> Graph:
-        """It, of a column every element."""
-        return ca.densify(self.body) if self.body.is_column() else self.body
+    value: Graph
 
     @cached_property
     def _computed(self) -> list[int]:
         """The nonzeros that the routine computes."""
-        every = enumerate(self.value.nonzeros())
-        return [k for k, each in every if self.value.is_column() or not each.is_constant()]
+        return [k for k, each in enumerate(self.value.nonzeros()) if not each.is_constant()]
 
     @property
     def computed(self) -> Graph:

@@ -10,6 +10,7 @@ from hgogen.emit.syntax import Real
 
 # what CMSIS-DSP has in single precision; the rest comes from the C library there
 _CMSIS = {"sin": "arm_sin_f32", "cos": "arm_cos_f32"}
+_WHOLE = {"small_sin": "sin", "small_cos": "cos"}  # what libraries have for a part of a function
 
 
 def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
@@ -34,11 +35,12 @@ def functions(prefix: str, real: Real, used: Collection[str]) -> Code:
         "/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.",
         f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
         f"#if defined({upper}_USE_LIBM)",
-        *(line for name in names for line in _library(prefix, real, name, f"{name}{suffix}")),
+        *(line for name in names for line in _library(prefix, real, name, f"{_WHOLE.get(name, name)}{suffix}")),
     ]
     if real == "float":
         switch += [f"#elif defined({upper}_USE_CMSIS)"]
-        switch += [line for name in names for line in _library(prefix, real, name, _CMSIS.get(name, f"{name}f"))]
+        known = ((name, _WHOLE.get(name, name)) for name in names)
+        switch += [line for name, of in known for line in _library(prefix, real, name, _CMSIS.get(of, f"{of}f"))]
     return joined([outside, code(*switch, "#else"), inside, texts, code("#endif", "")])
 
 

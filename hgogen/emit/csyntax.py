@@ -83,6 +83,7 @@ C = Syntax(
     comment=comment,
     around={"within": _QUIET},
     instead={
+        "abs": (_BUILT_IN, "return __builtin_fabs{suffix}(v);"),
         "within": (_BUILT_IN, "return __builtin_fabs{suffix}(v) <= limit;"),
         "nearest": (
             "!defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)",

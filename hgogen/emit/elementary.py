@@ -39,8 +39,10 @@ NEAREST = "nearest"  # the function of that name
 ALL_WHOLE = {"float": 2.0**23, "double": 2.0**52}  # numbers from here on are whole
 ROUNDS = {real: 1.5 * whole for real, whole in ALL_WHOLE.items()}
 
+SMALL = 4.7  # an angle for `small_sin` and `small_cos`, below 3 pi/2
+
 UNARY = (
-    *("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan"),
+    *("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "small_sin", "small_cos", "tan", "asin", "acos", "atan"),
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
 )
 BINARY = ("pow", "atan2", "hypot")  # pow(base, exponent), atan2(y, x), hypot(x, y)
@@ -53,8 +55,9 @@ def elementary(real: Literal["float", "double"]) -> Mapping[str, Any]:
     Errors in ulp of the result (measured on every 13th number in float, on 2 million in double): at most 2 for sqrt,
     exp, log, asin, acos, atan, atan2, cosh; 2.5 for expm1, log1p, sinh, hypot; 3.5 for tanh, asinh, acosh, atanh;
     1.5 + 2 |y log x| for x^y; 2 for sin and cos, 4 for tan up to |x| = 200 (float) or 1e4 (double), 2.5 and 4.5 up to
-    8192 or 1e6. A larger angle is that of some number within 2 ulp of x, and from 2^17 or 2^46 on it is taken as 0. For
-    atan2 and hypot, |x| + |y| must not overflow (nor, where subnormal numbers are flushed to 0, |x| - |y| underflow).
+    8192 or 1e6; 2 for small_sin and small_cos, of |x| <= `SMALL`. A larger angle is that of some number within 2 ulp of
+    x, and from 2^17 or 2^46 on it is taken as 0. For atan2 and hypot, |x| + |y| must not overflow (nor, where subnormal
+    numbers are flushed to 0, |x| - |y| underflow).
 
     Every constant is a number of `real`, inf and nan among them. The argument of floor is finite and below 2^31 (float)
     or 2^53 (double).
@@ -295,10 +298,10 @@ class _Arithmetic(Precision):
         inside = ca.fabs(x) <= self.angle_limit
         return x - _select(inside, 0.0, x), _when(inside, x * self.near(1 / PI))
 
-    def wave(self, a: Graph, k: Graph) -> Graph:
-        """sin(a - k pi), |a - k pi| <= pi / 2."""
+    def wave(self, a: Graph, k: Graph, widths: Sequence[int] = ()) -> Graph:
+        """sin(a - k pi), |a - k pi| <= pi / 2; `widths`: of the pieces of pi, times k exact but for the last."""
         r = a
-        for piece in self.pieces(PI, self.pi_widths):
+        for piece in self.pieces(PI, widths or self.pi_widths):
             r = r - k * piece
         z = r * r
         return r + z * (r * self.polynomial(z, self.sin_tail))
@@ -322,6 +325,15 @@ class _Arithmetic(Precision):
 
     def cos(self, x: Graph) -> Graph:
         return self.cosine(*self.folded(ca.fabs(x)))
+
+    def small_sin(self, x: Graph) -> Graph:
+        k = self.nearest(x * self.near(1 / PI))  # -1, 0 or 1
+        return self.wave(x, k, (self.bits, self.bits)) * (1 - k * k * 2)
+
+    def small_cos(self, x: Graph) -> Graph:
+        a = ca.fabs(x)
+        k = self.nearest(a * self.near(1 / PI) - 0.5)  # 0 or 1
+        return self.wave(a, k + 0.5, (self.bits - 2, self.bits - 2, self.bits)) * (k * 2 - 1)
 
     def tan(self, x: Graph) -> Graph:
         sign, a = _polar(x)  # the cosine of a negative angle is not rounded as that of a

@@ -5,7 +5,7 @@ from hgogen.emit.notation import ALL_WHOLE, LARGE, ROUNDS, real
 
 def abs(v: float) -> float:
     """|v|."""
-    return -v if v < 0.0 else v
+    return 0.0 - v if v <= 0.0 else v
 
 
 def min(a: float, b: float) -> float:
@@ -27,6 +27,11 @@ def clamp(v: float, low: float, high: float) -> float:
 def within(v: float, limit: float) -> bool:
     """whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers"""
     return v == v and v >= -limit and v <= limit
+
+
+def limit(v: float, most: float) -> float:
+    """v in [-most, most]"""
+    return v if within(v, most) else (most if v > 0.0 else -most)
 
 
 def keep(v: float, low: float, high: float, otherwise: float, limit: float) -> float:

@@ -9,6 +9,7 @@ import casadi as ca
 from hgogen.algebra.lookup import Lookup, called, instructions
 from hgogen.discretisation.routine import Argument, Routine
 from hgogen.emit import elementary
+from hgogen.emit.small_angles import operations
 
 
 @dataclass(eq=False)
@@ -28,6 +29,7 @@ class Node:
     passed: tuple[tuple["Node", ...], ...] = ()  # of a call of a routine: what it passes for each argument
 
 
+_PAIRED = {ca.OP_OR: ca.OP_LT, ca.OP_AND: ca.OP_LE}
 _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
 CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # such patterns
 ELEMENT = -5  # of what a routine computes
@@ -43,8 +45,8 @@ def read(function: ca.Function) -> list[list[Node]]:
     outputs = [[Node(ca.OP_CONST)] * function.nnz_out(i) for i in range(function.n_out())]
     inputs: dict[tuple[int, int], Node] = {}
     texts = instructions(function)
-    for k in range(function.n_instructions()):
-        op, take, give = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+    for k, op in enumerate(operations(function)):
+        take, give = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
             outputs[give[0]][give[1]] = slots[take[0]]
         elif op == ca.OP_INPUT:
@@ -116,6 +118,8 @@ def _node(op: int, args: tuple[Node, ...]) -> Node:
             return Node(CHOOSE, (test, yes, no))
     if op == ca.OP_LE and args[0].op == ca.OP_FABS:
         return Node(WITHIN, (args[0].args[0], args[1]))
+    if op in _PAIRED and all(arg.op == _PAIRED[op] for arg in args):
+        return _by_size(op, args) or Node(op, args)
     if op == ca.OP_FMIN and args[0].op == ca.OP_FMAX:
         return Node(CLAMP, (args[0].args[0], args[0].args[1], args[1]))
     if op == ca.OP_SQ:
@@ -125,6 +129,20 @@ def _node(op: int, args: tuple[Node, ...]) -> Node:
     if op == ca.OP_INV:
         return Node(ca.OP_DIV, (Node(ca.OP_CONST, constant=1.0), args[0]))
     return Node(op, args)
+
+
+def _by_size(op: int, args: tuple[Node, ...]) -> Node | None:
+    """v < -b or b < v as b < |v|, and -b <= v and v <= b as |v| <= b; None for other comparisons."""
+    (a, b), (c, d) = (arg.args for arg in args)
+    v, low, high, w = (a, b, c, d) if op == ca.OP_OR else (b, a, d, c)
+    if v is not w or not opposite(low, high):
+        return None
+    return Node(WITHIN, (v, high)) if op == ca.OP_AND else Node(ca.OP_LT, (high, Node(ca.OP_FABS, (v,))))
+
+
+def opposite(low: Node, high: Node) -> bool:
+    """Whether they are the numbers -b and b, b > 0."""
+    return low.op == high.op == ca.OP_CONST and -low.constant == high.constant > 0
 
 
 def negative(node: Node) -> bool:

@@ -13,7 +13,19 @@ from itertools import chain
 import casadi as ca
 
 from hgogen.emit.code import NOTHING, TRUTH, Uses
-from hgogen.emit.node import ARRAY, CHOOSE, ELEMENT, PATTERNS, Node, boolean, negated, negative, ordered
+from hgogen.emit.node import (
+    ARRAY,
+    CHOOSE,
+    CLAMP,
+    ELEMENT,
+    PATTERNS,
+    Node,
+    boolean,
+    negated,
+    negative,
+    opposite,
+    ordered,
+)
 from hgogen.emit.operations import CALLS, INFIX, LOGIC
 from hgogen.emit.subprograms import Subprogram
 from hgogen.emit.syntax import (
@@ -255,6 +267,8 @@ class Printer:
         if op == ELEMENT:
             result, k = node.element
             return f"{args[0].labels[result]}[{k}]", ATOM
+        if op == CLAMP and opposite(*args[1:]):
+            return self.call("limit", args[0], args[2])
         if op in PATTERNS:
             return self.call(PATTERNS[op], *args)
         if op == CHOOSE:

@@ -15,7 +15,7 @@ from hgogen.graph import Graph
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Field, scalar
 from hgogen.reading.named import Values, of_outputs
-from hgogen.structure.dynamics import HUGE, Dynamics
+from hgogen.structure.dynamics import HUGE, Dynamics, clamp, inside
 from hgogen.theorem import Hypothesis
 
 Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
@@ -81,11 +81,12 @@ class Predictor:
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
     def moved(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
-        """z one step later without correction, clamped to the box of the observer's state; z(0) where it is lost."""
+        """z one step later without correction, not yet `clamped` to the box of the observer's state."""
         sizes = {"z": z.numel(), "u": u(0.0).numel()}
         flow = routine("flow", sizes, lambda at: {"dz": self.dynamics.flow(at["z"], at["u"])})
         stages = advance(self.tableau, lambda v, c: {"z": flow({**v, "u": u(c)})["dz"]}, {"z": z}, dt)
-        return clamped(self.z, stages.result["z"])
+        result: Graph = stages.result["z"]
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +101,19 @@ class Predictors(Part):
 def clamped(field: Field, value: Graph) -> Graph:
     """Each element clamped to the field's box; its initial value where it is not a number or absurd."""
     elements = []
-    for i, (low, high) in enumerate(field.box):
-        inside = ca.fmin(ca.fmax(value[i], max(low, -HUGE)), min(high, HUGE))
+    for i, end in enumerate(_ends(field)):
+        inside = clamp(value[i], *end)
         elements.append(ca.if_else(ca.fabs(value[i]) <= HUGE, inside, field.initial[i]))
     return ca.vertcat(*elements)
+
+
+def beyond(field: Field, value: Graph) -> Graph:
+    """Whether an element is beyond the field's box, or lost."""
+    return ca.logic_not(inside(value, _ends(field)))
+
+
+def _ends(field: Field) -> list[tuple[float, float]]:
+    return [(max(low, -HUGE), min(high, HUGE)) for low, high in field.box]
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:

@@ -11,14 +11,26 @@ import casadi as ca
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.graph import Graph
 from hgogen.kalman.kalman_theorems import STAGGERED
-from hgogen.kalman.predictor import INNOVATION, MOST, Predictor, Predictors, Weights, in_order, samples, summed
+from hgogen.kalman.predictor import (
+    INNOVATION,
+    MOST,
+    Predictor,
+    Predictors,
+    Weights,
+    beyond,
+    clamped,
+    in_order,
+    samples,
+    summed,
+)
 from hgogen.part import Clock, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis
 
 _Z, _SUM, _SAMPLES = (Place("predictor", name) for name in ("z", "sum", "samples"))
-_OLDEST, _TICK, _RESTART = Place("state", "oldest"), Place("state", "tick"), Place("work", "restart")
+_OLDEST, _TICK = Place("state", "oldest"), Place("state", "tick")
+_RESTART, _BEYOND = Place("work", "restart"), Place("work", "beyond")
 
 
 @dataclass(frozen=True)
@@ -91,7 +103,7 @@ class _Copies:
                 scalar("tick", 0, kind="index", high=self.period - 1, meaning="samples since the last restart"),
             ),
             groups=(self._group(),),
-            predict=(Loop("predictor", self.members, (self._move(),)),),
+            predict=(Loop("predictor", self.members, self._move()),),
             update=tuple(self._accumulate(j) for j in range(self.clock.outputs)),
             adapt=(oldest, self._due(), When(_RESTART, self._restart())),
         )
@@ -104,9 +116,14 @@ class _Copies:
         fields = (replace(self.predictor.z, meaning="predicted state"), sums, counts)
         return Group("predictor", self.members, fields, "copies of the model that run without correction")
 
-    def _move(self) -> Block:
-        moved = self.predictor.moved(sym("predictor", "z", self.n), self.clock.u, self.clock.dt)
-        return Block(f"each predictor by {self.predictor.tableau.name}, without correction", {_Z: moved})
+    def _move(self) -> Program:
+        z, field = sym("predictor", "z", self.n), self.predictor.z
+        moved = {_Z: self.predictor.moved(z, self.clock.u, self.clock.dt)}
+        return (
+            Block(f"each predictor by {self.predictor.tableau.name}, without correction", moved),
+            Block("is it beyond its box, or lost?", {_BEYOND: beyond(field, z)}),
+            When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z)}),)),
+        )
 
     def _accumulate(self, output: int) -> Program:
         """The sample of an output in every predictor's sum."""

@@ -9,8 +9,7 @@ The adaptive law is stepped by its exact sub-flows, because explicit Euler lets 
 escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by exp(-rate
 (1 - mu) dt), then a clamp to [1, 2 theta_1]. A decaying theta scales the process noise alone, as its theorem asks,
 unless `scaling` says otherwise; the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
-decaying: Busvelle's slides. mu is a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the
-paper's logistic, which is never 0 and so holds theta a little above 1.
+decaying: Busvelle's slides.
 """
 
 from dataclasses import dataclass
@@ -22,15 +21,18 @@ from hgogen.graph import Graph
 from hgogen.intervals.digits import same
 from hgogen.kalman.decay import error_bound as error_bound
 from hgogen.kalman.innovation import Innovation
-from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
+from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, SCALED_AS
+from hgogen.kalman.mu import Logistic, Smoothstep
+from hgogen.kalman.mu import logistic as logistic
+from hgogen.kalman.mu import smoothstep as smoothstep
 from hgogen.kalman.riccati_part import HighGain
 from hgogen.observer import gain
 from hgogen.part import Clock, Jump, Part, Pieces
-from hgogen.program import Block, Field, Place, scalar, sym
+from hgogen.program import Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, real
-from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.dynamics import Dynamics, inside
 from hgogen.structure.scaling import SCALED, Scaled
-from hgogen.theorem import Hypothesis, Theorem
+from hgogen.theorem import Theorem
 
 
 @runtime_checkable
@@ -179,54 +181,6 @@ class Decaying:
 
 
 @dataclass(frozen=True)
-class Smoothstep:
-    """mu = x^2 (3 - 2 x), x = (I - gamma_0)/(gamma_1 - gamma_0) clamped to [0, 1]: C1, satisfies (6) exactly."""
-
-    gamma_0: float
-    gamma_1: float
-    equation: str = "mu 0 below gamma_0, 1 above gamma_1, a smoothstep between"
-    hypothesis: Hypothesis = SMOOTHSTEP
-
-    @property
-    def gains(self) -> tuple[Field, ...]:
-        """The two thresholds gamma_0 and gamma_1."""
-        top = 1e6 * self.gamma_1
-        return (
-            gain("gamma_0", self.gamma_0, 0.0, top, "innovation below which theta decays", "y^2 s"),
-            gain("gamma_1", self.gamma_1, 0.0, top, "innovation above which theta rises fully", "y^2 s"),
-        )
-
-    def of(self, innovation: Graph) -> Graph:
-        """The SX scalar mu(I)."""
-        low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
-        x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
-        return x * x * (3 - 2 * x)
-
-
-@dataclass(frozen=True)
-class Logistic:
-    """mu = 1/(1 + exp(-slope (I - centre))): the paper's sigmoid, never exactly 0 or 1."""
-
-    centre: float
-    slope: float
-    equation: str = "mu = 1/(1 + exp(-slope (I_d - centre)))"
-    hypothesis: Hypothesis = LOGISTIC
-
-    @property
-    def gains(self) -> tuple[Field, ...]:
-        """The centre and the slope."""
-        return (
-            gain("centre", self.centre, 0.0, 1e6 * self.centre, "innovation at which mu = 1/2", "y^2 s"),
-            gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
-        )
-
-    def of(self, innovation: Graph) -> Graph:
-        """The SX scalar mu(I); the exponent is clamped to +-80, where exp still is a float."""
-        exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
-        return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
-
-
-@dataclass(frozen=True)
 class Adaptive:
     """See the module."""
 
@@ -296,7 +250,9 @@ class Adaptive:
         return (self.innovation.part(dynamics, z), Jump(self._pieces, {"theta": law}))
 
     def _pieces(self, clock: Clock) -> Pieces:
-        theta, mu = sym("state", "theta"), self.mu.of(sym("state", "innovation"))
+        theta, mu = sym("state", "theta"), sym("work", "mu")
+        rests = ca.logic_and(mu <= 0, inside(theta, [(1.0, 1.0)]))  # where the law leaves theta at 1, bit for bit
+        growth = {Place("work", "mu"): self.mu.of(sym("state", "innovation"))}
         risen = rise(theta, mu * clock.dt / sym("gain", "rise_time"), sym("gain", "theta_1"))
         decay = ca.exp(-sym("gain", "rate") * clock.dt * (1 - mu))
         fallen = 1 + (risen - 1) * decay
@@ -304,9 +260,15 @@ class Adaptive:
         block = Block(
             "theta by the exact sub-flows of its law: rise, then decay",
             {Place("state", "theta"): ca.fmin(ca.fmax(fallen, 1), top)},
-            {"mu": mu, "risen": risen, "decay": decay},
+            {"risen": risen, "decay": decay},
         )
-        return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=(block,))
+        moves = Place("work", "moves")
+        adapt = (
+            Block("how much growth the innovation asks for, 0 to 1", growth),
+            Block("is theta at rest?", {moves: ca.logic_not(rests)}),
+            When(moves, (block,)),
+        )
+        return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=adapt)
 
 
 def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
@@ -345,22 +307,6 @@ def decaying(theta_0: float, rate: float, *, scaled: Scaled = "process") -> Deca
     positive("rate", rate)
     _known(scaled)
     return Decaying(float(theta_0), float(rate), scaled)
-
-
-def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
-    """mu for `adaptive`: 0 below gamma_0 > 0, 1 above gamma_1 > gamma_0 (y^2 s). Raises: `BadGain`."""
-    positive("gamma_0", gamma_0)
-    positive("gamma_1", gamma_1)
-    if not gamma_0 < gamma_1:
-        raise BadGain(f"gamma_0 = {gamma_0:g}", f"must be below gamma_1 = {gamma_1:g}")
-    return Smoothstep(float(gamma_0), float(gamma_1))
-
-
-def logistic(centre: float, slope: float) -> Logistic:
-    """mu for `adaptive`: the paper's sigmoid, `centre` (y^2 s) and `slope` (1/(y^2 s)) positive. Raises: `BadGain`."""
-    positive("centre", centre)
-    positive("slope", slope)
-    return Logistic(float(centre), float(slope))
 
 
 def adaptive(

@@ -10,7 +10,17 @@ import casadi as ca
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.graph import Graph
 from hgogen.kalman.kalman_theorems import WINDOW
-from hgogen.kalman.predictor import INNOVATION, MOST, Predictor, Predictors, Weights, in_order, samples, summed
+from hgogen.kalman.predictor import (
+    INNOVATION,
+    MOST,
+    Predictor,
+    Predictors,
+    Weights,
+    clamped,
+    in_order,
+    samples,
+    summed,
+)
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Group, Loop, Place, Program, scalar, sym
 from hgogen.structure.dynamics import Dynamics
@@ -131,6 +141,7 @@ class _Ring:
         p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
         y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
         moved = self.predictor.moved(sym("work", "zw", self.n), lambda c: clock.between_samples(c, before, u), clock.dt)
+        moved = clamped(self.predictor.z, moved)
         error = y - self.predictor.dynamics.output(moved, u)
         rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
         squares = summed(self.weights, rates * (error * error))

@@ -19,7 +19,7 @@ from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Place, Program, When, column, sym, walk
 from hgogen.signal import Signal
-from hgogen.structure.dynamics import HUGE, widened
+from hgogen.structure.dynamics import HUGE, inside, widened
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
@@ -232,16 +232,20 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
 
 def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()) -> Program:
     """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
-    by `others` what else there is."""
+    by `others` what else there is. Of values that are in their boxes, as nearly always, nothing more is asked."""
     written = _written(program)
     fields = [f for f in state if Place("state", f.name) in written and f.kind == "real"]
     if not fields:
         return ()
-    usable = [_within(sym("state", f.name, f.size)[i], HUGE * HUGE) for f in fields for i in range(f.size)]
-    lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(reduce(ca.logic_and, usable))})
+    values, limit = ca.vertcat(*(sym("state", f.name, f.size) for f in fields)), HUGE * HUGE
+    usual = inside(values, [end for f in fields for end in _ends(f)])
+    usable = inside(values, [(-limit, limit)] * values.numel())
+    beyond = Block("is a value beyond its box, or lost?", {Place("work", "beyond"): ca.logic_not(usual)})
+    lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)})
     fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
-    return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(f) for f in fields))
+    boxed = map(_in_its_box, fields)
+    return (beyond, When(Place("work", "beyond"), (lost, When(Place("work", "lost"), (restart, *others)), *boxed)))
 
 
 def _written(program: Program) -> set[Place]:
@@ -263,14 +267,18 @@ def _same(a: Graph, b: Graph) -> bool:
     return bool(ca.is_equal(ca.densify(sx(a)), b, 1))
 
 
+def _ends(field: Field) -> list[tuple[float, float]]:
+    """The box of each element, in which no value is lost."""
+    return [(max(low, -HUGE * HUGE), min(high, HUGE * HUGE)) for low, high in field.box]
+
+
 def _in_its_box(field: Field) -> Block:
-    value, limit = sym("state", field.name, field.size), HUGE * HUGE
-    box = [(max(low, -limit), min(high, limit)) for low, high in field.box]
-    clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
+    value, ends = sym("state", field.name, field.size), _ends(field)
+    clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(ends)]
     writes = {Place("state", field.name): column(clamped)}
     if field.outer:
         writes[Place("status", "STATE_LIMITED")] = any_of(
-            ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(box)
+            ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(ends)
         )
     return Block(f"keep {field.name} in its box", writes)
 

@@ -47,7 +47,6 @@ from hgogen.stepping.members import fresh, fresh_groups, read_fields
 from hgogen.stepping.nearest import nearest
 from hgogen.stepping.patience import patience
 from hgogen.stepping.trust import trusted
-from hgogen.structure.dynamics import clamp
 
 SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
 MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
@@ -100,23 +99,18 @@ class Sign:
             scalar(self.patience, self.wait, low=self.wait, high=self.most, meaning=limit),
         )
 
-    def doubts(self, value: Graph) -> dict[Place, Graph]:
-        """The write that sets c to a value, clamped to its range."""
-        return {Place("state", self.doubt): clamp(value, 0.0, float(self.most))}
-
-    def limit(self, value: Graph) -> Graph:
-        """A value of w, clamped to its range; SX."""
-        return clamp(value, float(self.wait), float(self.most))
-
     def counted(self, weight: int) -> Program:
         """One sample more that shows it, where `work.shows_NAME` says so, or that does not; `work.over_NAME` says
-        whether the count is at its end."""
+        whether the count is at its end. Doubt and patience are in their ranges, which was asked."""
         doubt, limit, over = sym("state", self.doubt), sym("state", self.patience), Place("work", f"over_{self.name}")
-        more = Block("more doubt", self.doubts(doubt + weight))
-        ended = Block("is patience at its end?", {over: doubt >= self.limit(limit)})
-        again = ca.if_else(doubt <= weight, self.wait, self.limit(limit))
-        writes = {**self.doubts(doubt - weight), Place("state", self.patience): again, over: ca.SX(0)}
-        return (When(Place("work", f"shows_{self.name}"), (more, ended), (Block("less doubt", writes),)),)
+        more = Block("more doubt", {Place("state", self.doubt): ca.fmin(doubt + weight, self.most)})
+        ended = Block("is patience at its end?", {over: doubt >= limit})
+        less = {
+            Place("state", self.doubt): ca.fmax(doubt - weight, 0),
+            Place("state", self.patience): ca.if_else(doubt <= weight, self.wait, limit),
+            over: ca.SX(0),
+        }
+        return (When(Place("work", f"shows_{self.name}"), (more, ended), (Block("less doubt", less),)),)
 
     @property
     def longest(self) -> float:
@@ -127,11 +121,8 @@ class Sign:
     def later(self) -> Block:
         """The next restart by this sign asks for twice the doubt."""
         limit = sym("state", self.patience)
-        begun = clamp(limit, float(self.wait), self.most / 2)
-        return Block(
-            "patience doubles",
-            {Place("state", self.doubt): begun, Place("state", self.patience): self.limit(2 * limit)},
-        )
+        doubled = {self.doubt: ca.fmin(limit, self.most / 2), self.patience: ca.fmin(2 * limit, self.most)}
+        return Block("patience doubles", {Place("state", name): value for name, value in doubled.items()})
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,12 @@ def clamp(value: Graph, low: float, high: float) -> Graph:
     return value if high == INF else ca.fmin(value, high)
 
 
+def inside(value: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
+    """Whether every element of a column is a number in its range; SX."""
+    tests = (ca.logic_and(low <= value[i], value[i] <= high) for i, (low, high) in enumerate(ends))
+    return reduce(ca.logic_and, tests)
+
+
 def widened(low: float, high: float, share: float) -> tuple[float, float]:
     """The range, longer by a share of its width at each end."""
     more = share * (high - low) if high - low < INF else 0.0

@@ -26,6 +26,7 @@ import casadi as ca
 from hgogen.algebra.lookup import Lookup, walked
 from hgogen.emit.elementary import elementary
 from hgogen.emit.operations import CALLS
+from hgogen.emit.small_angles import operations
 from hgogen.emit.syntax import Real, demand_step
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
@@ -159,7 +160,7 @@ def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, 
         results: list[Graph] = own.call(list(values))
         return results
 
-    return walked(function, inputs, apply, call)
+    return walked(function, inputs, apply, call, operations(function) if known else ())
 
 
 def _applied(op: int, known: Mapping[str, Callable[..., Graph]]) -> Callable[..., Graph]:
