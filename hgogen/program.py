@@ -210,7 +210,7 @@ class Kernel:
     """A matrix operation too large to unroll: `name` of `discretisation.kernels`, on places in its argument order.
 
     The first is a group's field of columns, None for a kernel that has none, the others arrays, or numbers that are
-    only read; `result` is the flag that takes what the kernel returns.
+    only read, and after them `counts` that are compiled in; `result` is the flag that takes what the kernel returns.
     """
 
     name: str
@@ -218,6 +218,7 @@ class Kernel:
     columns: Place | None
     arguments: tuple[tuple[Place, int], ...] = ()
     result: Place | None = None
+    counts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -199,10 +199,11 @@ def test_a_kernel_is_that_of_numbers_bit_for_bit(name: str, n: int) -> None:
     for seed in range(20):
         arguments = matrices(name, n, seed)
         columns = [each for each in arguments if each.ndim == 2]
-        graph = kernel_graph(name, n, tuple(each.size for each in arguments[len(columns) :]))
+        counts = {"triangularise": (1 + seed % n,), "correct": (seed % (n + 1),)}.get(name, ())
+        graph = kernel_graph(name, n, tuple(each.size for each in arguments[len(columns) :]), counts)
         *mine, last = (result.full() for result in graph.call([ca.DM(each.T) for each in arguments]))
         with np.errstate(all="ignore"):
-            result = KERNELS[name](*arguments) or 0
+            result = KERNELS[name](*arguments, *counts) or 0
         wanted = [each.T if each.ndim == 2 else each[:, None] for each in arguments]
         skipped = 1 if name in ("exponential", "resolvent") else 0  # what is left of X
         same = (np.array_equal(a, b, equal_nan=True) for a, b in zip(mine, wanted, strict=True))

@@ -72,6 +72,7 @@ SINE = Block("a product and a sine", {Place("work", "c"): A * ca.sin(B)})
                         (Place("work", "r"), 1),
                         (Place("work", "gain"), 2),
                     ),
+                    counts=(2,),
                 ),
             ),
             (19, 0),

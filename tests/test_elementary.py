@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hgogen.emit import elementary as module
-from hgogen.emit.elementary import BINARY, LN2, PI, ROUNDS, SMALL, UNARY, elementary
+from hgogen.emit.elementary import BINARY, BOUNDED, LN2, PI, ROUNDS, SMALL, UNARY, elementary
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")
@@ -32,6 +32,8 @@ ULPS = {
     "log1p": 2.5,  # (2.380)
     "sin": 2.0,  # (1.966) for sin and cos on every third float of SIMPLE_RANGE
     "cos": 2.0,
+    "bounded_sin": 2.0,
+    "bounded_cos": 2.0,
     "small_sin": 2.0,
     "small_cos": 2.0,
     "tan": 4.0,  # (3.868)
@@ -136,11 +138,12 @@ def points(name: str, real: Real, count: int) -> np.ndarray:
         case "sin" | "cos" | "tan":
             k = np.arange(1, 64) / 2
             arguments = np.concatenate([rng.uniform(-1, 1, count) * SIMPLE_RANGE[real], bend, small, k * np.pi])
-        case "small_sin" | "small_cos":
-            zeros = (np.arange(1, 4) * np.pi / 2).astype(TYPE[real])
-            beside = np.concatenate([np.nextafter(zeros, TYPE[real](0)), zeros, np.nextafter(zeros, TYPE[real](9))])
-            inside = np.concatenate([rng.uniform(-SMALL, SMALL, count), bend, small, [-SMALL, SMALL]])
-            arguments = np.concatenate([inside, beside[beside < SMALL], -beside[beside < SMALL]])
+        case "small_sin" | "small_cos" | "bounded_sin" | "bounded_cos":
+            most = SMALL if name.startswith("small") else BOUNDED
+            zeros = (np.arange(1, 2 * most / np.pi) * np.pi / 2).astype(TYPE[real])
+            beside = np.concatenate([np.nextafter(zeros, TYPE[real](0)), zeros, np.nextafter(zeros, TYPE[real](999))])
+            inside = np.concatenate([rng.uniform(-most, most, count), bend, small, [-most, most]])
+            arguments = np.concatenate([inside, beside, -beside])
         case "asin" | "acos" | "atanh":
             arguments = np.concatenate([bend / 2, small, 1 - np.abs(small[np.abs(small) > 1e-7])])
         case "acosh":
@@ -167,6 +170,8 @@ def reference(name: str, real: Real, *arguments: np.ndarray) -> np.ndarray:
 NUMPY = {
     "small_sin": np.sin,
     "small_cos": np.cos,
+    "bounded_sin": np.sin,
+    "bounded_cos": np.cos,
     "asin": np.arcsin,
     "acos": np.arccos,
     "atan": np.arctan,
@@ -176,7 +181,10 @@ NUMPY = {
     "atan2": np.arctan2,
     "pow": np.power,
 }
-MPMATH: dict[str, Callable[..., Any]] = {"pow": mp.power, "small_sin": mp.sin, "small_cos": mp.cos}
+MPMATH: dict[str, Callable[..., Any]] = {"pow": mp.power, "small_sin": mp.sin, "small_cos": mp.cos} | {
+    "bounded_sin": mp.sin,
+    "bounded_cos": mp.cos,
+}
 
 
 def ulps(name: str, real: Real, *arguments: np.ndarray) -> np.ndarray:
@@ -265,6 +273,8 @@ SPECIAL: dict[str, list[tuple[float, float]]] = {
     "log1p": [(0, 0), (-1, -INF), (INF, INF), (-2, NAN), (-INF, NAN)],
     "sin": [(0, 0), (INF, NAN), (-INF, NAN), (1e30, 0)],
     "cos": [(0, 1), (INF, NAN), (-INF, NAN), (1e30, 1)],
+    "bounded_sin": [(0, 0)],
+    "bounded_cos": [(0, 1)],
     "small_sin": [(0, 0)],
     "small_cos": [(0, 1)],
     "tan": [(0, 0), (INF, NAN), (-INF, NAN), (1e30, 0)],

@@ -273,7 +273,7 @@ def test_the_loops_of_the_measurement_update_are_the_dense_one(n: int, seed: int
     rng = np.random.default_rng(seed)
     (L, d), c, r = factors(rng, n, 2), rng.standard_normal(n), np.array([10 ** rng.uniform(-2, 2)])
     columns, diagonal, gain = L.T.copy(), d.copy(), np.zeros(n)
-    kernels.correct(columns, diagonal, c, r, gain)
+    kernels.correct(columns, diagonal, c, r, gain, n)
     lower = np.tril(columns.T, -1) + np.eye(n)
     P = L @ np.diag(d) @ L.T
     alpha = r[0] + c @ P @ c

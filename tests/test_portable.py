@@ -81,8 +81,8 @@ def test_what_a_function_calls_comes_before_it(syntax: object) -> None:
 
 
 def test_arrays_are_lent_and_numbers_are_given() -> None:
-    assert passed(RUST, "correct") == ["&mut {}", "&mut {}", "&{}", "{}", "&mut {}"]
-    assert passed(C, "correct") == ["{}"] * 5
+    assert passed(RUST, "correct") == ["&mut {}", "&mut {}", "&{}", "{}", "&mut {}", "{}"]
+    assert passed(C, "correct") == ["{}"] * 6
 
 
 @pytest.mark.parametrize("module", [helpers, matrix_loops])

@@ -17,13 +17,14 @@ from hgogen.graph import Graph
 
 
 @cache
-def kernel_graph(name: str, n: int, sizes: tuple[int, ...]) -> ca.Function:
-    """The kernel as a function of its arguments, of these sizes, to all of them as they are then and what it returns.
+def kernel_graph(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ...] = ()) -> ca.Function:
+    """The kernel as a function of its arguments, of these sizes, to all of them as they are then and what it returns,
+    with its counts.
 
     The columns of a group, of a kernel that has some, come first, side by side (n, n).
     """
     if name in _ON_ARRAYS:
-        return _on_columns(name, n, sizes)
+        return _on_columns(name, n, sizes, counts)
     arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
     return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
 
@@ -67,30 +68,29 @@ def _matrix(array: np.ndarray) -> Graph:
     return ca.horzcat(*(ca.vertcat(*map(_value, row)) for row in np.atleast_2d(array)))
 
 
-def _on_columns(name: str, n: int, sizes: tuple[int, ...]) -> ca.Function:
+def _on_columns(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ...]) -> ca.Function:
     shapes = [(n, n), *((size, 1) for size in sizes)]
     symbols = [ca.SX.sym(f"a{k}", *shape) for k, shape in enumerate(shapes)]
     columns, *others = map(_array, symbols)
-    result = _ON_ARRAYS[name](columns if n > 1 else columns[None], *others)
+    result = _ON_ARRAYS[name](columns if n > 1 else columns[None], *others, *counts)
     return ca.Function(name, symbols, [*map(_matrix, (columns, *others)), ca.SX(0) if result is None else result])
 
 
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
     """A factor of 1 where a variance does not exceed its cap changes no bit."""
     values = [_value(v) for v in variances(columns, d)]
-    over = [v > _value(c) for v, c in zip(values, caps, strict=True)]
-    chosen = zip(over, caps, values, strict=True)
-    scale = np.array([_Scalar(ca.if_else(o, _value(c) / v, 1.0)) for o, c, v in chosen], dtype=object)
+    pairs = [(v, _value(c)) for v, c in zip(values, caps, strict=True)]
+    scale = np.array([_Scalar(ca.if_else(v > c, c / v, 1.0)) for v, c in pairs], dtype=object)
     for k in range(len(d)):
         columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
     d[:] = d * scale * scale
-    return reduce(ca.logic_or, over)
+    return ca.logic_not(reduce(ca.logic_and, (v <= c for v, c in pairs)))
 
 
 _ON_ARRAYS: Mapping[str, Callable[..., Any]] = {
     **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "correct")},
     "cap": _capped,
-    "renew": lambda *arguments: _value(share(*arguments)) > 0.5,
+    "renew": lambda *arguments: ca.logic_not(_value(share(*arguments)) <= 0.5),
 }
 
 

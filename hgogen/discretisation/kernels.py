@@ -7,9 +7,11 @@ On P = L D L', the columns of L in the members of a group: `columns[k, i]` is ro
 the diagonal being 1.
 
     expand         unit diagonal and zeros above it, so that a column can be multiplied by Phi
-    triangularise  L, D of M diag(D) M' for a full matrix M, by weighted Gram-Schmidt on its rows (Thornton)
+    triangularise  L, D of M diag(D) M' for a matrix M with `band` >= 1 diagonals above the main one, by rotations of
+                   two columns without square roots (Gentleman 1973), which leave M diag(D) M' as it is
     add            L, D of L D L' + diag(w), by n rank-one updates (Gill, Golub, Murray, Saunders 1974, method C1)
-    correct        L, D after a scalar measurement with row c and variance r, and its gain (Bierman)
+    correct        L, D after a scalar measurement with row c, whose elements from `read` on are 0, and variance r, and
+                   its gain (Bierman)
     cap            rows of L scaled where a variance exceeds its cap, a congruence
     renew          L, D with the information diag(c)^2 added, by a measurement of each state (Bierman)
 
@@ -41,18 +43,24 @@ def expand(columns: Array) -> None:
         columns[k, :k] = 0
 
 
-def triangularise(columns: Array, d: Array) -> None:
-    """M = columns' (full) and d in; L (strict lower) and D out."""
+def triangularise(columns: Array, d: Array, band: int) -> None:
+    """M = columns' and d in; L (strict lower) and D out."""
     n = len(d)
-    rows, weights = columns.T.copy(), d.copy()
-    columns[:] = np.eye(n)
-    for j in range(n):
-        terms = rows[j:] * (weights * rows[j])
-        sums = np.add.accumulate(terms, axis=1)[:, -1] + 0  # in C's order, from 0 on, so that no sum is -0
-        d[j] = sums[0]
-        factors = sums[1:] / d[j]
-        columns[j, j + 1 :] = factors
-        rows[j + 1 :] -= factors[:, None] * rows[j]
+    for i in range(n):
+        pivot = columns[i, i]
+        for k in range(i + 1, min(i + 1 + band, n)):
+            other = columns[k, i]
+            a, b = d[i] * pivot, d[k] * other
+            total = a * pivot + b * other
+            f, g = a / total, b / total
+            d[k] = d[i] * (d[k] / total)
+            d[i] = total
+            x, y = columns[i, i + 1 :].copy(), columns[k, i + 1 :].copy()
+            columns[i, i + 1 :] = f * x + g * y
+            columns[k, i + 1 :] = pivot * y - other * x
+            pivot, columns[k, i] = d.dtype.type(1), 0
+        d[i] = d[i] * pivot * pivot
+        columns[i, i] = 1
 
 
 def add(columns: Array, d: Array, w: Array) -> None:
@@ -71,13 +79,13 @@ def add(columns: Array, d: Array, w: Array) -> None:
             below += factor * rest
 
 
-def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array) -> None:
+def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array, read: int) -> None:
     """Measurement of row c and variance r; the gain goes to `gain`."""
-    n, alpha = len(d), r[0]
+    alpha = r[0]
     gain[:] = 0
-    for j in reversed(range(n)):
+    for j in reversed(range(read)):
         f = c[j]
-        for i in range(j + 1, n):
+        for i in range(j + 1, read):
             f = f + columns[j, i] * c[i]
         v, before = d[j] * f, alpha
         alpha = before + v * f
@@ -90,10 +98,10 @@ def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array) -> None:
 
 
 def cap(columns: Array, d: Array, caps: Array) -> bool:
-    """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did."""
+    """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did, or is not a number."""
     n, variance = len(d), variances(columns, d)
     scale = np.where(variance > caps, caps / variance, np.ones(n, d.dtype))
-    if not (variance > caps).any():
+    if (variance <= caps).all():
         return False
     for k in range(n):
         columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
@@ -102,8 +110,8 @@ def cap(columns: Array, d: Array, caps: Array) -> bool:
 
 
 def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
-    """Measure each state to the variance 1/c_i^2; whether the P_ii/cap_i then add up to over 1/2."""
-    return bool(share(columns, d, caps, c) > 0.5)
+    """Measure each state to the variance 1/c_i^2; whether the P_ii/cap_i then do not add up to 1/2 or less."""
+    return not share(columns, d, caps, c) <= 0.5
 
 
 def share(columns: Array, d: Array, caps: Array, c: Array) -> Any:

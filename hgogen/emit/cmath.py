@@ -10,7 +10,9 @@ from hgogen.emit.syntax import Real
 
 # what CMSIS-DSP has in single precision; the rest comes from the C library there
 _CMSIS = {"sin": "arm_sin_f32", "cos": "arm_cos_f32"}
-_WHOLE = {"small_sin": "sin", "small_cos": "cos"}  # what libraries have for a part of a function
+_WHOLE = {
+    f"{part}_{name}": name for part in ("small", "bounded") for name in ("sin", "cos")
+}  # what libraries have for a part of a function
 
 
 def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:

@@ -82,7 +82,7 @@ def _kernel(kernel: Kernel) -> Pair:
         return np.array([_Counted(done) for _ in range(math.prod(shape))], dtype=object).reshape(shape)
 
     columns = [counted(kernel.size, kernel.size)] if kernel.columns else []
-    KERNELS[kernel.name](*columns, *(counted(size) for _, size in kernel.arguments))
+    KERNELS[kernel.name](*columns, *(counted(size) for _, size in kernel.arguments), *kernel.counts)
     return done["operation"], done["function"]
 
 

@@ -39,10 +39,11 @@ NEAREST = "nearest"  # the function of that name
 ALL_WHOLE = {"float": 2.0**23, "double": 2.0**52}  # numbers from here on are whole
 ROUNDS = {real: 1.5 * whole for real, whole in ALL_WHOLE.items()}
 
-SMALL = 4.7  # an angle for `small_sin` and `small_cos`, below 3 pi/2
+SMALL, BOUNDED = 4.7, 100.0  # angles of `small_sin`, below 3 pi/2, and of `bounded_sin`; of cosines as well
 
 UNARY = (
-    *("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "small_sin", "small_cos", "tan", "asin", "acos", "atan"),
+    *("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "bounded_sin", "bounded_cos", "small_sin", "small_cos"),
+    *("tan", "asin", "acos", "atan"),
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
 )
 BINARY = ("pow", "atan2", "hypot")  # pow(base, exponent), atan2(y, x), hypot(x, y)
@@ -55,7 +56,7 @@ def elementary(real: Literal["float", "double"]) -> Mapping[str, Any]:
     Errors in ulp of the result (measured on every 13th number in float, on 2 million in double): at most 2 for sqrt,
     exp, log, asin, acos, atan, atan2, cosh; 2.5 for expm1, log1p, sinh, hypot; 3.5 for tanh, asinh, acosh, atanh;
     1.5 + 2 |y log x| for x^y; 2 for sin and cos, 4 for tan up to |x| = 200 (float) or 1e4 (double), 2.5 and 4.5 up to
-    8192 or 1e6; 2 for small_sin and small_cos, of |x| <= `SMALL`. A larger angle is that of some number within 2 ulp of
+    8192 or 1e6; 2 for those of |x| <= `SMALL` and `BOUNDED`. A larger angle is that of some number within 2 ulp of
     x, and from 2^17 or 2^46 on it is taken as 0. For atan2 and hypot, |x| + |y| must not overflow (nor, where subnormal
     numbers are flushed to 0, |x| - |y| underflow).
 
@@ -312,19 +313,32 @@ class _Arithmetic(Precision):
         rest = half - self.nearest(half)
         return rest * rest
 
-    def sine(self, a: Graph, turns: Graph) -> Graph:
+    def sine(self, a: Graph, turns: Graph, widths: Sequence[int] = ()) -> Graph:
         k = self.nearest(turns)
-        return self.wave(a, k) * (1 - self.odd(k) * 8)
+        return self.wave(a, k, widths) * (1 - self.odd(k) * 8)
 
-    def cosine(self, a: Graph, turns: Graph) -> Graph:
+    def cosine(self, a: Graph, turns: Graph, widths: Sequence[int] = ()) -> Graph:
         k = self.nearest(turns - 0.5)
-        return self.wave(a, k + 0.5) * (self.odd(k) * 8 - 1)
+        return self.wave(a, k + 0.5, widths) * (self.odd(k) * 8 - 1)
 
     def sin(self, x: Graph) -> Graph:
         return self.sine(*self.folded(x))
 
     def cos(self, x: Graph) -> Graph:
         return self.cosine(*self.folded(ca.fabs(x)))
+
+    def bounded_sin(self, x: Graph) -> Graph:
+        return self.sine(x, x * self.near(1 / PI), self.bounded_widths)
+
+    def bounded_cos(self, x: Graph) -> Graph:
+        a = ca.fabs(x)
+        return self.cosine(a, a * self.near(1 / PI), self.bounded_widths)
+
+    @property
+    def bounded_widths(self) -> tuple[int, ...]:
+        """Of pieces of pi, times k or k + 1/2, |k| <= `BOUNDED`/pi, exact but for the last."""
+        wide = self.bits - 7
+        return (wide, wide, self.bits)
 
     def small_sin(self, x: Graph) -> Graph:
         k = self.nearest(x * self.near(1 / PI))  # -1, 0 or 1

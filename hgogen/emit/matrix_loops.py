@@ -10,6 +10,7 @@ from hgogen.emit.notation import (
     Matrix,
     Vector,
     array,
+    half,
     line,
     n,
     real,
@@ -25,61 +26,72 @@ def expand(L: Columns) -> None:
         L[k].v[k] = 1.0
 
 
-def triangularise(L: Columns, D: Vector) -> None:
-    """L, D of M diag(D) M', M in L, by weighted Gram-Schmidt on the rows of M; row j, done with, takes column j of L"""
-    weights = array(n)
-    row = array(n)
-    for k in range(n):
-        weights[k] = D[k]
-    for j in range(n):
-        sum = 0.0
-        for k in range(n):
-            row[k] = L[k].v[j]
-            sum = sum + row[k] * (weights[k] * row[k])
-        D[j] = sum
-        for i in range(j + 1, n):
-            dot = 0.0
-            for k in range(n):
-                dot = dot + L[k].v[i] * (weights[k] * row[k])
-            factor = dot / sum
-            for k in range(n):
-                L[k].v[i] = L[k].v[i] - factor * row[k]
-            L[i].v[j] = factor
-    for k in range(n):
-        L[k].v[k] = 1.0
-        for i in range(k + 1, n):
-            L[k].v[i] = L[i].v[k]
-            L[i].v[k] = 0.0
+def triangularise(L: Columns, D: Vector, band: int) -> None:
+    """L, D of M diag(D) M', M in L with so many diagonals above the main one, by rotations without square roots"""
+    for i in range(n):
+        end = i + 1 + band if i + 1 + band < n else n
+        pivot = L[i].v[i]
+        for k in range(i + 1, end):
+            other = L[k].v[i]
+            a = D[i] * pivot
+            b = D[k] * other
+            sum = a * pivot + b * other
+            f = a / sum
+            g = b / sum
+            D[k] = D[i] * (D[k] / sum)
+            D[i] = sum
+            for m in range(i + 1, n):
+                x = L[i].v[m]
+                y = L[k].v[m]
+                L[i].v[m] = f * x + g * y
+                L[k].v[m] = pivot * y - other * x
+            L[k].v[i] = 0.0
+            pivot = 1.0
+        D[i] = D[i] * pivot * pivot
+        L[i].v[i] = 1.0
 
 
 def add(L: Columns, D: Vector, w: FixedVector) -> None:
-    """L, D of L D L' + diag(w), by rank-one updates"""
-    vector = array(n)
-    for k in range(n):
+    """L, D of L D L' + diag(w), by rank-one updates, two at a time"""
+    first = array(n)
+    second = array(n)
+    for pair in range(half):
+        k = 2 * pair
         weight = w[k]
+        other = w[k + 1]
         for i in range(n):
-            vector[i] = 0.0
-        vector[k] = 1.0
+            first[i] = 0.0
+            second[i] = 0.0
+        first[k] = 1.0
+        second[k + 1] = 1.0
         for j in range(k, n):
-            pivot = vector[j]
-            grown = D[j] + weight * pivot * pivot
-            factor = weight * pivot / grown
+            a = first[j]
+            b = second[j]
+            grown = D[j] + weight * a * a
+            f = weight * a / grown
             weight = weight * D[j] / grown
-            D[j] = grown
+            sum = grown + other * b * b
+            g = other * b / sum
+            other = other * grown / sum
+            D[j] = sum
             for i in range(j + 1, n):
-                vector[i] = vector[i] - pivot * L[j].v[i]
-                L[j].v[i] = L[j].v[i] + factor * vector[i]
+                first[i] = first[i] - a * L[j].v[i]
+                x = L[j].v[i] + f * first[i]
+                second[i] = second[i] - b * x
+                L[j].v[i] = x + g * second[i]
+    for i in range(2 * half, n):
+        D[i] = D[i] + w[i]
 
 
-def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector) -> None:
-    """L, D after a measurement of row c and variance r; its gain"""
+def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector, read: int) -> None:
+    """L, D after a measurement of row c, of which so many elements may not be 0, and variance r; its gain"""
     alpha = r
     for i in range(n):
         gain[i] = 0.0
-    for k in range(n):
-        j = n - 1 - k
+    for k in range(read):
+        j = read - 1 - k
         f = c[j]
-        for i in range(j + 1, n):
+        for i in range(j + 1, read):
             f = f + L[j].v[i] * c[i]
         v = D[j] * f
         before = alpha
@@ -95,17 +107,15 @@ def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector) -> No
 
 
 def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
-    """scale row i of L where P_ii exceeds its cap; whether one did"""
+    """scale row i of L where P_ii exceeds its cap; whether one did, or is not a number"""
     scale = array(n)
     capped = False
     for i in range(n):
         variance = D[i]
         for k in range(i):
             variance = variance + L[k].v[i] * L[k].v[i] * D[k]
-        scale[i] = 1.0
-        if variance > caps[i]:
-            scale[i] = caps[i] / variance
-            capped = True
+        scale[i] = caps[i] / variance if variance > caps[i] else 1.0
+        capped = capped if variance <= caps[i] else True
     if capped:
         for k in range(n):
             for i in range(k + 1, n):
@@ -115,7 +125,8 @@ def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
 
 
 def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
-    """L, D after a measurement of each state to the variance 1/c_i^2; whether the P_ii/caps_i add up to over 1/2"""
+    """L, D after a measurement of each state to the variance 1/c_i^2; whether the P_ii/caps_i do not add up to 1/2 or
+    less"""
     gain = array(n)
     share = 0.0
     for i in range(n):
@@ -139,7 +150,7 @@ def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
         for k in range(i):
             variance = variance + L[k].v[i] * L[k].v[i] * D[k]
         share = share + variance / caps[i]
-    return share > 0.5
+    return not share <= 0.5
 
 
 def balance(x: Matrix, scale: Vector) -> None:

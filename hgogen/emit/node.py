@@ -9,7 +9,7 @@ import casadi as ca
 from hgogen.algebra.lookup import Lookup, called, instructions
 from hgogen.discretisation.routine import Argument, Routine
 from hgogen.emit import elementary
-from hgogen.emit.small_angles import operations
+from hgogen.emit.bounded_angles import operations
 
 
 @dataclass(eq=False)

@@ -20,7 +20,7 @@ class Column(Protocol):
 
 Columns = list[Column]  # n of them
 
-n = square = line = 0  # n, n^2, n + 1
+n = square = line = half = 0  # n, n^2, n + 1, n/2 or the whole number below
 SWEEPS = HALVINGS = DEGREE = 0  # those of `discretisation.kernels`
 LARGE = 0.0  # so that its square is infinite
 ALL_WHOLE = 0.0  # numbers from here on are whole

@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from hgogen.emit.small_angles import SMALL_COS, SMALL_SIN
+from hgogen.emit.bounded_angles import BOUNDED_COS, BOUNDED_SIN, SMALL_COS, SMALL_SIN
 from hgogen.emit.syntax import AND, EQUAL, OR, ORDER, PRODUCT, SUM
 
 INFIX: dict[int, tuple[str, float]] = {
@@ -27,6 +27,8 @@ CALLS: dict[int, str] = {
     ca.OP_LOG: "log",
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
+    BOUNDED_SIN: "bounded_sin",
+    BOUNDED_COS: "bounded_cos",
     SMALL_SIN: "small_sin",
     SMALL_COS: "small_cos",
     ca.OP_TAN: "tan",

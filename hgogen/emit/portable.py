@@ -119,7 +119,7 @@ def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str,
     there, written = functions_of(matrix_loops), []
     for kernel in there:
         for size in sorted(size for name, size in used if name == kernel):
-            counts = {"n": size, "square": size * size, "line": size + 1}
+            counts = {"n": size, "square": size * size, "line": size + 1, "half": size // 2}
             counts |= {"SWEEPS": SWEEPS, "HALVINGS": HALVINGS, "DEGREE": DEGREE}
             words = _Words(syntax, prefix, real, there, {}, {}, counts)
             written += [_Function(words, there[name]).text() for name in (*sorted(_calls(there, kernel)), kernel)]
@@ -143,6 +143,11 @@ def _calls(there: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
 
 def _array(parameter: ast.arg) -> tuple[str, bool] | None:
     return _ARRAYS.get(_annotation(parameter.annotation))
+
+
+def _kind_of(parameter: ast.arg) -> str:
+    """The kind of a parameter's values."""
+    return "array" if _array(parameter) else "index" if _annotation(parameter.annotation) == "int" else "real"
 
 
 def _annotation(node: ast.expr | None) -> str:
@@ -171,7 +176,7 @@ class _Function:
 
     def __init__(self, words: _Words, tree: ast.FunctionDef) -> None:
         self.words, self.syntax, self.tree = words, words.syntax, tree
-        self.kinds = {each.arg: "array" if _array(each) else "real" for each in tree.args.args}
+        self.kinds = {each.arg: _kind_of(each) for each in tree.args.args}
         self.parameters = set(self.kinds)
         self.used: list[Uses] = []
         stores = [n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
@@ -215,7 +220,7 @@ class _Function:
     def _parameter(self, each: ast.arg) -> str:
         kind, real = _array(each), self.words.type("real")
         if not kind:
-            return self.syntax.parameter.format(type=real, name=each.arg)
+            return self.syntax.parameter.format(type=self.words.type(_kind_of(each)), name=each.arg)
         columns = _annotation(each.annotation) == "Columns"
         element = self.syntax.group(self.words.prefix, "column") if columns else real
         size = self._count(self.words.counts[kind[0]])
@@ -312,6 +317,8 @@ class _Function:
                 return self._infix(self._kind(node), left, sign, right)
             case ast.BoolOp(op=ast.And(), values=values):
                 return " && ".join(self._value(each, AND + 0.1) for each in values), AND
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return f"!{self._value(operand, ATOM)}", UNARY
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return f"-{self._value(operand, ATOM)}", UNARY
             case ast.IfExp(test=test, body=yes, orelse=no):

@@ -207,7 +207,7 @@ class _Writer:
                 operands.append(f"a{k}")
             else:
                 operands.append(self._view(place, 1))
-        call = f"{kernel.name}({', '.join(operands)})"
+        call = f"{kernel.name}({', '.join([*operands, *map(str, kernel.counts)])})"
         return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
 
     def _view(self, place: Place, dimensions: int) -> str:

@@ -169,7 +169,8 @@ class Writer:
     def _kernel(self, kernel: Kernel) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []
         operands += [place for place, _ in kernel.arguments]
-        texts = (how.format(self.whole(p)) for p, how in zip(operands, passed(self.syntax, kernel.name), strict=True))
+        values = [*map(self.whole, operands), *(self.literal(count, "unsigned") for count in kernel.counts)]
+        texts = (how.format(value) for value, how in zip(values, passed(self.syntax, kernel.name), strict=True))
         call = f"{self.prefix}_{kernel.name}({', '.join(texts)})"
         uses = self.uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
         return Code((f"{self.whole(kernel.result)} = {call};" if kernel.result else f"{call};",), uses)

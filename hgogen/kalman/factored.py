@@ -1,4 +1,4 @@
-"""The Riccati observer on P = L D L' as statements: unrolled for few states, with loops over columns for many.
+"""The Riccati observer on P = L D L' as statements: straight-line code, and what `looped` shares with it.
 
 Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
 and scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are scaled, a congruence, which
@@ -28,8 +28,7 @@ from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower
 from hgogen.kalman.prior import prior_status
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
-from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, When, column, scalar, sym
-from hgogen.reading.given import BadGain
+from hgogen.program import Block, Field, Place, Program, When, column, scalar, sym
 from hgogen.structure.dynamics import HUGE
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
@@ -75,7 +74,11 @@ class Moved:
 
     def transition(self, stages: Stages) -> Graph:
         """Phi = I + hF + (hF)^2/2, sparse."""
-        F, h = self.jacobian(stages), self.clock.dt
+        return self.transition_of(self.jacobian(stages))
+
+    def transition_of(self, F: Graph) -> Graph:
+        """The same of a matrix F."""
+        h = self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
     def weights(self) -> Graph:
@@ -171,7 +174,8 @@ def largest(part: Riccati) -> np.ndarray:
     return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, HUGE * HUGE))
 
 
-def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
+def diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
+    """The field of D (n), which begins with these values."""
     return Field(
         "D",
         tuple(float(value) for value in values),
@@ -179,9 +183,6 @@ def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
         high=tuple(map(float, largest(part))),
         meaning="diagonal factor of the covariance P = L D L'",
     )
-
-
-# ---------------------------------------------------------------- unrolled
 
 
 def unrolled(part: Riccati, clock: Clock) -> Pieces:
@@ -196,10 +197,10 @@ def unrolled(part: Riccati, clock: Clock) -> Pieces:
 
 def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
     n, deviation = part.dynamics.n, np.sqrt(part.cap)
-    start, diagonal = factor(part.covariance)
+    start, values = factor(part.covariance)
     pairs = [(i, j) for j in range(n) for i in range(j + 1, n)]
     if not pairs:
-        return (_diagonal(part, clock, diagonal),)
+        return (diagonal(part, clock, values),)
     L = Field(
         "L",
         tuple(float(start[i, j]) for i, j in pairs),
@@ -208,7 +209,7 @@ def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
         entries=tuple((i + 1, j + 1) for i, j in pairs),
         meaning="unit lower factor of P, strict lower triangle by columns",
     )
-    return (L, _diagonal(part, clock, diagonal))
+    return (L, diagonal(part, clock, values))
 
 
 def _symbols(part: Riccati) -> tuple[Graph, Graph]:
@@ -281,88 +282,4 @@ def _update(part: Riccati, clock: Clock, output: int) -> Program:
             {Place("state", part.z.name): moved.z + gain * sym("work", "e"), **_written(L, d)},
             {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
         ),
-    )
-
-
-# ---------------------------------------------------------------- loops
-
-
-def looped(part: Riccati, clock: Clock) -> Pieces:
-    """L as the columns of a group, matrix operations as kernels; needs diagonal Q and P(0).
-
-    Raises: `BadGain` where they are not.
-    """
-    n = part.dynamics.n
-    for name, matrix in (("Q", part.nominal[0]), ("covariance", part.covariance)):
-        if np.count_nonzero(matrix - np.diag(np.diag(matrix))):
-            raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
-    columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
-    return Pieces(
-        fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy())),
-        groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
-        **common(part, clock),
-        predict=_looped_predict(part, clock),
-        update=tuple(_looped_update(part, clock, j) for j in range(clock.outputs)),
-    )
-
-
-def _looped_predict(part: Riccati, clock: Clock) -> Program:
-    moved, n, h = Moved(part, clock), part.dynamics.n, clock.dt
-    stages = moved.stages()
-    F = ca.sparsify(moved.jacobian(stages))
-    entries = sym("work", "F", F.nnz())
-    held = ca.SX(F.sparsity(), entries)
-    v = sym("column", "v", n)
-    noise: Program = ()
-    if part.factor.size:
-        scaled = Block("h Q_theta", {Place("work", "w"): moved.weights() * part.spread() ** 2})
-        noise = (scaled, Kernel("add", n, Place("column", "v"), ((Place("state", "D"), n), (Place("work", "w"), n))))
-    return (
-        Block(
-            "z by classical Runge-Kutta; the Jacobian F at mid-step, its entries by columns",
-            {Place("state", part.z.name): stages.result["z"], Place("work", "F"): ca.vertcat(*F.nonzeros())},
-            stages.names,
-        ),
-        Kernel("expand", n, Place("column", "v")),
-        Loop(
-            "column",
-            n,
-            (Block("a column of Phi L", {Place("column", "v"): v + h * (held @ (v + h / 2 * (held @ v)))}),),
-        ),
-        *(
-            (Block("forgetting", {Place("state", "D"): moved.grown(sym("state", "D", n))}),)
-            if part.forgetting is not None
-            else ()
-        ),
-        Kernel("triangularise", n, Place("column", "v"), ((Place("state", "D"), n),)),
-        *noise,
-        *_looped_limit(part),
-        When(Place("work", "limited"), (Block("limited", {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}),)),
-        *_looped_keep(n),
-    )
-
-
-def _looped_limit(part: Riccati) -> Program:
-    n = part.dynamics.n
-    limits = Block("largest variances", {Place("work", "caps"): ca.SX(ca.DM(part.cap))})
-    name, more = ("cap", ()) if part.forgetting is None else ("renew", ((Place("derived", "prior"), n),))
-    arguments = ((Place("state", "D"), n), (Place("work", "caps"), n), *more)
-    return (limits, Kernel(name, n, Place("column", "v"), arguments, result=Place("work", "limited")))
-
-
-def _looped_keep(n: int) -> Program:
-    v = sym("column", "v", n)
-    restarted = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
-    return (Loop("column", n, (Block("a lost value restarts", {Place("column", "v"): restarted}),)),)
-
-
-def _looped_update(part: Riccati, clock: Clock, output: int) -> Program:
-    moved, n = Moved(part, clock), part.dynamics.n
-    row = {Place("work", "c"): ca.densify(moved.row(output)).T, Place("work", "r"): moved.variance(output)}
-    arguments = ((Place("state", "D"), n), (Place("work", "c"), n), (Place("work", "r"), 1), (Place("work", "K"), n))
-    gain = sym("work", "K", n)
-    return (
-        Block("the measurement's row and variance", row),
-        Kernel("correct", n, Place("column", "v"), arguments),
-        Block("correct", {Place("state", part.z.name): moved.z + gain * sym("work", "e")}),
     )

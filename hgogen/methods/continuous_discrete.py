@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4
-from hgogen.kalman.factored import factored_lengths, looped, unrolled
+from hgogen.kalman.factored import factored_lengths, unrolled
+from hgogen.kalman.looped import looped
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
 from hgogen.observer import Observer

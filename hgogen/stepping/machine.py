@@ -172,7 +172,7 @@ class Reading:
 
     def _kernel(self, kernel: Kernel) -> Action:
         operation, columns = KERNELS[kernel.name], [self._tables[kernel.columns]] if kernel.columns else []
-        arguments = [*columns, *(self._array(place) for place, _ in kernel.arguments)]
+        arguments = [*columns, *(self._array(place) for place, _ in kernel.arguments), *kernel.counts]
         result = self._array(kernel.result) if kernel.result else np.zeros(1)
 
         def run() -> None:

@@ -112,7 +112,7 @@ class Symbolic:
 
     def _kernel(self, kernel: Kernel, memory: Memory) -> Memory:
         changed = [*([kernel.columns] if kernel.columns else []), *(place for place, _ in kernel.arguments)]
-        graph = kernel_graph(kernel.name, kernel.size, tuple(size for _, size in kernel.arguments))
+        graph = kernel_graph(kernel.name, kernel.size, tuple(size for _, size in kernel.arguments), kernel.counts)
         *results, returned = graph.call([memory[place] for place in changed])
         return dict(zip(changed, results, strict=True)) | ({kernel.result: returned} if kernel.result else {})
 

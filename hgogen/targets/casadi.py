@@ -24,9 +24,9 @@ from typing import Any
 import casadi as ca
 
 from hgogen.algebra.lookup import Lookup, walked
+from hgogen.emit.bounded_angles import operations
 from hgogen.emit.elementary import elementary
 from hgogen.emit.operations import CALLS
-from hgogen.emit.small_angles import operations
 from hgogen.emit.syntax import Real, demand_step
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph

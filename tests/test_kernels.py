@@ -1,0 +1,93 @@
+"""The kernels on P = L D L' against what they stand for, computed densely."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hgogen.discretisation import kernels
+
+EPS = float(np.finfo(float).eps)
+sizes, seeds = st.integers(1, 9), st.integers(0, 2**32 - 1)
+
+
+def factors(rng: np.random.Generator, n: int, decades: float) -> tuple[np.ndarray, np.ndarray]:
+    """L and D, of which D spreads over twice as many decades."""
+    return np.tril(rng.standard_normal((n, n)), -1) + np.eye(n), 10 ** rng.uniform(-decades, decades, n)
+
+
+def lower(columns: np.ndarray) -> np.ndarray:
+    return np.asarray(np.tril(columns.T, -1) + np.eye(len(columns)))
+
+
+def assert_is(columns: np.ndarray, d: np.ndarray, P: np.ndarray, size: np.ndarray) -> None:
+    """L D L' is P, but for some n^2 roundings of `size`, the diagonal of what was added up."""
+    error = np.abs(lower(columns) @ np.diag(d) @ lower(columns).T - P) / np.sqrt(np.outer(size, size))
+    assert error.max() < 100 * len(d) ** 2 * EPS
+
+
+@given(sizes, seeds, st.data())
+@settings(deadline=None, max_examples=100)
+def test_a_banded_product_becomes_triangular_again(n: int, seed: int, data: st.DataObject) -> None:
+    """Phi L, Phi with a band above its diagonal: every bit above L's diagonal is 0, and every D positive."""
+    rng = np.random.default_rng(seed)
+    (L, d), band = factors(rng, n, 2), data.draw(st.integers(1, max(1, n - 1)))
+    Phi = np.tril(rng.standard_normal((n, n)), band)
+    columns, after = (Phi @ L).T.copy(), d.copy()
+    kernels.triangularise(columns, after, band)
+    assert np.array_equal(columns.T, lower(columns))
+    assert (after > 0).all()
+    P = Phi @ L @ np.diag(d) @ L.T @ Phi.T
+    assert_is(columns, after, P, np.diag(np.abs(Phi @ L) @ np.diag(d) @ np.abs(Phi @ L).T))
+
+
+def test_a_pivot_of_zero_is_no_division_by_zero() -> None:
+    """The rows of Phi L exchanged."""
+    columns, d = np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([2.0, 3.0])
+    kernels.triangularise(columns, d, 1)
+    assert np.array_equal(columns, np.eye(2))
+    assert np.array_equal(d, [3.0, 2.0])
+
+
+@given(sizes, seeds)
+@settings(deadline=None, max_examples=60)
+def test_noise_is_added_to_the_diagonal(n: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    (L, d), w = factors(rng, n, 2), 10 ** rng.uniform(-4, 2, n) * rng.integers(0, 2, n)
+    columns, after, P = L.T.copy(), d.copy(), L @ np.diag(d) @ L.T + np.diag(w)
+    kernels.add(columns, after, w)
+    assert_is(columns, after, P, np.diag(P))
+    assert (after >= d).all()
+
+
+@given(sizes, seeds, st.data())
+@settings(deadline=None, max_examples=60)
+def test_a_row_that_reads_few_states_changes_no_more_than_it_must(n: int, seed: int, data: st.DataObject) -> None:
+    """What the whole row changes, which multiplies and divides other D by r."""
+    rng = np.random.default_rng(seed)
+    (L, d), read, r = factors(rng, n, 2), data.draw(st.integers(0, n)), np.array([10 ** rng.uniform(-2, 2)])
+    c = np.where(np.arange(n) < read, rng.standard_normal(n), 0.0)
+    results = []
+    for count in (read, n):
+        columns, after, gain = L.T.copy(), d.copy(), np.zeros(n)
+        kernels.correct(columns, after, c, r, gain, count)
+        results.append((columns, after, gain))
+    assert all(np.allclose(few, whole, rtol=2 * EPS, atol=0) for few, whole in zip(*results, strict=True))
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf, -np.inf, 1e200])
+def test_a_cap_tells_of_an_entry_that_is_lost(lost: float) -> None:
+    """1e200 is a number, and its square is none."""
+    caps = np.array([9.0, 9.0, 9.0])
+    columns, d = np.eye(3), np.ones(3)
+    assert not kernels.cap(columns, d, caps)
+    columns[0, 2] = lost
+    with np.errstate(all="ignore"):
+        assert kernels.cap(columns, d, caps)
+
+
+def test_a_cap_scales_rows_by_the_ratio() -> None:
+    columns, d = np.array([[1.0, 0.5, 2.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]]), np.array([1.0, 1.0, 4.0])
+    assert kernels.cap(columns, d, np.array([9.0, 9.0, 4.5]))
+    assert np.array_equal(columns, [[1.0, 0.5, 1.0], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    assert np.array_equal(d, [1.0, 1.0, 1.0])
