@@ -48,13 +48,18 @@ def adaptive(theta_1: float = 4.0, **changes: Any) -> hg.theta.Adaptive:
 
 @cache
 def law(theta: hg.theta.Adaptive, dt: float) -> Callable[[float, float], float]:
-    """The law as the step has it: theta after a sample, of theta and the innovation."""
-    (block,) = theta.parts(None, None)[-1].build(Clock(dt, "line", 1, 1)).adapt
+    """The law as the step has it: theta after a sample, of theta and the innovation. Where theta is said to rest, the
+    law that is left out changes no bit."""
+    share, rest, moving = theta.parts(None, None)[-1].build(Clock(dt, "line", 1, 1)).adapt
     gains = {Place("gain", g.name): g.initial[0] for g in theta.gains}
 
     def after(value: float, innovation: float) -> float:
         memory = {**gains, Place("state", "theta"): value, Place("state", "innovation"): innovation}
-        return float(block.graph(*(memory[place] for place, _ in block.reads))[0])
+        for block in (share, rest, *moving.body):
+            results = block.graph.call([memory[place] for place, _ in block.reads])
+            memory |= {place: float(result) for (place, _), result in zip(block.written, results, strict=False)}
+        assert memory[moving.flag] or memory[Place("state", "theta")] == value
+        return memory[Place("state", "theta")]
 
     return after
 
