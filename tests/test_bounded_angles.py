@@ -69,6 +69,13 @@ def test_an_angle_may_be_bounded_and_not_small() -> None:
     assert limit(50 * clamp(X, -1.0, 2.0)) == BOUNDED
 
 
+def test_an_output_before_it_changes_no_bound() -> None:
+    """Which has a number of its own, as places of work have."""
+    t = clamp(X, -1.0, 1.0)
+    assert SMALL_SIN in operations(ca.Function("f", [X, Y], [Y - t * t, ca.sin(t)]))
+    assert SMALL_SIN in operations(ca.Function("f", [X, Y], [ca.vertcat(t, Y * t), ca.sin(t) + Y]))
+
+
 def expressions() -> st.SearchStrategy[Any]:
     ends = st.floats(-3.0, 3.0)
     leaves = st.one_of(st.sampled_from([X, Y]), ends.map(ca.SX))

@@ -25,7 +25,7 @@ _LARGE = 1e30  # what is larger may be infinite in single precision
 
 
 class Bound(NamedTuple):
-    """Between `low` and `high` where it is a number; `number`: it always is one."""
+    """Between `low` and `high` where it is a number; `number`: it always is one, an infinite one perhaps."""
 
     low: float
     high: float
@@ -50,21 +50,26 @@ def operations(function: ca.Function) -> list[int]:
         of = [bounds[place] for place in read] if op in _BOUNDS or op in _ANGLES else []
         codes.append(next((code for limit, code in _ANGLES.get(op, ()) if of[0].size <= limit), op))
         value = function.instruction_constant(k) if op == ca.OP_CONST else inf
-        bounds |= dict.fromkeys(wrote, Bound(value, value, True) if abs(value) < inf else _bound(op, of))
+        if op != ca.OP_OUTPUT:  # which names an output where others name a place of work
+            bounds |= dict.fromkeys(wrote, Bound(value, value, True) if abs(value) < inf else _bound(op, of))
     return codes
 
 
 def _bound(op: int, of: list[Bound]) -> Bound:
     """Of an operation on what is bounded."""
-    bound = _BOUNDS[op](*of) if op in _BOUNDS else _WAVE if op in _ANGLES else _ANY
-    return bound if bound.size < _LARGE else bound._replace(number=False)
+    return _BOUNDS[op](*of) if op in _BOUNDS else _WAVE if op in _ANGLES else _ANY
+
+
+def _number(a: Bound, b: Bound) -> bool:
+    """Whether a sum, a difference or a product is one for certain: no operand may be infinite."""
+    return a.number and b.number and max(a.size, b.size) < _LARGE
 
 
 def _product(a: Bound, b: Bound) -> Bound:
     if max(a.size, b.size) == inf:
         return _ANY
     ends = [x * y for x in a[:2] for y in b[:2]]
-    return Bound(min(ends), max(ends), a.number and b.number)
+    return Bound(min(ends), max(ends), _number(a, b))
 
 
 def _quotient(a: Bound, b: Bound) -> Bound:
@@ -80,8 +85,8 @@ def _larger(a: Bound, b: Bound) -> Bound:
 
 
 _BOUNDS: Mapping[int, Callable[..., Bound]] = {
-    ca.OP_ADD: lambda a, b: Bound(a.low + b.low, a.high + b.high, a.number and b.number),
-    ca.OP_SUB: lambda a, b: Bound(a.low - b.high, a.high - b.low, a.number and b.number),
+    ca.OP_ADD: lambda a, b: Bound(a.low + b.low, a.high + b.high, _number(a, b)),
+    ca.OP_SUB: lambda a, b: Bound(a.low - b.high, a.high - b.low, _number(a, b)),
     ca.OP_MUL: _product,
     ca.OP_DIV: _quotient,
     ca.OP_NEG: lambda a: Bound(-a.high, -a.low, a.number),
