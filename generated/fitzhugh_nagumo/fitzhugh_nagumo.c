@@ -75,7 +75,7 @@ static float fitzhugh_nagumo_exp(float x)
     return expf(x);
 }
 
-static float fitzhugh_nagumo_sin(float x)
+static float fitzhugh_nagumo_small_sin(float x)
 {
     return sinf(x);
 }
@@ -91,7 +91,7 @@ static float fitzhugh_nagumo_exp(float x)
     return expf(x);
 }
 
-static float fitzhugh_nagumo_sin(float x)
+static float fitzhugh_nagumo_small_sin(float x)
 {
     return arm_sin_f32(x);
 }
@@ -149,17 +149,13 @@ static float fitzhugh_nagumo_exp(float x)
     return (x > 88.896126f) ? fitzhugh_nagumo_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
 }
 
-static float fitzhugh_nagumo_sin(float x)
+static float fitzhugh_nagumo_small_sin(float x)
 {
-    const bool t1 = fitzhugh_nagumo_within(x, 131072.0f);
-    const float t2 = fitzhugh_nagumo_nearest(t1 ? 0.31830987f*x : 0.0f);
-    const float t3 = x - (t1 ? 0.0f : x) - 3.140625f*t2 - 0.0009675026f*t2 - 1.5099067e-07f*t2
-        - 5.126688e-12f*t2;
-    const float t4 = t3*t3;
-    const float t5 = 0.5f*t2;
-    const float t6 = t5 - fitzhugh_nagumo_nearest(t5);
-    return (t3 + t3*(((2.606055e-06f*t4 - 0.00019809768f)*t4 + 0.008333069f)*t4 - 0.1666666f)*t4)*
-        (1.0f - t6*t6*8.0f);
+    const float t1 = fitzhugh_nagumo_nearest(0.31830987f*x);
+    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
+    const float t3 = t2*t2;
+    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
+        (1.0f - t1*t1*2.0f);
 }
 
 static float fitzhugh_nagumo_small_cos(float x)
@@ -179,7 +175,7 @@ static void fitzhugh_nagumo_flow(float z1, float z2, float z3, float u, float dz
 {
     const float t1 = fitzhugh_nagumo_limit(z1, 3.5f);
     dz[0] = t1 - t1*t1*t1*0.33333334f - u*z2;
-    dz[1] = 2.4f*fitzhugh_nagumo_sin(t1) - 0.8f*fitzhugh_nagumo_limit(z2, 10.0f) + 0.8f*z3;
+    dz[1] = 2.4f*fitzhugh_nagumo_small_sin(t1) - 0.8f*fitzhugh_nagumo_limit(z2, 10.0f) + 0.8f*z3;
 }
 
 /* the entries of the flow's Jacobian that are not constant, by columns */

@@ -137,7 +137,7 @@ class Loops:
 
     def _shares(self, P: Array) -> Array:
         """P_ii/cap_i (.., k, n) of P (.., k, n, n)."""
-        return np.asarray(np.einsum("kij,...kjl,kil->...ki", self.back, P, self.back) / self.cap)
+        return np.asarray(((self.back @ P) * self.back).sum(axis=-1) / self.cap)
 
 
 def advised(part: Riccati, dt: float) -> tuple[float, float]:
@@ -165,7 +165,8 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops
     n, scaling = len(Q), part.scaling
     prior = rho * np.diag(1 / part.cap) if rho else np.zeros((n, n))
     noise = scaling.process(theta) * Q * np.outer(scaling.spread(theta), scaling.spread(theta))
-    P, rested = _steady(part, F, C, theta, rho), _steady(part, F, C, rest, rho)
+    steady = {each: _steady(part, F, C, each, rho) for each in {theta, rest}}
+    P, rested = steady[theta], steady[rest]
     there, settled = _definite(P), _definite(rested)
     starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(settled[:, None, None], rested, P)])
     F, C, P, starts = F[there], C[there], P[there], starts[:, there]

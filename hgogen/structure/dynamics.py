@@ -28,7 +28,6 @@ from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
 from hgogen.structure.inset import inset, reaches
 from hgogen.structure.sided import Sided, sided
-from hgogen.system import System
 
 # A value beyond this is absurd in any unit; its square still is a float.
 HUGE = 1e15
@@ -275,8 +274,8 @@ class Dynamics:
 
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A and b at z, which its callers have clamped."""
-        n = self.n
-        linear = ca.sparsify(ca.reshape(column(self._convert(list(self.form.A.T), z, u)), n, n))
+        entries = self.form.A.todok()
+        linear = _filled(entries.keys(), self._convert(entries.values(), z, u), self.n)
         if self.form.behind is not None:
             states = self._behind(z, u)
             return linear, column(self._convert(self.form.behind, states, u, self.form.system.states))
@@ -334,19 +333,32 @@ class Dynamics:
         linear, rest = zip(*(_split(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
 
+    @cached_property
+    def _constants(self) -> tuple[tuple[sp.Symbol, Any], ...]:
+        """The parameters that have no range, with their values."""
+        return tuple((p, value) for p, value in self.form.system.nominal.items() if not p.bounded)
+
     def _convert(self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None) -> list[Graph]:
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
-        rows = [plain(_with_constants(sp.sympify(e), system)) for e in expressions]
+        rows = [plain(_with_constants(sp.sympify(e), self._constants)) for e in expressions]
         return to_casadi(rows, symbols, reaches(rows, self._around(states or self.form.states)))
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
-def _with_constants(expression: sp.Expr, system: System) -> sp.Expr:
+def _with_constants(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ...]) -> sp.Expr:
     """The expression with the values of the parameters that have no range."""
-    return expression.subs({p: value for p, value in system.nominal.items() if not p.bounded})
+    return expression.subs(dict(constants))
+
+
+def _filled(places: Iterable[tuple[int, int]], values: Sequence[Graph], n: int) -> Graph:
+    """The SX matrix (n, n), sparse, with these values at (row, column)."""
+    matrix = ca.SX(n, n)
+    for place, value in zip(places, values, strict=True):
+        matrix[place] = value
+    return ca.sparsify(matrix)
 
 
 def _regular(matrix: Graph, test: Graph) -> Graph:
