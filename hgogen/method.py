@@ -12,7 +12,7 @@ from hgogen.chains.transient import lengths
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.routine import routine
-from hgogen.discretisation.runge_kutta import Tableau, advance
+from hgogen.discretisation.runge_kutta import RK4, Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
@@ -53,6 +53,11 @@ class Method(Protocol):
         """The name of the method in reports."""
         ...
 
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """What a step does, in lines for reports; h is its length."""
+        ...
+
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """The part over one step, the measurement on the line between two valid samples."""
         ...
@@ -82,6 +87,11 @@ class Explicit:
     def name(self) -> str:
         """The name of the method in reports."""
         return f"{self.tableau.name}, {self.view} form" if self.view == "covariance" else self.tableau.name
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """The stages of the tableau, and what they lead to."""
+        return self.tableau.equations
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
@@ -160,6 +170,12 @@ class Explicit:
             basis=EVERYWHERE,
             rule=self.name,
         )
+
+
+def equations(method: Method, rule: str) -> tuple[str, ...]:
+    """The lines of what carries an observer out: the method, or classical Runge-Kutta where the method leaves a part
+    to it; none of a rule that is a part's own."""
+    return {RK4.name: RK4.equations, method.name: method.equations}.get(rule, ())
 
 
 def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:

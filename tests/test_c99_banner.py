@@ -1,4 +1,4 @@
-"""What a header says of claims, of the theorem behind its observer, and what to do when a status bit is raised."""
+"""What a header says of claims, where it says the hypotheses are, and what to do when a status bit is raised."""
 
 import itertools
 import re
@@ -10,7 +10,6 @@ import pytest
 from plants import fitzhugh_nagumo, kalman, pendulum, van_der_pol
 
 import hgogen as hg
-from hgogen.check import Verdict
 from hgogen.emit.manual import model_digest
 from hgogen.step import StepMayFail
 from hgogen.theorem import rows
@@ -41,21 +40,21 @@ def uncertain() -> hg.Observer:
 
 def test_what_was_accepted_says_what_follows() -> None:
     coasts = "the observer coasts while a_2 is near 0: the states behind it are then seen only through changes of u"
-    assert f"a_2 vanishes; at u = 0; so {coasts} proved: triangular.a_3" in words(fitzhugh_nagumo(), 0.01)
+    accepted = "refuted (accepted by the user): triangular.a_2: at u = 0"
+    assert f"{accepted}; so {coasts} proved: triangular.a_3" in words(fitzhugh_nagumo(), 0.01)
     check = next(check for check in fitzhugh_nagumo().checks if check.id == "triangular.a_2")
     assert check.consequence == coasts
     assert f"knowing that {coasts}." in check.advice
 
 
 def test_what_was_accepted_without_another_consequence_leaves_no_theorem() -> None:
-    assert "a_2 vanishes; at k = 0; so no convergence theorem is in force proved: triangular.lip" in words(uncertain())
+    accepted = "refuted (accepted by the user): triangular.a_2: at k = 0"
+    assert f"{accepted}; so no convergence theorem is in force proved: triangular.lip" in words(uncertain())
 
 
 def test_theta_below_the_bound_contradicts_nothing() -> None:
     banner = words(pendulum(theta=20))
-    assert (
-        "unknown: high_gain.theta: theta = 20 is above that bound; not shown: 20 is below the certified 44.3" in banner
-    )
+    assert "unknown: high_gain.theta: not shown: 20 is below the certified 44.3" in banner
 
 
 def test_a_step_length_is_not_said_to_be_good() -> None:
@@ -66,27 +65,31 @@ def test_a_step_length_is_not_said_to_be_good() -> None:
     assert "judged with gains and parameters at their nominal values, which proves nothing" in banner
 
 
-# --- the theorem --------------------------------------------------------------------------------------------
+def test_a_claim_is_a_line_with_its_number() -> None:
+    """Up to the first comma outside of parentheses; the search for it is evidence, and no number of the claim."""
+    lines = hg.targets.c99(hg.sample(pendulum(theta=20), dt=1e-3), check=False)["pendulum.h"].splitlines()
+    first = lines.index(" * Claims") + 1
+    assert lines[first : first + 7] == [
+        " *   proved: triangular.structure",
+        " *   proved: triangular.a_1: it is 1",
+        " *   proved: triangular.a_2: it is 1",
+        " *   proved: triangular.lipschitz: L_b <= 19.61",
+        " *   proved: high_gain.convergence: above 44.36 = max(1, 2 lambda_max(P) L_b)",
+        " *   unknown: high_gain.theta: not shown: 20 is below the certified 44.36",
+        " * Hypotheses of its theorem, and the evidence of the claims: pendulum.md",
+    ]
 
 
 @pytest.mark.parametrize("name", emitted.STEPS)
-def test_what_no_claim_settles_is_listed(name: str) -> None:
-    """Each hypothesis that is left to the user, unknown or refuted, once; one that a check knows is a claim."""
+def test_hypotheses_are_left_to_the_document_that_the_header_names(name: str) -> None:
     step = emitted.step(name)
-    banner = " ".join(emitted.files(name)[f"{step.name}.h"].split("typedef")[0].replace("\n *", "\n").split())
-    listed = rows(step.observer.theorem, step.observer.checks)
-    assert len(listed) >= 5
-    for row in listed:
-        wanted = not row.checks and row.verdict is not Verdict.PROVED
-        assert banner.count(f"{row.claim}; {row.reason}") == wanted, row.claim
-        assert not wanted or f"Hypotheses of the theorem, {row.standing} " in banner
-
-
-def test_a_hypothesis_that_the_gains_refute_is_told() -> None:
-    """mu = 0 up to gamma_0: not by a logistic."""
-    banner = words(adaptive(mu=hg.theta.logistic(0.1, 100)), 0.01)
-    assert "Hypotheses of the theorem, refuted mu = 0 up to gamma_0" in banner
-    assert "Hypotheses of the theorem, refuted" not in words(adaptive(), 0.01)
+    head = emitted.files(name)[f"{step.name}.h"]
+    (document,) = hg.targets.markdown(step)
+    assert f"{document}\n" in head
+    said = [row for row in rows(step.observer.theorem, step.observer.checks) if not row.checks and row.reason]
+    assert len(said) >= 4
+    banner = " ".join(head.replace("\n *", "\n").split())
+    assert not [row.claim for row in said if f"{row.claim}; {row.reason}" in banner]
 
 
 # --- the estimate at its outer box --------------------------------------------------------------------------

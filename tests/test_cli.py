@@ -214,7 +214,7 @@ def test_a_step_on_a_refuted_form_exits_1(here: Path):
 @needs_compiler
 def test_build(here: Path):
     answer = as_json("build", "neuron")
-    names = [*(f"fitzhugh_nagumo{end}" for end in (".c", ".h", "_check.c")), "report.json"]
+    names = [*(f"fitzhugh_nagumo{end}" for end in (".c", ".h", "_check.c", ".md")), "report.json"]
     names += [f"short_{what}.{kind}" for what in ("states", "theta") for kind in ("png", "svg")]
     assert files(here / "build" / "neuron") == sorted(names)
     assert sorted(Path(path).name for path in answer["files"]) == sorted(names)
@@ -249,7 +249,7 @@ def test_generate_is_the_same_again(here: Path):
     hgogen("generate", "neuron", "-o", "two")
     one, two = (here / name / "neuron" for name in ("one", "two"))
     assert sorted(answer["models"][0]["files"]) == sorted(str(Path("one/neuron") / name) for name in files(one))
-    assert len(files(one)) == 7
+    assert len(files(one)) == 8
     assert {name: (one / name).read_bytes() for name in files(one)} == {
         name: (two / name).read_bytes() for name in files(two)
     }
@@ -282,7 +282,7 @@ def test_generate_of_a_model_without_a_trial(here: Path):
     (here / "untried.py").write_text(text[: text.index("def trial")])
     _, err = hgogen("generate", "untried.py")
     assert "no trial()" in err
-    assert len(files(here / "generated" / "untried")) == 3
+    assert len(files(here / "generated" / "untried")) == 4
 
 
 def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here: Path):
@@ -301,7 +301,7 @@ def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here
 def test_generate_in_another_language(here: Path):
     answer = as_json("generate", "neuron", "--target", "rust", "--real", "double", "-o", "crates")
     written = [name for name in files(here / "crates" / "neuron") if name.startswith("fitz")]
-    assert written == ["fitzhugh_nagumo.rs", "fitzhugh_nagumo_check.rs"]
+    assert written == ["fitzhugh_nagumo.md", "fitzhugh_nagumo.rs", "fitzhugh_nagumo_check.rs"]
     assert {Path(path).name for path in answer["models"][0]["files"]} >= set(written)
     text = (here / "crates" / "neuron" / "fitzhugh_nagumo.rs").read_text()
     assert "hgogen generate neuron --real double --target rust" in " ".join(text.replace("//!", "").split())

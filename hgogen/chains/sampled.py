@@ -66,11 +66,13 @@ class _Update:
 
 @dataclass(frozen=True)
 class Sampled:
-    """A method by its `matrices`, of a core and a step length (s), and `numbers`: (Phi, Psi_0, Psi_1) (N, N) of h M."""
+    """A method by its `matrices`, of a core and a step length (s), and `numbers`: (Phi, Psi_0, Psi_1) (N, N) of h M;
+    `equations`: lines for reports."""
 
     name: str
     matrices: Callable[[Core, float], Matrices]
     numbers: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
+    equations: tuple[str, ...]
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once.

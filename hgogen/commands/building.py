@@ -1,5 +1,6 @@
 """The commands `build`, `generate` and `simulate`: a model's observer in C and in Python, and what its trials show."""
 
+from dataclasses import replace
 from inspect import signature
 from itertools import combinations
 from pathlib import Path
@@ -89,13 +90,14 @@ def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count:
 
 
 def _emitted(step: CallableStep, model: Model, observer: str | None, target: str) -> Sources:
-    """The files of a target, in float unless the precision is set; their banner says which command makes them again,
-    and what they call otherwise is noted."""
+    """The files of a target, in float unless the precision is set, and the document that their head names; the banner
+    says which command makes them again, and what they call otherwise is noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
-    files: Sources = getattr(targets, target)(step, real=model.setting.real or "float", command=" ".join(words))
+    real = model.setting.real or "float"
+    files: Sources = getattr(targets, target)(step, real=real, command=" ".join(words))
     note(*files.notes)
-    return files
+    return replace(files, texts=(*files.texts, *targets.markdown(step, real=real).texts))
 
 
 @command()

@@ -1,7 +1,8 @@
 """Explicit Runge-Kutta methods as data: k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 
 from hgogen.graph import Graph
 
@@ -19,6 +20,12 @@ class Tableau:
     order: int
 
     @property
+    def equations(self) -> tuple[str, ...]:
+        """A line for each stage, and one for the result; a stage reads the input and the samples at its own time."""
+        stages = (f"k_{i} = f(z{' + ' * any(row)}{_slopes(row)})" for i, row in enumerate(self.a, 1))
+        return (*stages, f"z+ = z + {_slopes(self.b)}")
+
+    @property
     def polynomial(self) -> tuple[float, ...]:
         """Coefficients of the stability polynomial R(z) = 1 + sum_k z^(k+1) b' A^k 1, constant first."""
         weights, coefficients = [1.0] * len(self.b), [1.0]
@@ -26,6 +33,17 @@ class Tableau:
             coefficients.append(sum(b * w for b, w in zip(self.b, weights, strict=True)))
             weights = [sum(a * w for a, w in zip(row, weights, strict=False)) for row in self.a]
         return tuple(coefficients)
+
+
+def _slopes(weights: Iterable[float]) -> str:
+    """h times a sum of slopes with their weights; "" where every weight is 0."""
+    exact = {f"k_{j}": Fraction(weight).limit_denominator(10_000) for j, weight in enumerate(weights, 1) if weight}
+    if not exact:
+        return ""
+    if len(exact) == 1:
+        ((name, weight),) = exact.items()
+        return f"h {name}" if weight == 1 else f"{weight} h {name}"
+    return f"h ({' + '.join(name if weight == 1 else f'{weight} {name}' for name, weight in exact.items())})"
 
 
 EULER = Tableau("Euler", ((),), (1.0,), (0.0,), 1)

@@ -1,10 +1,9 @@
 """What emitted code says at its head in every language: the mathematics, its claims, how a lost estimate restarts."""
 
-from collections.abc import Container
 from importlib.metadata import version
 
 from hgogen.certificates.certificate import NotCertifiable, fingerprint
-from hgogen.check import Check, Verdict
+from hgogen.emit.claims import document_name, in_short
 from hgogen.emit.cost import cost
 from hgogen.emit.syntax import Real
 from hgogen.intervals.digits import same
@@ -15,7 +14,6 @@ from hgogen.recheck.file import SHOWN
 from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.members import read_fields
-from hgogen.theorem import rows
 
 FAULTS = (
     "An output that is not finite is missing: the step predicts. An input that is not finite reuses the last valid "
@@ -38,7 +36,7 @@ ORDER_OF_LATE = (
     "raises the bits about the estimate. Until then no sample is used. Without a sample leave its update out; with NaN "
     "it raises MISSING."
 )
-_BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line from the value before to that now"}
+BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line from the value before to that now"}
 
 
 def title(step: Step, command: str) -> list[str]:
@@ -62,11 +60,11 @@ def mathematics(step: Step, names: str = "") -> list[str]:
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
     lines += [f"  {written(f)}" for f in step.gains]
     lines += [f"Method: {step.rule}, dt = {pace(step.dt, step.time)}"]
-    lines += [f"Between two calls the input is taken to {_BETWEEN[step.between]}"] * bool(step.inputs)
+    lines += [f"Between two calls the input is taken to {BETWEEN[step.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
-    lines += [f"  {_claimed(check, observer.accepted)}" for check in observer.checks]
-    lines += [names] * bool(names)
-    return [*lines, *_assumed(observer)]
+    lines += [f"  {in_short(check, observer.accepted)}" for check in observer.checks]
+    lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
+    return [*lines, *[names] * bool(names)]
 
 
 def order(step: Step) -> str:
@@ -136,27 +134,6 @@ def own(step: Step) -> list[str]:
 def _time(step: Step) -> list[str]:
     """The unit of time, where it is not the second."""
     return [f"Time is counted in {step.time}: call it every {pace(step.dt, step.time)}"] if step.time != "s" else []
-
-
-def _claimed(check: Check, accepted: Container[str]) -> str:
-    """A claim with its verdict; of a refuted one what follows."""
-    at = ", ".join(f"{k} = {v:g}" for k, v in check.witness.items())
-    claim = f"{check.id}: {check.claim}; {check.reason}{'; at ' + at if at else ''}"
-    if check.id not in accepted or check.verdict is not Verdict.REFUTED:
-        return f"{check.verdict}: {claim}"
-    consequence = check.consequence or "no convergence theorem is in force"
-    return f"{check.verdict} (accepted by the user): {claim}; so {consequence}"
-
-
-def _assumed(observer: Observer) -> list[str]:
-    """What the theorem assumes beside the claims, by what is known of it; what holds by construction is left out."""
-    open_ = [row for row in rows(observer.theorem, observer.checks) if row.verdict is not Verdict.PROVED]
-    hypotheses: dict[str, list[str]] = {}
-    for row in (row for row in open_ if not row.checks):
-        hypotheses.setdefault(row.standing, []).append(f"  {row.claim}; {row.reason}")
-    return [
-        line for standing, lines in hypotheses.items() for line in (f"Hypotheses of the theorem, {standing}", *lines)
-    ]
 
 
 def _model(observer: Observer) -> str:

@@ -38,4 +38,6 @@ def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.nda
     return 2 * S - one, h * S, h / 2 * S
 
 
-bilinear = Sampled("the bilinear rule", _matrices, _numbers)
+EQUATIONS = ("(1 - h/2 M) x+ = (1 + h/2 M) x + h/2 B (v_0 + v_1) + h/2 (r_0 + r_1)",)
+
+bilinear = Sampled("the bilinear rule", _matrices, _numbers, EQUATIONS)

@@ -19,12 +19,20 @@ from hgogen.method import NoCovariance
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 
+EQUATIONS = (
+    "z <- z after classical Runge-Kutta of z' = f(z, u)",
+    "P <- Phi P Phi' + h Q_theta, Phi = 1 + h F + (h F)^2/2, P = S S'",
+    "at a sample of y_j: alpha = R_theta/h + c P c', K = P c'/alpha, c = dh_j/dz",
+    "z <- z + K (y_j - h_j), P <- P - K c P",
+)
+
 
 @dataclass(frozen=True)
 class Cholesky:
     """P = S S' of a Riccati observer by predict and correct."""
 
     name: str = RULE
+    equations: tuple[str, ...] = EQUATIONS
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """Refused. Raises: `NoCovariance`."""

@@ -25,11 +25,20 @@ from hgogen.part import Clock, Ode, Pieces
 UNROLLED = 7  # states up to which the covariance is straight-line code: at 10 it would be 30 kB of flash
 
 
+EQUATIONS = (
+    "z <- z after classical Runge-Kutta of z' = f(z, u)",
+    "P <- Phi P Phi' + h Q_theta, Phi = 1 + h F + (h F)^2/2",
+    "at a sample of y_j: alpha = R_j/(theta h) + c P c', K = P c'/alpha, c = dh_j/dz",
+    "z <- z + K (y_j - h_j), P <- P - K c P",
+)
+
+
 @dataclass(frozen=True)
 class ContinuousDiscrete:
     """P = L D L' of a Riccati observer by predict and correct; any other part by classical Runge-Kutta."""
 
     name: str = "continuous-discrete, L D L'"
+    equations: tuple[str, ...] = EQUATIONS
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """The step of an ordinary differential equation by classical Runge-Kutta."""

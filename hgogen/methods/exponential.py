@@ -39,4 +39,9 @@ def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.nda
     return Phi, Psi_0, Psi_1
 
 
-exponential = Sampled("the matrix exponential", _matrices, _numbers)
+EQUATIONS = (
+    "x+ = phi_0 x + h (phi_1 - phi_2) B v_0 + h phi_2 B v_1 + h phi_1 r_0 + h phi_2 (r_1 - r_0), each phi of X = h M",
+    "phi_0 = exp X, phi_1 = (phi_0 - 1) X^-1, phi_2 = (phi_1 - 1) X^-1",
+)
+
+exponential = Sampled("the matrix exponential", _matrices, _numbers, EQUATIONS)

@@ -92,6 +92,7 @@ class Continuous:
     """The method that leaves differential equations as they are."""
 
     name: str = "CVODES"
+    equations: tuple[str, ...] = ()
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """All fields of the part at once."""

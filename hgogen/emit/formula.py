@@ -1,0 +1,119 @@
+"""A line of equations as LaTeX: z' = A z + b(sat z, u) as observers and methods write them, names by SymPy's printer.
+
+A name with a prime before = is a derivative, as is a primed small name with a number or i or n below it; any other
+prime is a transpose. A word of several letters that is no name of mathematics stays a word.
+"""
+
+# Takes apart: lines of equations, which are written for people.
+
+import re
+
+import sympy as sp
+
+_GREEK = "alpha beta gamma delta eps eta kappa lambda mu nu phi psi rho sigma tau theta xi Delta Gamma Phi Pi Psi"
+_NAMES = frozenset(f"{_GREEK} dPhi dh dx dz dc dw d2h xhat".split())
+_CALLED = "acos asin atan cos cosh det diag exp log max mean min sat sin sinh sqrt sum tan tanh"
+_OPERATORS = frozenset(_CALLED.split())
+_SIGNS = {
+    "<=": r"\leq ",
+    ">=": r"\geq ",
+    "<-": r"\leftarrow ",
+    "->": r"\to ",
+    "+-": r"\pm ",
+    "..": r"\dots ",
+    **{mark: rf"\{mark}" for mark in "{}%&#$_"},
+    "<": r"\lt ",
+    ">": r"\gt ",
+    "'": r"^{\top}",
+    "~": r"\sim ",
+    "\\": r"\backslash ",
+}
+_NAME = r"[A-Za-z](?:\w*[A-Za-z0-9])?"
+_KNOWN = "|".join(sorted(_OPERATORS | _NAMES))
+_PARTS = re.compile(
+    r"(?P<power>\^-?(?=\())|\^(?P<short>-?[A-Za-z0-9]+)|(?P<below>_\()|(?P<ratio>\b\d+/\d+(?![\w.]))"
+    r"|(?P<number>\d+(?:\.\d+)?(?:e[-+]?\d+)?)"
+    rf"|(?P<article>a)(?= (?!(?:{_KNOWN})\b)[a-z]{{4,}})"
+    r"|(?P<joined>[A-Za-z][a-z]+-[A-Za-z][a-z]+)"
+    rf"|(?P<rate>{_NAME})'(?=\s*=)|(?P<name>{_NAME})(?P<mark>'|[+*](?=[\s)|,^']|$))?"
+    r"|(?P<sign><=|>=|<-|->|\+-|\.\.|[<>'{}%&#$_~\\])"
+)
+_BETWEEN_WORDS = re.compile(r" \} ?\\text\{ ")  # between two words
+_DEPTH = {"(": 1, "[": 1, ")": -1, "]": -1}
+_SPECIAL = {"dPhi": r"d\Phi", "sum_j": r"\sum_j"}
+_SMALL = re.compile(r"[a-z]\w*_(?:[in]|\d+)\Z")
+
+
+def formulas(line: str) -> list[str]:
+    """The equations of a line, each as LaTeX; what stands between semicolons is one."""
+    return [_latex(part) for part in line.split("; ")]
+
+
+def named(name: str) -> str:
+    """A name as SymPy prints the symbol that has it."""
+    return str(sp.latex(sp.Symbol(name)))
+
+
+def _latex(text: str) -> str:
+    """Text of which each part is a word, a name, a number or a sign of mathematics."""
+    made, at, depth = "", 0, 0
+    while at < len(text):
+        match = _PARTS.match(text, at)
+        if match is None:
+            depth += _DEPTH.get(text[at], 0)
+            made, at = made + (r",\quad" if text[at] == "," and depth == 0 else text[at]), at + 1
+            continue
+        kind, end = match.lastgroup, match.end()
+        if kind in ("power", "below"):  # what is in parentheses is above or below the line
+            close = _close(text, end - (kind == "below"))
+            inner = _latex(text[end:close] if kind == "below" else text[end : close + 1])
+            made += f"_{{{inner}}}" if kind == "below" else f"^{{{match['power'][1:]}{inner}}}"
+            end = close + 1
+        else:
+            depth += {"{": 1, "}": -1}.get(match["sign"] or "", 0)
+            made += _part(match)
+        at = end
+    return _BETWEEN_WORDS.sub(" ", made).strip()
+
+
+def _close(text: str, start: int) -> int:
+    """Where the parenthesis that opens at `start` is closed."""
+    depth = 0
+    for at in range(start, len(text)):
+        depth += _DEPTH.get(text[at], 0)
+        if depth == 0:
+            return at
+    return len(text) - 1
+
+
+def _part(match: re.Match[str]) -> str:
+    """A power, a number, a name or a sign."""
+    if match["short"]:
+        return f"^{{{_raised(match['short'])}}}"
+    if match["ratio"]:
+        above, below = match["ratio"].split("/")
+        return rf"\frac{{{above}}}{{{below}}}"
+    if match["number"]:
+        digits, _, power = match["number"].partition("e")
+        return rf"{digits} \cdot 10^{{{int(power)}}}" if power else digits
+    if match["rate"]:
+        return rf"\dot{{{named(match['rate'])}}}"
+    if word := match["name"] or match["article"] or match["joined"]:
+        return _name(word, match["mark"] or "", word != match["name"])
+    return _SIGNS[match["sign"]]
+
+
+def _raised(power: str) -> str:
+    return f"-{named(power[1:])}" if power.startswith("-") else named(power)
+
+
+def _name(name: str, mark: str, spoken: bool) -> str:
+    """A name with the mark that follows it, or a word."""
+    if name in _OPERATORS:
+        return rf"\operatorname{{{name}}}{mark}"
+    if spoken or (len(name) > 1 and "_" not in name and name not in _NAMES and not name[1:].isdigit()):
+        return rf"\text{{ {name} }}{mark}"
+    text = _SPECIAL.get(name, named(name))
+    if mark == "'":
+        return rf"\dot{{{text}}}" if _SMALL.match(name) else rf"{text}^{{\top}}"
+    return f"{text}^{{{mark}}}" if mark else f"{text} " if text.startswith("\\") else text

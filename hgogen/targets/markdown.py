@@ -1,0 +1,17 @@
+"""The mathematics of a step for people, NAME.md: equations as LaTeX, gains, claims, hypotheses and references.
+
+It lies beside the code of any language, whose head names it for what it leaves out.
+"""
+
+from hgogen.emit.claims import document_name
+from hgogen.emit.document import document
+from hgogen.emit.syntax import Real, demand_real, demand_step
+from hgogen.step import Step
+from hgogen.target import Files
+
+
+def markdown(step: Step, *, real: Real = "float") -> Files:
+    """The document of a step, the same in either precision. Raises: `NoStep`, `BadReal`."""
+    demand_step(step, "markdown")
+    demand_real(real)
+    return Files(((document_name(step), "\n".join(document(step)).rstrip("\n") + "\n"),))
