@@ -369,4 +369,4 @@ def test_gains_are_printed_beside_their_names(tmp_path: Path) -> None:
     assert claims.as_dict()["gains"] == {"Q": {"v": 2, "G": 3, "iL": 1}, "R": {"y": 0.1}}
     header = hg.targets.c99(model.step(), check=False)["three.h"]
     assert " *   Q = {v: 2, G: 3, iL: 1}\n" in header
-    assert "Q[3]; /* process noise, diagonal factor: v, G, iL [" in " ".join(header.split())
+    assert "Q[3]; /**< process noise, diagonal factor: v, G, iL [" in " ".join(header.split())

@@ -1,4 +1,5 @@
-"""NAME.h, the manual of emitted C: banner with the mathematics and its claims, structs, status bits, prototypes."""
+"""NAME.h, the manual of emitted C: banner with the mathematics and its claims, structs, status bits, prototypes; its
+comments are Doxygen's, too."""
 
 # Takes apart: the manual, whose paragraphs it fills.
 
@@ -12,9 +13,10 @@ from hgogen.emit.cfunction import address, prototype, prototypes, status_type, s
 from hgogen.emit.cnames import c_name, renamed, says
 from hgogen.emit.code import indented
 from hgogen.emit.cstruct import Member, member, members, named, struct
-from hgogen.emit.csyntax import C, comment, harmless
+from hgogen.emit.csyntax import C, beside, documented, harmless, spoken
+from hgogen.emit.described import MEANINGS as MEMBERS
 from hgogen.emit.described import of_signal, parameters
-from hgogen.emit.interface import of_section
+from hgogen.emit.interface import MEANINGS, Entry, direction, entries, of_section
 from hgogen.emit.manual import FAULTS, RANGES, late, mathematics, model_digest, order, own, rates, recovery, title
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
@@ -28,28 +30,48 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     """The header's lines."""
     guard = f"{step.name.upper()}_H"
     names = f"In C {says(step)}" if renamed(step) else ""
-    lines = [*_comment(title(step, command)), f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
+    first, *others = map(spoken, title(step, command))
+    lines = [*_block([f"@file {step.name}.h", f"@brief {first}", "", *others])]
+    lines += [f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
     lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
-    lines += [*_status(step), *_constants(step, real), *_comment(mathematics(step, names)), ""]
+    lines += [*_status(step), *_constants(step, real), *_mathematics(step, names), ""]
     lines += [*_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
-    for each in (each for each in prototypes(step).values() if each.public):
-        lines += [comment(each.meaning), f"{each};", ""]
+    for entry in (each for each in entries(step).values() if each.public):
+        lines += [*_function(entry), f"{prototype(step, entry)};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
 
 
-def _comment(lines: Iterable[str]) -> list[str]:
-    return ["/*", *(f" * {harmless(line)}".rstrip() for line in lines), " */"]
+def _block(lines: Iterable[str]) -> list[str]:
+    """A comment of several lines that Doxygen reads."""
+    return ["/**", *(f" * {line}".rstrip() for line in lines), " */"]
+
+
+def _function(entry: Entry) -> list[str]:
+    """What a function does, what it is given and what it says."""
+    parameters = [f"@param[{direction(entry, name)}] {name} {MEANINGS[name]}" for name in entry.parameters]
+    returned = ["@return 0, or an or of the status bits"] if entry.status else []
+    return _block([f"@brief {spoken(entry.meaning)}", *parameters, *returned])
+
+
+def _mathematics(step: Step, names: str) -> list[str]:
+    """The equations as they are, which are no text for Doxygen."""
+    lines = map(harmless, mathematics(step, names))
+    return _block(
+        ["@file", "@verbatim", *(line.replace("endverbatim", "end verbatim") for line in lines), "@endverbatim"]
+    )
 
 
 _MANUAL = Template("""
 How to use it: one init, then $what a sampling period of $dt.
 
+@code
 $structs
     ${name}_init(&s, &p);
     for (;;) {                      every $dt
 $body
         ${name}_estimate(&s, &p, &x);
     }
+@endcode
 
 The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
 $missing
@@ -64,7 +86,7 @@ call, which takes the estimate as it stands; what else a step remembers of it st
 
 No heap, no static data$changes, no recursion: one set of structs for each instance, shared between threads only
 under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
-where FLT_EVAL_METHOD of <float.h> is 0: elsewhere intermediate results are rounded otherwise; never with
+where FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with
 -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused. No macro tells of
 clang's -fno-honor-nans, which does the same: optimised with it, the self-check fails. Run it as you compile.
 """)
@@ -138,31 +160,32 @@ def _manual(step: Step, real: Real) -> list[str]:
         timed=_timed(step) if step.timed else "",
         late=f"\n{late(step, real)}\n" if step.ages else "",
     )
-    flowing = re.sub(r"(?<=\S)\n(?=\S)", " ", text.strip("\n"))  # a paragraph is one line, which is filled later
-    return _comment(flowing.split("\n"))
+    flowing = re.sub(r"(?<=\S)\n(?=[^\s@])", " ", text.strip("\n"))  # a paragraph is one line, which is filled later
+    return _block(["@file", *flowing.split("\n")])
 
 
 def _status(step: Step) -> list[str]:
     upper, digits = step.name.upper(), 4 if status_type(step) == "unsigned" else 8
     width = max(len(bit.name) for bit in step.bits)
-    lines = ["/* Status bits: what happened, and what it asks of you. */", ""]
+    lines = ["/** @name Status bits: what happened, and what it asks of you. */", "/** @{ */", ""]
     for k, bit in enumerate(step.bits):
         lines += [
-            comment(f"{bit.meaning}. To do: {bit.action}."),
+            documented(f"{bit.meaning}. To do: {bit.action}."),
             f"#define {upper}_{bit.name:{width}} 0x{1 << k:0{digits}X}u",
             "",
         ]
-    return lines
+    return [*lines, "/** @} */", ""]
 
 
 def _constants(step: Step, real: Real) -> list[str]:
     """What firmware compares: the period of its timer, and of a state that it restores who wrote it."""
-    upper = step.name.upper()
-    values = {"DT": C.literal(step.dt, real), "VERSION": f'"{version("hgogen")}"'}
-    values |= {"MODEL": f'"{digest}"'} if (digest := model_digest(step.observer)) else {}
-    origin = f"version of hgogen{' and the model' * bool(digest)}"
-    said = comment(f"the period that is compiled in, in {plural(step.time)}; the {origin} that a restored state is of")
-    return [said, *(f"#define {upper}_{name:7} {value}" for name, value in values.items()), ""]
+    period = f"the period that is compiled in, in {plural(step.time)}"
+    rows = [("DT", C.literal(step.dt, real), period)]
+    rows += [("VERSION", f'"{version("hgogen")}"', "the version of hgogen that a restored state is of")]
+    digest = model_digest(step.observer)
+    rows += [("MODEL", f'"{digest}"', "the model that a restored state is of")] if digest else []
+    defined = ((f"#define {step.name.upper()}_{name:7} {value}", said) for name, value, said in rows)
+    return [text for line, said in defined for text in (documented(said), line, "")]
 
 
 # ---------------------------------------------------------------- structs
@@ -183,12 +206,12 @@ def _structs(step: Step, real: Real) -> list[str]:
     for kind, signals in (("input", step.inputs), ("output", step.samples), ("plant", step.states)):
         if signals:
             inner = members(_signal(step, real, signal) for signal in signals)
-            lines += [comment(_KIND[kind]), *struct(f"{name}_{kind}", inner), ""]
-    lines += ["/* parameters: change plant or gain, then call tune */", *_params(step, real), ""]
+            lines += [documented(_KIND[kind]), *struct(f"{name}_{kind}", inner), ""]
+    lines += [documented("parameters: change plant or gain, then call tune"), *_params(step, real), ""]
     for *_, group in lines_of(step.groups):
         inner = _inner(step, real, group.fields, group.groups)
-        lines += [comment(group.meaning), *struct(f"{name}_{group.name}", inner), ""]
-    return [*lines, comment(_REMEMBERED), *struct(f"{name}_state", _inner(step, real, step.state, step.groups)), ""]
+        lines += [documented(group.meaning), *struct(f"{name}_{group.name}", inner), ""]
+    return [*lines, documented(_REMEMBERED), *struct(f"{name}_state", _inner(step, real, step.state, step.groups)), ""]
 
 
 def _inner(step: Step, real: Real, fields: Iterable[Field], groups: Iterable[Group]) -> list[str]:
@@ -198,7 +221,7 @@ def _inner(step: Step, real: Real, fields: Iterable[Field], groups: Iterable[Gro
 
 def _signal(step: Step, real: Real, signal: Signal) -> Member:
     name = c_name(signal.name)
-    return f"{real} {name};", of_signal(step, signal, name)
+    return f"{real} {name};", of_signal(step, signal, name) or "of no declared range"
 
 
 def _member(step: Step, real: Real, item: Field) -> Member:
@@ -209,9 +232,15 @@ def _params(step: Step, real: Real) -> list[str]:
     inner: list[str] = []
     for kind, fields in parameters(step):
         items = map(named, fields) if kind == "plant" else fields
-        inner += struct(kind, members(_member(step, real, f) for f in items), "struct {")
+        inner += _nested(kind, members(_member(step, real, f) for f in items))
     return [
         "typedef struct {",
-        *indented(inner or ["unsigned char none; /* there are none */"]),
+        *indented(inner or [f"unsigned char none; {beside('there are none')}"]),
         f"}} {step.name}_params;",
     ]
+
+
+def _nested(kind: str, inner: Iterable[str]) -> list[str]:
+    """A struct in a struct, with its comment before it and beside its name: they are two things to Doxygen."""
+    *lines, last = struct(kind, inner, "struct {")
+    return [documented(MEMBERS[kind]), *lines, f"{last} {beside(MEMBERS[kind])}"]

@@ -1,7 +1,8 @@
 """C99 as a `Syntax`, and its comments."""
 
-# Takes apart: a user's words, which become one line.
+# Takes apart: a user's words, which become one line without commands of Doxygen.
 
+import re
 from collections.abc import Sequence
 
 from hgogen.emit.cnames import c_name
@@ -12,6 +13,25 @@ from hgogen.emit.syntax import ATOM, OR, UNARY, Syntax
 def comment(text: str) -> str:
     """A C comment that its text cannot end."""
     return f"/* {harmless(text)} */" if text else ""
+
+
+def documented(text: str) -> str:
+    """A comment that Doxygen takes for what stands below it."""
+    return f"/** {spoken(text)} */" if text else ""
+
+
+def beside(text: str) -> str:
+    """A comment that Doxygen takes for what stands before it."""
+    return f"{BESIDE}{spoken(text)} */" if text else ""
+
+
+BESIDE = "/**< "
+_COMMAND = re.compile(r"[\\@]|<(?=[A-Za-z/!?])|[#%](?=\w)|&(?=[\w#]+;)|(?<=!)\[|(?<=\])\((?=\S)")
+
+
+def spoken(text: str) -> str:
+    """Harmless text in which Doxygen reads no command, link or tag."""
+    return _COMMAND.sub(r"\\\g<0>", harmless(text))
 
 
 def harmless(text: str) -> str:

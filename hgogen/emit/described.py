@@ -4,6 +4,12 @@ from hgogen.program import INF, Field
 from hgogen.signal import Signal
 from hgogen.step import Step
 
+MEANINGS = {  # of the members of the parameters
+    "plant": "parameters of the plant",
+    "gain": "gains of the observer",
+    "derived": "what `tune` computes of the others",
+}
+
 
 def described(item: Field) -> str:
     """Meaning, elements, unit and range of a field."""
@@ -26,10 +32,10 @@ def of_signal(step: Step, signal: Signal, name: str) -> str:
     unit = f" [{said}]" if said else ""
     bounds = f", {signal.low:g} .. {signal.high:g}" if signal.bounded else ""
     text = (signal.meaning + unit + bounds).strip(", ")
-    return text if name == signal.name else beside(signal.name, text)
+    return text if name == signal.name else own_name(signal.name, text)
 
 
-def beside(name: str, text: str) -> str:
+def own_name(name: str, text: str) -> str:
     """What is said of a member that has another name in the language: its own, then the rest."""
     return f"{name}: {text}" if text else name
 

@@ -32,9 +32,10 @@ def _fold(line: str) -> list[str]:
         return _filled(text, indent, f"{mark}{' ' * (inner + 2 if inner else 0)}")
     if text.startswith("/*"):
         return _filled(text, indent, " * ")
-    code, mark, comment = text.partition(" /* ")
-    if mark:
-        return [*_fold(f"{indent}/* {comment}"), *_fold(f"{indent}{code.rstrip()}")]
+    for mark, above in ((" /* ", "/* "), (" /**< ", "/** ")):
+        code, inside, comment = text.partition(mark)
+        if inside:
+            return [*_fold(f"{indent}{above}{comment}"), *_fold(f"{indent}{code.rstrip()}")]
     if listed := _LIST.fullmatch(text):
         head, values, tail = listed.groups()
         deeper = f"{indent}    "

@@ -20,12 +20,20 @@ REACHED = {  # the parameter of a function that a place is reached through, or i
     "estimate": ("x", ""),
     "argument": ("at", ""),
 }
+MEANINGS = {  # of the parameters
+    "s": "the state: what a step remembers",
+    "p": "the parameters",
+    "in": "the input now",
+    "out": "the measurement now",
+    "x": "the estimate of the plant's state",
+    "at": "the number of the period in which the sample was taken",
+}
 
 
 @dataclass(frozen=True)
 class Entry:
     """A function: its name, its parameters and which of them it writes, whether it returns a status, whether a caller
-    may call it."""
+    may call it; `anew`: those that it writes whatever they were."""
 
     name: str
     parameters: tuple[str, ...]
@@ -33,6 +41,7 @@ class Entry:
     meaning: str
     status: bool = True
     public: bool = True
+    anew: tuple[str, ...] = ()
 
 
 def entries(step: Step) -> dict[str, Entry]:
@@ -44,11 +53,11 @@ def entries(step: Step) -> dict[str, Entry]:
     )
     both, nominal = ("s", "p"), "nominal parameters, tuned, and a reset state"
     every = (
-        Entry("init", both, both, nominal, status=False),
+        Entry("init", both, both, nominal, status=False, anew=both),
         Entry("tune", ("p",), ("p",), limits),
-        Entry("reset", ("s",), ("s",), "the state as before the first call", status=False),
+        Entry("reset", ("s",), ("s",), "the state as before the first call", status=False, anew=("s",)),
         Entry("step", _parameters(step, {"in", "out"}), ("s",), whole),
-        Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False),
+        Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False, anew=("x",)),
     )
     parts = step.called if len(step.sections) > 1 else ()
     return {entry.name: entry for entry in (*every, *(of_section(step, section) for section in parts))}
@@ -65,6 +74,11 @@ def of_section(step: Step, section: Section) -> Entry:
 def reached(places: Iterable[Place]) -> set[str]:
     """The parameters that places are reached through."""
     return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
+
+
+def direction(entry: Entry, name: str) -> str:
+    """Whether a parameter goes in, comes out, or both."""
+    return "in" if name not in entry.written else "out" if name in entry.anew else "in,out"
 
 
 def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:

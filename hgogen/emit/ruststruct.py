@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from hgogen.emit.code import indented
-from hgogen.emit.described import beside, described, of_signal, parameters
+from hgogen.emit.described import MEANINGS, described, of_signal, own_name, parameters
 from hgogen.emit.rustsyntax import RUST, line, rust_name, type_name
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, lines_of
@@ -21,11 +21,6 @@ _SIGNALS = {
     "Outputs": "The measurements now.",
     "Estimate": "The estimate of the plant's state; ranges are the declared ones, beyond which it may peak.",
 }
-_PARAMETERS = {
-    "plant": "Parameters of the plant.",
-    "gain": "Gains of the observer.",
-    "derived": "What `tune` computes of the others.",
-}
 
 
 def structs(step: Step, real: Real) -> list[str]:
@@ -37,7 +32,11 @@ def structs(step: Step, real: Real) -> list[str]:
         if named
     ]
     made += [
-        _struct(type_name(kind), _PARAMETERS[kind], (_member(step, real, item) for item in fields))
+        _struct(
+            type_name(kind),
+            f"{MEANINGS[kind][0].upper()}{MEANINGS[kind][1:]}.",
+            (_member(step, real, item) for item in fields),
+        )
         for kind, fields in parameters(step)
     ]
     kinds = ((kind, type_name(kind), "") for kind, _ in parameters(step))
@@ -90,7 +89,7 @@ def _member(step: Step, real: Real, item: Field) -> Member:
     name, kind = rust_name(item.name), RUST.types["unsigned" if item.kind == "index" else real]
     text = described(replace(item, unit=step.unit(item)))
     size = kind if item.size == 1 else f"[{kind}; {item.size}]"
-    return name, size, text if name == item.name else beside(item.name, text)
+    return name, size, text if name == item.name else own_name(item.name, text)
 
 
 def _inner(step: Step, real: Real, fields: Iterable[Field], groups: Iterable[Group]) -> list[Member]:
