@@ -117,11 +117,35 @@ def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator
 
 @dataclass(frozen=True)
 class Bit:
-    """One bit of the status: its name in the emitted code, what it says, what it asks of the caller."""
+    """One bit of the status: its name for callers of every language, what it says, what it asks of the caller.
+
+    `raised`: the name of its place, which a block writes to, where that is another.
+    """
 
     name: str
     meaning: str
     action: str
+    raised: str = ""
+
+    @property
+    def place(self) -> Place:
+        """The place of the status that raises it."""
+        return Place("status", self.raised or self.name)
+
+
+def in_capitals(bits: Iterable[Bit]) -> tuple[Bit, ...]:
+    """The bits with names in capitals, as constants have them.
+
+    One whose place has such a name keeps it; another that would be called as one before it has a number.
+    """
+    bits = tuple(bits)
+    names = {bit.place.name: bit.place.name for bit in bits if bit.place.name.isupper()}
+    for place in (bit.place.name for bit in bits if not bit.place.name.isupper()):
+        name, k = place.upper(), 2
+        while name in names.values():
+            name, k = f"{place.upper()}_{k}", k + 1
+        names[place] = name
+    return tuple(replace(bit, name=names[bit.place.name], raised=bit.place.name) for bit in bits)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from hgogen.program import (
     Group,
     Program,
     Section,
+    in_capitals,
     places,
 )
 from hgogen.reading.time_unit import of_time, plural
@@ -253,12 +254,12 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
 
 
 def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
-    """The status bits that some block raises, in a fixed order; of one name the last, a part's own words for it.
+    """The status bits that some block raises, in a fixed order; of one place the last, a part's own words for it.
 
     Raises: `BadStep` for more than a status has.
     """
     programs = (*step.tuning, *(s for section in step.called for s in section.program))
-    raised = {place.name for place, _ in places(programs) if place.struct == "status"}
+    raised = {place for place, _ in places(programs) if place.struct == "status"}
     bits = []
     beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
     for signals, kinds in (
@@ -273,9 +274,9 @@ def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     lower = or_lower(step.observer)
     bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
     bits += extra
-    raisable = tuple(bit for bit in {bit.name: bit for bit in bits}.values() if bit.name in raised)
+    raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
     if len(raisable) > STATUS:
         raise BadStep(
             f"{step.name} with {len(raisable)} status bits", f"has more than {STATUS}; drop inputs or outputs"
         )
-    return raisable
+    return in_capitals(raisable)

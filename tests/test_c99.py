@@ -302,7 +302,7 @@ SEEDED = [
     ("100.0f", "99.0f"),
     ("s->L[1] = l31", "s->L[1] = l21"),
     ("const float d2 = w2_1*t", "const float d2 = -w2_1*t"),
-    ("|= FITZHUGH_NAGUMO_REUSED_u", "|= FITZHUGH_NAGUMO_CLAMPED_u"),
+    ("|= FITZHUGH_NAGUMO_REUSED_U", "|= FITZHUGH_NAGUMO_CLAMPED_U"),
 ]
 
 

@@ -295,7 +295,7 @@ def test_the_estimate_recovers_from_absurd_samples(signal: str, value: float, re
     result = compiled.run(u, y)
     assert np.isfinite(result.x).all()
     names = {made.bits[k].name for k in range(len(made.bits)) for s in result.status[lost] if s >> k & 1}
-    wanted = {"y": "REJECTED_y" if np.isfinite(value) else "MISSING_y", "u": "REUSED_u"}[signal]
+    wanted = {"y": "REJECTED_Y" if np.isfinite(value) else "MISSING_Y", "u": "REUSED_U"}[signal]
     assert wanted in names
     assert np.abs(result.x[t < 25] - truth[t < 25])[-1].max() < 0.3
     assert np.abs(result.x - truth)[t >= 25 + 13].max() < 0.3

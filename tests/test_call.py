@@ -288,11 +288,11 @@ def test_a_missing_sample_predicts_and_says_so(name: str) -> None:
     state = step.save()
     u, missing = samples["u"][-1], np.full(len(step.outputs), NAN)
     sample = step(u=u, y=missing)
-    assert sample.flags[: len(step.outputs)] == tuple(f"MISSING_{s.name}" for s in step.outputs)
+    assert sample.flags[: len(step.outputs)] == tuple(f"MISSING_{s.name.upper()}" for s in step.outputs)
     assert np.isfinite(sample.x).all()
     step.restore(state)
     implausible = step(u=u, y=np.full(len(step.outputs), 1e30))
-    assert implausible.flags[: len(step.outputs)] == tuple(f"REJECTED_{s.name}" for s in step.outputs)
+    assert implausible.flags[: len(step.outputs)] == tuple(f"REJECTED_{s.name.upper()}" for s in step.outputs)
     assert np.array_equal(implausible.x, sample.x)
 
 
@@ -325,7 +325,7 @@ def test_a_prediction_is_the_models(name: str, flow: Callable[[np.ndarray], np.n
     step(u=0.5, y=1.0)
     before = step(u=0.5, y=1.0).x
     after = step(u=0.5, y=NAN)
-    assert after.flags == (f"MISSING_{step.outputs[0].name}",)
+    assert after.flags == (f"MISSING_{step.outputs[0].name.upper()}",)
     assert after.x == pytest.approx(runge_kutta(flow, before, 0.01), rel=1e-14, abs=1e-15)
 
 
@@ -336,7 +336,7 @@ def test_a_lost_input_is_the_last_valid_one(bad: float) -> None:
         lost = not abs(u) <= 1
         sample = step(u=u, y=0.1 * k)
         assert np.array_equal(sample.x, other(u=0.4 if lost else u, y=0.1 * k).x)
-        assert sample.flags == (("REUSED_u",) if lost else ())
+        assert sample.flags == (("REUSED_U",) if lost else ())
 
 
 def test_an_input_that_is_lost_at_first_is_the_resting_one() -> None:
@@ -349,7 +349,7 @@ def test_an_input_out_of_range_is_clamped() -> None:
     step, other = fresh("held"), BUILD["held"]()
     for _ in range(3):
         sample = step(u=7.0, y=0.5)
-        assert sample.flags == ("CLAMPED_u",)
+        assert sample.flags == ("CLAMPED_U",)
         assert np.array_equal(sample.x, other(u=1.0, y=0.5).x)
 
 

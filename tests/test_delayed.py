@@ -227,7 +227,7 @@ def test_both_outputs_late_by_numbers_of_their_own() -> None:
     there = y.copy()
     there[38:, 0], there[36:, 1] = NAN, NAN
     assert np.array_equal(run.x[-1], plain.run(u, there).x[-1])
-    assert step.flags(step(u[0], [1.0, NAN, 3, 0]).status)[0] == "LATE_y1"
+    assert step.flags(step(u[0], [1.0, NAN, 3, 0]).status)[0] == "LATE_Y1"
 
 
 def test_slower_sensors_have_the_noise_of_their_own_period() -> None:
@@ -285,16 +285,16 @@ def test_what_is_lost_of_the_memory_begins_anew() -> None:
 @pytest.mark.parametrize(
     ("y", "age", "bit"),
     [
-        (1.0, 6, "LATE_y"),
-        (1.0, 1e300, "LATE_y"),
-        (1.0, np.inf, "LATE_y"),
-        (1.0, -1, "UNDATED_y"),
-        (1.0, 0.5, "UNDATED_y"),
-        (1.0, NAN, "UNDATED_y"),
-        (1.0, 3, "REPEATED_y"),
-        (NAN, 2, "MISSING_y"),
-        (np.inf, 2, "MISSING_y"),
-        (NAN, NAN, "MISSING_y"),
+        (1.0, 6, "LATE_Y"),
+        (1.0, 1e300, "LATE_Y"),
+        (1.0, np.inf, "LATE_Y"),
+        (1.0, -1, "UNDATED_Y"),
+        (1.0, 0.5, "UNDATED_Y"),
+        (1.0, NAN, "UNDATED_Y"),
+        (1.0, 3, "REPEATED_Y"),
+        (NAN, 2, "MISSING_Y"),
+        (np.inf, 2, "MISSING_Y"),
+        (NAN, NAN, "MISSING_Y"),
     ],
 )
 def test_a_sample_that_is_not_used_is_said_and_leaves_no_trace(y: float, age: float, bit: str) -> None:
@@ -312,15 +312,15 @@ def test_a_sample_that_is_not_used_is_said_and_leaves_no_trace(y: float, age: fl
 
 def test_a_sample_from_before_the_start_or_a_reset_is_late() -> None:
     step, _ = fresh("bent")
-    assert step.flags(step(0.0, [1.0, 1]).status) == ("LATE_y",)
+    assert step.flags(step(0.0, [1.0, 1]).status) == ("LATE_Y",)
     assert step.flags(step(0.0, [1.0, 1]).status) == ()
     step.reset()
-    assert step.flags(step(0.0, [1.0, 1]).status) == ("LATE_y",)
+    assert step.flags(step(0.0, [1.0, 1]).status) == ("LATE_Y",)
 
 
 def test_before_the_first_predict_every_sample_is_early() -> None:
     step, _ = fresh("several")
-    assert step.flags(step.update(y1=1.0, y2=1.0, y1_age=0).status) == ("EARLY_y1", "EARLY_y2")
+    assert step.flags(step.update(y1=1.0, y2=1.0, y1_age=0).status) == ("EARLY_Y1", "EARLY_Y2")
     assert step.adapt().status == 0
     assert step.save() == steps("several")[0].save() == fresh("several")[0].save()
 
@@ -329,9 +329,9 @@ def test_a_rejected_sample_is_said_where_it_is_fused() -> None:
     step, _ = fresh("bent")
     for k in range(5):
         step(0.0, [0.1 * k, 0])
-    assert step.flags(step(0.0, [1e9, 2]).status) == ("REPEATED_y",)
+    assert step.flags(step(0.0, [1e9, 2]).status) == ("REPEATED_Y",)
     step(0.0, [NAN, 0])
-    assert "REJECTED_y" in step.flags(step(0.0, [1e9, 1]).status)
+    assert "REJECTED_Y" in step.flags(step(0.0, [1e9, 1]).status)
 
 
 def test_an_input_that_is_no_number_reuses_the_last_one_again() -> None:
@@ -341,7 +341,7 @@ def test_an_input_that_is_no_number_reuses_the_last_one_again() -> None:
     rows, known = posted(step, y, [3] * 20)
     run, expected = step.run(u, rows), plain.run(u, known[-1])
     assert np.array_equal(run.x[-1], expected.x[-1])
-    assert "REUSED_u" in step.flags(run.status[10])
+    assert "REUSED_U" in step.flags(run.status[10])
     step(NAN, [NAN, 0])
     memory = (array for place, array in step._kept.places.items() if place.struct in ("state", "period", "memory"))
     assert all(np.isfinite(array).all() for array in memory)
@@ -662,6 +662,6 @@ def test_a_sample_that_is_too_late_has_no_innovation() -> None:
     rows = step.arriving(y)
     rows[12, -1] = 9.0
     run = step.run(u, rows)
-    assert step.flags(run.status[12]) == ("LATE_y",)
+    assert step.flags(run.status[12]) == ("LATE_Y",)
     assert np.isnan([run.innovations[12, 0], run.variances[12, 0]]).all()
     assert np.isfinite(np.delete(run.innovations[5:, 0], 7)).all()

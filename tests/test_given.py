@@ -46,7 +46,7 @@ def bits(sample: Any) -> tuple[Any, ...]:
 @pytest.mark.parametrize("masked", MASKS.values(), ids=MASKS)
 def test_a_masked_entry_of_a_record_is_a_missing_sample(masked: Any):
     run = fresh().run(u=np.zeros(3), y=masked)
-    assert [built().flags(status) for status in run.status] == [("MISSING_y2",), (), ("MISSING_y1",)]
+    assert [built().flags(status) for status in run.status] == [("MISSING_Y2",), (), ("MISSING_Y1",)]
     assert bits(run) == bits(fresh().run(u=np.zeros(3), y=HOLES))
 
 
@@ -56,9 +56,9 @@ def test_a_masked_entry_of_a_sample_is_missing(masked: Any):
 
 
 def test_a_masked_input_is_no_input():
-    assert fresh()(u=np.ma.masked, y=(1, 2)).flags == ("REUSED_u",)
-    assert fresh().predict(u=np.ma.array(3.0, mask=True)).flags == ("REUSED_u",)
-    assert fresh().update(y1=np.ma.masked, y2=1.0).flags == ("MISSING_y1",)
+    assert fresh()(u=np.ma.masked, y=(1, 2)).flags == ("REUSED_U",)
+    assert fresh().predict(u=np.ma.array(3.0, mask=True)).flags == ("REUSED_U",)
+    assert fresh().update(y1=np.ma.masked, y2=1.0).flags == ("MISSING_Y1",)
 
 
 def test_a_record_has_no_mask():

@@ -24,10 +24,10 @@ def pendulum(**output: float) -> hg.Step:
 def test_an_output_without_a_range_is_judged_by_the_ranges_of_its_states() -> None:
     """y = q on [-4, 4]: beyond 12 a reading is as implausible as it would be with a declared range."""
     step = pendulum()
-    assert "REJECTED_y" not in step(u=0, y=11.9).flags
+    assert "REJECTED_Y" not in step(u=0, y=11.9).flags
     step.reset()
     for value in (12.5, -12.5, 50, 1e6, 1e14):
-        assert "REJECTED_y" in step(u=0, y=value).flags
+        assert "REJECTED_Y" in step(u=0, y=value).flags
     assert abs(step(u=0, y=0)["q"]) < 0.01
 
 
@@ -47,7 +47,7 @@ def test_a_lost_value_restarts_the_whole_state(field: str, lost: float) -> None:
     assert memory[Place("state", "z")].tolist() == [0, 0]
     assert memory[Place("state", "D")].tolist() == [1, 1]
     assert memory[Place("state", "L")].tolist() == [0]
-    assert step(y=np.nan).flags == ("MISSING_y",)
+    assert step(y=np.nan).flags == ("MISSING_Y",)
 
 
 def test_outside_the_box_is_said_of_the_estimate_that_is_returned() -> None:
@@ -81,7 +81,7 @@ def test_a_sample_too_far_from_the_prediction_to_be_squared_is_rejected() -> Non
     """Without ranges an estimate may be anywhere; in a float the square of 1e20 is infinite."""
     step = still()
     step._kept.places[Place("state", "z")][0] = 1e20
-    assert step(u=0, y=0).flags == ("REJECTED_y",)
+    assert step(u=0, y=0).flags == ("REJECTED_Y",)
     step.reset()
     step._kept.places[Place("state", "z")][0] = 1e15
     assert step(u=0, y=0).flags == ()
@@ -97,7 +97,7 @@ def test_a_restart_keeps_the_last_input() -> None:
     assert "RESTARTED" in reader.step.flags(reader.section("update_y"))
     assert reader.memory[Place("state", "z")].tolist() == [0, 0]
     reader.memory[Place("input", "u")][0] = np.nan
-    assert "REUSED_u" in reader.step.flags(reader.section("predict"))
+    assert "REUSED_U" in reader.step.flags(reader.section("predict"))
     assert reader.memory[Place("state", "z")] == pytest.approx([0.5 * reader.step.dt] * 2, rel=1e-12)
 
 

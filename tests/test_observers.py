@@ -301,8 +301,8 @@ def test_two_outputs_one_after_the_other_are_both_at_once() -> None:
     turn = np.array([[float(name == wanted) for name in ("x1", "x2", "x3")] for wanted in order])
     expected = textbook(f, F, C, turn.T @ FULL @ turn, np.array([0.5, 0.2]), 0.05, record["u"], y)
     assert run.x == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
-    assert step.flags(run.status[12]) == ("MISSING_y1",)
-    assert step.flags(run.status[17]) == ("MISSING_y1", "MISSING_y2")
+    assert step.flags(run.status[12]) == ("MISSING_Y1",)
+    assert step.flags(run.status[17]) == ("MISSING_Y1", "MISSING_Y2")
 
 
 def test_a_high_theta_wants_one_output_or_aligned_chains() -> None:

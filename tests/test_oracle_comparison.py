@@ -114,7 +114,7 @@ def compare(name: str, engine: Any, scenario: fn.Scenario, seed: int) -> None:
     for place, have in {"x": run.x, **run.traces}.items():
         peak = np.abs(want[place]).max(axis=0)
         assert (np.abs(have - want[place]) <= ROUNDING * peak).all(), place
-    assert [step.flags(s) for s in run.status] == [("MISSING_y",) if np.isnan(v) else () for v in y]
+    assert [step.flags(s) for s in run.status] == [("MISSING_Y",) if np.isnan(v) else () for v in y]
     if not isinstance(variant.law, ekf.Adaptive):
         return
     assert (run.traces["theta"] > 1.5).any()

@@ -370,7 +370,7 @@ def test_predictions_are_compared_with_what_the_step_took():
     bad[[10, 20, 21]], holes[[10, 20, 21]], other[30:32] = [[1e9], [31.0], [-1e300]], np.nan, [[1e16], [-np.inf]]
     run = step.run(u=other, y=bad)
     raised = [step.flags(run.status[k]) for k in (10, 20, 21, 30)]
-    assert raised == [("REJECTED_y",), ("REJECTED_y",), ("MISSING_y",), ("REUSED_u",)]
+    assert raised == [("REJECTED_Y",), ("REJECTED_Y",), ("MISSING_Y",), ("REUSED_U",)]
     step.reset()
     without = predictions(step, step.run(u=u, y=holes), u, holes, (1, 5))
     forecasts = predictions(step, run, other, bad, (1, 5))

@@ -120,7 +120,7 @@ def test_doubt_and_patience_follow_the_law(segments: list[tuple[str, int]], seed
             }[kind]
             sample = step(5.0 * (k % 2), y)
             before = dict(c)
-            if not {"MISSING_y", "REJECTED_y"} & set(sample.flags) and BIT not in sample.flags:
+            if not {"MISSING_Y", "REJECTED_Y"} & set(sample.flags) and BIT not in sample.flags:
                 z = memory(step, "z")
                 off = abs(y - z[0]) > SHARE * 8
                 out = (abs(z) > (1 + 2 * MARGIN) * np.array([4.0, 20.0])).any()

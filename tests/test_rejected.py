@@ -89,7 +89,7 @@ def test_a_few_rejected_samples_are_no_cause(tmp_path: Path) -> None:
     lines[20:120] = [f"{line.split(',')[0]},99" for line in lines[20:120]]
     (tmp_path / "log.csv").write_text("\n".join(lines))
     answer = json.loads(hgogen(*words, "--json")[0])
-    assert answer["status"]["REJECTED_y"] == 100
+    assert answer["status"]["REJECTED_Y"] == 100
     assert answer["rejected"] == []
 
 

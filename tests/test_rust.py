@@ -179,7 +179,7 @@ SEEDED = [
     ("0.0016666667", "0.00167"),
     ("(y, 15.0)", "(y, 1.5)"),
     ("s.L[1] = l31", "s.L[1] = l21"),
-    ("|= status::REUSED_u", "|= status::CLAMPED_u"),
+    ("|= status::REUSED_U", "|= status::CLAMPED_U"),
 ]
 
 

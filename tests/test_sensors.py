@@ -195,7 +195,7 @@ def test_only_a_sample_of_now_is_used(now: int, age: int) -> None:
         return
     before = made.save()
     sample = made.update(stamp, y2=0.4)
-    assert sample.flags == ((f"{'LATE' if age > 0 else 'EARLY'}_y2",) if age else ())
+    assert sample.flags == ((f"{'LATE' if age > 0 else 'EARLY'}_Y2",) if age else ())
     assert (made.save() == before) == bool(age)
 
 
@@ -204,11 +204,11 @@ def test_only_a_sample_of_now_is_used(now: int, age: int) -> None:
     [
         (65535, 65535, 0),
         (0, 0, 0),
-        (0, 65535, "LATE_y2"),
-        (65535, 0, "EARLY_y2"),
-        (2, 65534, "LATE_y2"),
-        (32768, 0, "LATE_y2"),
-        (32769, 0, "EARLY_y2"),
+        (0, 65535, "LATE_Y2"),
+        (65535, 0, "EARLY_Y2"),
+        (2, 65534, "LATE_Y2"),
+        (32768, 0, "LATE_Y2"),
+        (32769, 0, "EARLY_Y2"),
     ],
 )
 def test_c_counts_round_and_round(now: int, stamp: int, flag: Any) -> None:
@@ -226,14 +226,14 @@ def test_c_counts_round_and_round(now: int, stamp: int, flag: Any) -> None:
 def test_a_sample_counts_once() -> None:
     made = fresh(two(y2=0.05))
     made.predict(u=0.1)
-    assert made.update(0, y1=0.3, y2=NAN).flags == ("MISSING_y2",)
+    assert made.update(0, y1=0.3, y2=NAN).flags == ("MISSING_Y2",)
     first = made.save()
-    assert made.update(0, y1=0.3).flags == ("REPEATED_y1",)
-    assert made.update(y1=-0.3).flags == ("REPEATED_y1",)
+    assert made.update(0, y1=0.3).flags == ("REPEATED_Y1",)
+    assert made.update(y1=-0.3).flags == ("REPEATED_Y1",)
     assert made.save() == first
     assert made.update(0, y2=0.2).flags == ()  # that one was missing
     made.predict(u=0.1)
-    assert made.update(0, y1=0.3).flags == ("LATE_y1",)
+    assert made.update(0, y1=0.3).flags == ("LATE_Y1",)
     assert made.update(1, y1=0.3).flags == ()
 
 
@@ -242,13 +242,13 @@ def test_before_the_first_predict_every_sample_is_early() -> None:
     made, native = fresh(two(y2=0.05)), Sections(two(y2=0.05), "float")
     before, memory = made.save(), native.state.copy()
     for at_ in (None, 0):
-        assert made.update(at_, y1=0.3).flags == ("EARLY_y1",)
-        assert made.flags(native.update("y1", 0.3, at=at_)) == ("EARLY_y1",)
+        assert made.update(at_, y1=0.3).flags == ("EARLY_Y1",)
+        assert made.flags(native.update("y1", 0.3, at=at_)) == ("EARLY_Y1",)
     assert made.save() == before
     assert (native.state == memory).all()
     made.predict(u=0.1)
     native.predict((0.1,))
-    for flags in ((), ("REPEATED_y1",)):
+    for flags in ((), ("REPEATED_Y1",)):
         assert made.update(0, y1=0.3).flags == flags
         assert made.flags(native.update("y1", 0.3, at=0)) == flags
 
@@ -310,7 +310,7 @@ LOOP
 def test_the_loop_of_the_page(tmp_path: Path) -> None:
     """66,000 periods, more than the count holds: a third of the samples is late, no other one is refused."""
     loop = next(block for block in pages.blocks("c", pages.text("firmware")) if "_at(" in block)
-    count = "    late += (status & PENDULUM_LATE_y) != 0u;\n    if ((status & PENDULUM_EARLY_y) != 0u) { return 2; }\n"
+    count = "    late += (status & PENDULUM_LATE_Y) != 0u;\n    if ((status & PENDULUM_EARLY_Y) != 0u) { return 2; }\n"
     loop = loop.replace("    pendulum_estimate", f"{count}    pendulum_estimate")
     made = hg.sample(pendulum_filter(), dt=1e-3, periods={"y": 0.01})
     files = hg.targets.c99(made, check=False)

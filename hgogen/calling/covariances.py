@@ -192,7 +192,7 @@ def shown(step: Step) -> Graph:
 
 def used(step: Step, status: Array, signals: Sequence[str]) -> Array:
     """Whether a step used the sample of each output (N, p), by its status (N)."""
-    names = [bit.name for bit in step.bits]
+    names = [bit.place.name for bit in step.bits]
     unused = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")
     masks = [sum(1 << names.index(f"{bit}_{s}") for bit in unused if f"{bit}_{s}" in names) for s in signals]
     return np.asarray(status[:, None] & np.array(masks, np.uint32) == 0)

@@ -55,7 +55,7 @@ class _Writer:
         self.places = layout.places(step, record)
         self.groups = {line[-1].name: line for line in lines_of(step.groups)}
         self.numbers = {name: number for number, name in enumerate(self.groups)}
-        self.bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
+        self.bits = {bit.place: 1 << k for k, bit in enumerate(step.bits)}
         self.address = record.ctypes.data
         whole = record.view(np.uint8)
         self.names = self.graphs.names
@@ -232,7 +232,7 @@ class _Writer:
 
     def _write(self, place: Place, element: int, node: Node, kind: Number) -> list[str]:
         if place.struct == "status":
-            return [f"if {node.name}:", f"    status |= {self.bits[place.name]}"]
+            return [f"if {node.name}:", f"    status |= {self.bits[place]}"]
         value = self.graphs.number(node, kind)
         if place in self.kinds.flags:
             value = node.name if boolean(node) else f"{value} != 0"

@@ -44,6 +44,11 @@ class Writer:
         return Kinds(self.step)
 
     @cached_property
+    def bits(self) -> dict[Place, str]:
+        """The names of the status bits, by the places that raise them."""
+        return {bit.place: bit.name for bit in self.step.bits}
+
+    @cached_property
     def subprograms(self) -> dict[str, Subprogram]:
         """The routines of the step."""
         return subprograms(self.step)
@@ -227,7 +232,7 @@ class Writer:
 
     def _target(self, place: Place, element: int, size: int, argument: int | None, real: Number) -> Target:
         if place.struct == "status":
-            raised = self.syntax.raised.format(prefix=self.prefix.upper(), bit=place.name)
+            raised = self.syntax.raised.format(prefix=self.prefix.upper(), bit=self.bits[place])
             return Target(lambda _: raised, condition=True)
         target, uses = self.lvalue(place, element, size), self.uses(place)
         source = None if argument is None else (argument, element)

@@ -75,7 +75,7 @@ class Graphs:
             memory = self._symbolic.section(section.program, memory)
         x = self._estimated(memory)
         after = ca.veccat(*(memory[place] for place in lies))
-        raised = (2.0**k * memory[Place("status", bit.name)] for k, bit in enumerate(step.bits))
+        raised = (2.0**k * memory[bit.place] for k, bit in enumerate(step.bits))
         status = reduce(lambda a, b: a + b, raised, ca.MX(0))
         arguments, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
         return ca.Function(
@@ -175,7 +175,7 @@ class Graphs:
             for f in fields
         }
         zeros = {Place("derived", f.name): ca.MX.zeros(f.size) for f in step.derived}
-        bits = {Place("status", bit.name): ca.MX(0) for bit in step.bits}
+        bits = {bit.place: ca.MX(0) for bit in step.bits}
         return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._p, lies)})
 
     def _estimated(self, memory: Memory) -> Graph:

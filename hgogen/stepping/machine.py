@@ -67,7 +67,7 @@ class Reading:
         self._rows: dict[Place, np.ndarray] = {}  # the member that a loop is at
         self._tables: dict[Place, np.ndarray] = {}  # the array that a loop runs over: in a group, that of its member
         self._groups = {line[-1].name: line for line in lines_of(groups)}
-        self._bits = {bit.name: 1 << k for k, bit in enumerate(bits)}
+        self._bits = {bit.place: 1 << k for k, bit in enumerate(bits)}
         self._sections: dict[str, Action] = {}
         for place, size in sorted(places(program), reverse=True):  # the largest size, of a name in several sections
             self.memory.setdefault(place, np.zeros(size, dtype))
@@ -107,7 +107,7 @@ class Reading:
     def _block(self, block: Block) -> Action:
         evaluate, results = self._bind(block, [self._array(place) for place, _ in block.reads])
         writes = [(self._array(p), r) for p, r in zip(block.writes, results, strict=True) if p.struct != "status"]
-        raised = [(self._bits[p.name], r) for p, r in zip(block.writes, results, strict=True) if p.struct == "status"]
+        raised = [(self._bits[p], r) for p, r in zip(block.writes, results, strict=True) if p.struct == "status"]
 
         def run() -> None:
             evaluate()

@@ -111,7 +111,7 @@ def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
 
 def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: np.ndarray) -> np.ndarray:
     """Whether one of the bits of each signal is raised in each sample (N, k)."""
-    names = [each.name for each in step.bits]
+    names = [each.place.name for each in step.bits]
     masks = [sum(1 << names.index(f"{bit}_{s.name}") for bit in bits) for s in signals]
     return np.asarray(status[:, None] & np.array(masks, np.uint32) != 0)
 
