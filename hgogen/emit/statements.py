@@ -221,10 +221,12 @@ class Writer:
         kind, name = place
         if kind == "argument":
             return f"{name}_given"
+        if kind == "output" and name in (outputs := [output.name for output in self.step.outputs]):
+            return "measurement" if len(outputs) == 1 else f"measurement_{name}"
         if (
             kind != "work" and Place("work", name) in self.kinds.work
         ):  # u: the input now; u_given: as it came; u_before: at the last call
-            name += {"input": "_given", "output": "_given", "state": "_before"}.get(kind, f"_{kind}")
+            name += {"input": "_given", "state": "_before"}.get(kind, f"_{kind}")
         known = self.kinds.fields.get(place)
         if known and known.entries:
             return entry(name, known.entries[element])

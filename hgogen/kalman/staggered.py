@@ -129,7 +129,7 @@ class _Copies:
         """The sample of an output in every predictor's sum."""
         total, valid = self.total, self.valid
         z = sym("predictor", "z", self.n)
-        error = sym("work", "sample") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
+        error = sym("work", "measurement") - self.predictor.dynamics.output(z, self.clock.u_now)[output]
         squared = ca.fmin(total[output] + self.clock.period(output) * error * error, MOST)
         more = ca.if_else(valid[output] < self.most, valid[output] + 1, self.most)
         add = Block("its squared output error", {_SUM: _with(total, output, squared)})

@@ -106,7 +106,7 @@ class _Ring:
         """The sample of an output in this call."""
         p = self.clock.outputs
         y, valid = ca.SX(sym("state", "recent_y", p)), ca.SX(sym("state", "recent_valid", p))
-        y[output], valid[output] = sym("work", "sample"), 1
+        y[output], valid[output] = sym("work", "measurement"), 1
         return (Block("this sample", {_RECENT_Y: y, _RECENT_VALID: valid}),)
 
     def _push(self) -> Block:

@@ -192,19 +192,19 @@ def readings(form: Form) -> list[tuple[float, float]]:
     ]
 
 
-def measure(observer: Observer, clock: Clock, j: int) -> Block:
-    """The sample of output j, its innovation, and whether it can be used."""
+def measure(observer: Observer, clock: Clock, j: int) -> Program:
+    """The measurement of output j, how far it is off the estimate's output, and whether it can be used."""
     signal = observer.form.system.outputs[j]
-    raw = sym("output", signal.name)
+    measurement = Block(f"the measurement of {signal}", {Place("work", "measurement"): sym("output", signal.name)})
+    raw = sym("work", "measurement")
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
     values = {
-        Place("work", "sample"): raw,
         Place("work", "e"): error,
-        Place("work", "innovation"): error,
+        Place("work", "output_error"): error,
         Place("work", "valid"): valid,
     }
-    return Block(f"guard the sample of {signal}", {**values, **status})
+    return (measurement, Block(f"guard the measurement of {signal}", {**values, **status}))
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
@@ -220,7 +220,7 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
         valid.append(usable)
         status.update(bits)
     return Block(
-        "guard the samples",
+        "guard the measurements",
         {
             Place("work", "y"): column(now),
             Place("work", "y_last"): column(before),

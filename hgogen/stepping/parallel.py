@@ -104,7 +104,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
 
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
     """A member's correction by output j, left out where its error is absurd, then its score."""
-    error = sym("work", "sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+    error = sym("work", "measurement") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
     if not correct:
         return score
     writes = {Place("work", "e"): error, Place("work", "near"): ca.fabs(error) <= 10 * HUGE}
@@ -147,7 +147,7 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
     worst = HUGE * HUGE  # a member that is lost restarts with
 
     def add(j: int) -> Program:
-        error = sym("work", "sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+        error = sym("work", "measurement") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
         total = sym("state", "score") + ca.fmin(ca.fabs(error), HUGE) ** 2
         return (Block("its squared output error", {Place("state", "score"): ca.fmin(total, worst)}),)
 

@@ -157,10 +157,10 @@ class Assembly:
         output = self.observer.form.system.outputs[j]
         program = self._guarded(flat(piece.update[j] for piece in self.pieces if piece.update))
         valid = (*program, *((use(output),) if self.rated else ()))
-        sample = {j: Sampled(sym("work", "sample"), sym("work", "valid"), sym("work", "innovation"))}
+        sample = {j: Sampled(sym("work", "measurement"), sym("work", "valid"), sym("work", "output_error"))}
         says = self.still and not self.rated and j == self.correcting[-1]
         watch = self.law.watch(sample, says=says)
-        guarded: Program = (measure(self.observer, self.clock, j), When(Place("work", "valid"), valid), *watch)
+        guarded: Program = (*measure(self.observer, self.clock, j), When(Place("work", "valid"), valid), *watch)
         guarded = once(output, guarded) if self.rated else guarded
         return Section(f"update_{output}", f"correct with {output}", guarded, output.name)
 

@@ -1,0 +1,55 @@
+"""One word means one thing in emitted code: what a sensor reads is a measurement, and how far it is off an error."""
+
+import re
+
+import emitted
+import pytest
+
+import hgogen as hg
+
+each = pytest.mark.parametrize("name", emitted.STEPS)
+
+
+def code(text: str, comment: str) -> str:
+    """Without comments."""
+    return re.sub(comment, "", text, flags=re.DOTALL)
+
+
+def source(name: str) -> str:
+    return code(emitted.files(name)[f"{emitted.step(name).name}.c"], r"/\*.*?\*/")
+
+
+@each
+def test_a_measurement_is_called_so(name: str) -> None:
+    """By the output as well, where a function reads several; a section of an update reads one."""
+    step = emitted.step(name)
+    outputs = {output.name for output in step.outputs}
+    named = [(local, output) for local, output in re.findall(r"(\w+) = out->(\w+);", source(name)) if output in outputs]
+    assert named or step.ages
+    wanted = {"measurement"} if len(outputs) == 1 else {"measurement", *(f"measurement_{y}" for y in outputs)}
+    assert {local for local, _ in named} <= {*wanted, *["y_given"] * bool(step.ages)}  # what a period is given
+
+
+@each
+def test_neither_sample_nor_innovation_is_a_number_of_a_section(name: str) -> None:
+    """A sample is what comes; an innovation is what theta adapts by."""
+    text = source(name)
+    assert not re.search(r"\b(?:float|unsigned|bool) (?:sample|\w*y_given)\b", text)
+    assert not re.search(r"\bfloat innovation = 0", text)
+
+
+@each
+def test_rust_has_the_same_words(name: str) -> None:
+    step = emitted.step(name)
+    text = code(hg.targets.rust(step, check=False)[f"{step.name}.rs"], r"//[^\n]*")
+    c = source(name)
+    words = {r"\bmeasurement\b": "measurement", r"\boutput_error\b": "output_error", r"\bsample\b": "sample"}
+    assert {word for pattern, word in words.items() if re.search(pattern, text)} == {
+        word for pattern, word in words.items() if re.search(pattern, c)
+    }
+
+
+def test_an_age_is_no_measurement() -> None:
+    text = source("delayed")
+    assert "const float y_age = out->y_age;" in text
+    assert "measurement_y_age" not in text
