@@ -148,17 +148,32 @@ def in_capitals(bits: Iterable[Bit]) -> tuple[Bit, ...]:
     return tuple(replace(bit, name=names[bit.place.name], raised=bit.place.name) for bit in bits)
 
 
+@dataclass(frozen=True)
+class Limit:
+    """One number that is kept in its range: element `index` of the place, whose size it names, `low` and `high`, and
+    the `nominal` value that it takes where it is not a number."""
+
+    place: Place
+    index: int
+    size: int
+    low: float
+    high: float
+    nominal: float
+
+
 @dataclass(frozen=True, eq=False)
 class Block:
     """Straight-line code: every right-hand side is evaluated before anything is written.
 
     `writes`: place to SX column; a write to a place of `status` raises the bit of its name when the value is not 0.
-    `names`: values worth a name of their own in the emitted code.
+    `names`: values worth a name of their own in the emitted code. `limits`: where all that the block does is to keep
+    numbers in their ranges, those, for who writes them as rows of a table.
     """
 
     title: str
     writes: Mapping[Place, Graph]
     names: Mapping[str, Graph] = field(default_factory=dict)
+    limits: tuple[Limit, ...] = ()
 
     @cached_property
     def reads(self) -> tuple[tuple[Place, int], ...]:

@@ -34,10 +34,10 @@ from hgogen.stepping.guards import (
     SIGNAL_BITS,
     STEP_BITS,
     implausible,
-    limit_parameters,
     or_lower,
     readings,
 )
+from hgogen.stepping.limits import limit_parameters
 from hgogen.stepping.recovery import Sign
 from hgogen.stepping.sections import Assembly, flat
 from hgogen.stepping.sensors import multiples

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from hgogen.emit.cnames import c_name
 from hgogen.emit.interface import Entry
-from hgogen.emit.syntax import ATOM, OR, UNARY, Syntax
+from hgogen.emit.syntax import ATOM, OR, UNARY, Rows, Syntax
 
 
 def comment(text: str) -> str:
@@ -45,6 +45,30 @@ def _loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str]:
 
 def _called(prefix: str, entry: Entry) -> str:
     return f"status |= {prefix}_{entry.name}({', '.join(entry.parameters)});"
+
+
+def _limited(of: Rows) -> Sequence[str]:
+    """A table in read-only memory, and pointers to what it is of."""
+    rows = (f"    {{{', '.join(row)}}}, /* {place} */" for place, row in zip(of.places, of.rows, strict=True))
+    return (
+        "{",
+        "    static const struct {",
+        f"        {of.type} low;",
+        f"        {of.type} high;",
+        f"        {of.type} nominal;",
+        f"    }} range[{len(of.rows)}] = {{",
+        *(f"    {row}" for row in rows),
+        "    };",
+        f"    {of.type} *const value[{len(of.rows)}] = {{{', '.join(f'&{place}' for place in of.places)}}};",
+        f"    for (unsigned k = 0u; k < {of.count}; ++k) {{",
+        f"        const {of.type} v = *value[k];",
+        f"        *value[k] = {of.prefix}_keep(v, range[k].low, range[k].high, range[k].nominal, {of.largest});",
+        "        if (!(v >= range[k].low && v <= range[k].high)) {",
+        f"            {of.raised}",
+        "        }",
+        "    }",
+        "}",
+    )
 
 
 _QUIET = (  # a comparison that asks whether a number is one
@@ -101,6 +125,7 @@ C = Syntax(
     raised="status |= {prefix}_{bit};",
     called=_called,
     comment=comment,
+    limited=_limited,
     around={"within": _QUIET},
     instead={
         "abs": (_BUILT_IN, "return __builtin_fabs{suffix}(v);"),

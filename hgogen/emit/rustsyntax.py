@@ -7,7 +7,7 @@ from functools import cache
 import casadi as ca
 
 from hgogen.emit.interface import Entry
-from hgogen.emit.syntax import SELECT, Syntax
+from hgogen.emit.syntax import SELECT, Rows, Syntax
 
 _KEYWORDS = """
     Self abstract as async await become box break const continue crate do dyn else enum extern false final fn for if
@@ -58,6 +58,26 @@ def _called(_: str, entry: Entry) -> str:
     return f"status |= s.{entry.name}({', '.join(arguments)});"
 
 
+def _limited(of: Rows) -> list[str]:
+    """A table, and a copy of what it is of: two elements of an array cannot be borrowed at once."""
+    rows = (f"    ({', '.join(row)}), // {place}" for place, row in zip(of.places, of.rows, strict=True))
+    return [
+        "{",
+        f"    const RANGE: [({of.type}, {of.type}, {of.type}); {of.count}] = [",
+        *(f"    {row}" for row in rows),
+        "    ];",
+        f"    let mut value: [{of.type}; {of.count}] = [{', '.join(of.places)}];",
+        "    for (v, (low, high, nominal)) in value.iter_mut().zip(RANGE) {",
+        "        if !(*v >= low && *v <= high) {",
+        f"            {of.raised}",
+        "        }",
+        f"        *v = {of.prefix}_keep(*v, low, high, nominal, {of.largest});",
+        "    }",
+        *(f"    {place} = value[{k}];" for k, place in enumerate(of.places)),
+        "}",
+    ]
+
+
 RUST = Syntax(
     types=TYPES | {"whole float": "i32", "whole double": "i64"},
     suffixes={"float": "", "double": "", "unsigned": ""},
@@ -97,4 +117,5 @@ RUST = Syntax(
     raised="status |= status::{bit};",
     called=_called,
     comment=_comment,
+    limited=_limited,
 )

@@ -4,9 +4,9 @@ Memory: `in`, `out` (what a call is given), `p` (parameters), `s` (state), `x` (
 work values are locals at the top of a function; a member of a group is reached through a name of that group's.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 from hgogen.emit.body import Target, body
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
@@ -16,10 +16,11 @@ from hgogen.emit.kinds import Kinds
 from hgogen.emit.portable import passed
 from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.subprograms import Subprogram, subprograms
-from hgogen.emit.syntax import Number, Real, Syntax
+from hgogen.emit.syntax import Number, Real, Rows, Syntax
 from hgogen.graph import sx
 from hgogen.program import Block, Call, Copy, Kernel, Loop, Place, Program, Section, Statement, When, places, walk
 from hgogen.step import Step
+from hgogen.stepping.guards import LARGEST_NUMBER
 
 _SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
 ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
@@ -180,7 +181,34 @@ class Writer:
         uses = self.uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
         return Code((f"{self.whole(kernel.result)} = {call};" if kernel.result else f"{call};",), uses)
 
+    def _limited(self, block: Block, limited: Callable[[Rows], Sequence[str]]) -> Code:
+        """A loop over a table of ranges."""
+        limits, text = block.limits, partial(self.literal, kind=self.real)
+        (bit,) = (place for place in block.writes if place.struct == "status")
+        rows = Rows(
+            places=tuple(self.lvalue(each.place, each.index, each.size) for each in limits),
+            rows=tuple((text(each.low), text(each.high), text(each.nominal)) for each in limits),
+            count=self.literal(len(limits), "unsigned"),
+            largest=text(LARGEST_NUMBER),
+            type=self.syntax.types[self.real],
+            prefix=self.prefix,
+            raised=self._raised(bit),
+        )
+        uses = self.uses(*(each.place for each in limits)) | Uses(helpers=frozenset({"keep"}), widest=len(limits))
+        return Code((self.syntax.comment(block.title), *limited(rows)), uses)
+
+    def _raised(self, place: Place) -> str:
+        """The statement that raises a bit."""
+        return self.syntax.raised.format(prefix=self.prefix.upper(), bit=self.bits[place])
+
     def _block(self, block: Block, taken: frozenset[str]) -> Code:
+        """The statements of a block, or a table where that is shorter."""
+        written = self._written(block, taken)
+        if not block.limits or self.syntax.limited is None:
+            return written
+        return min(written, self._limited(block, self.syntax.limited), key=lambda code: sum(map(len, code.lines)))
+
+    def _written(self, block: Block, taken: frozenset[str]) -> Code:
         reads, written = block.reads, set(block.writes)
         real: Number = "unsigned" if self.kinds.counts(block) else self.real
         printer = Printer(
@@ -234,8 +262,7 @@ class Writer:
 
     def _target(self, place: Place, element: int, size: int, argument: int | None, real: Number) -> Target:
         if place.struct == "status":
-            raised = self.syntax.raised.format(prefix=self.prefix.upper(), bit=self.bits[place])
-            return Target(lambda _: raised, condition=True)
+            return Target(lambda _: self._raised(place), condition=True)
         target, uses = self.lvalue(place, element, size), self.uses(place)
         source = None if argument is None else (argument, element)
         if self.kinds.is_index(place) and real != "unsigned":

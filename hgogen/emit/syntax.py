@@ -97,6 +97,21 @@ def demand_real(real: str) -> None:
 
 
 @dataclass(frozen=True)
+class Rows:
+    """Numbers to be kept in their ranges: for each its place and its row, (low, high, nominal), as text; the text of
+    the number of rows and of the largest number; the `type` of a number; what begins the names of our functions, and
+    the statement that says so in the status."""
+
+    places: tuple[str, ...]
+    rows: tuple[tuple[str, str, str], ...]
+    count: str
+    largest: str
+    type: str
+    prefix: str
+    raised: str
+
+
+@dataclass(frozen=True)
 class Syntax:
     """How a language writes.
 
@@ -128,6 +143,7 @@ class Syntax:
       of the struct of parameters, only read; `passed`: {}, an array as an argument, by whether it is written; `around`:
       lines before and after one of this name; `instead`, by its name: where the first holds, the other lines, with
       {type}, {suffix} and constants of `emit.helpers`, stand in the place of its body.
+    - Tables: `limited`, lines that keep numbers in their ranges by a loop over `Rows`; None where each is written out.
     """
 
     types: Mapping[str, str]
@@ -167,6 +183,7 @@ class Syntax:
     around: Mapping[str, tuple[Sequence[str], Sequence[str]]] = field(default_factory=dict)
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
     copied: str = "{target} = {source};"
+    limited: "Callable[[Rows], Sequence[str]] | None" = None
     rounded: Mapping[str, str] = field(default_factory=dict)
 
     def literal(self, value: float, kind: Number) -> str:

@@ -281,20 +281,3 @@ def _in_its_box(field: Field) -> Block:
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(ends)
         )
     return Block(f"keep {field.name} in its box", writes)
-
-
-def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
-    """The program that clamps each parameter to its range, with its nominal value where it is not a number, and then
-    computes the derived gains."""
-    blocks = []
-    for kind, fields in (("plant", plant), ("gain", gains)):
-        for field in fields:
-            value = sym(kind, field.name, field.size)
-            limited, changed = [], []
-            for i, (low, high) in enumerate(field.box):
-                clamped = ca.fmin(ca.fmax(value[i], low), high)
-                limited.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
-                changed.append(ca.logic_not(ca.logic_and(value[i] >= low, value[i] <= high)))
-            writes = {Place(kind, field.name): column(limited), Place("status", "PARAMETER_LIMITED"): any_of(changed)}
-            blocks.append(Block(f"{field.name} in its range", writes))
-    return (*blocks, *derived)
