@@ -201,10 +201,10 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
         const float u_taken = u_usable ? u_given : s->u;
         u = cascaded_tanks_clamp(u_taken, 0.0f, 7.0f);
         if (!u_usable) {
-            status |= CASCADED_TANKS_REUSED_u;
+            status |= CASCADED_TANKS_REUSED_U;
         }
         if (u_taken < 0.0f || u_taken > 7.0f) {
-            status |= CASCADED_TANKS_CLAMPED_u;
+            status |= CASCADED_TANKS_CLAMPED_U;
         }
     }
     /* the first call advances no time */
@@ -397,31 +397,32 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
     bool beyond = false;
     bool doubtful = false;
     float e = 0.0f;
-    float innovation = 0.0f;
     bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
-    float sample = 0.0f;
     bool sampled = false;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
     bool valid = false;
-    /* guard the sample of y */
+    /* the measurement of y */
+    measurement = out->y;
+    /* guard the measurement of y */
     {
-        const float y = out->y;
-        const float t1 = y - s->z[0];
-        const bool t2 = cascaded_tanks_within(y, 3e+38f);
-        const bool t3 = t2 && y >= -10.0f && y <= 20.0f && cascaded_tanks_within(t1, 1e+16f);
-        sample = y;
+        const float t1 = measurement - s->z[0];
+        const bool t2 = cascaded_tanks_within(measurement, 3e+38f);
+        const bool t3 = t2 && measurement >= -10.0f && measurement <= 20.0f
+            && cascaded_tanks_within(t1, 1e+16f);
         e = t1;
-        innovation = t1;
+        output_error = t1;
         valid = t3;
         if (!t2) {
-            status |= CASCADED_TANKS_MISSING_y;
+            status |= CASCADED_TANKS_MISSING_Y;
         }
         if (t2 && !t3) {
-            status |= CASCADED_TANKS_REJECTED_y;
+            status |= CASCADED_TANKS_REJECTED_Y;
         }
     }
     if (valid) {
@@ -444,7 +445,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
             /* its squared output error */
             {
                 const float sum = predictor->sum;
-                const float t1 = sample - predictor->z[0];
+                const float t1 = measurement - predictor->z[0];
                 predictor->sum = cascaded_tanks_min(sum + 4.0f*t1*t1, 1e+30f);
             }
             /* one more sample */
@@ -526,11 +527,12 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
         if (t1) {
             status |= CASCADED_TANKS_OUTSIDE_BOX;
         }
-        doubtful = cascaded_tanks_abs(innovation) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        doubtful = cascaded_tanks_abs(output_error) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
     }
     if (doubtful) {
         /* is there a sample to judge by? */
-        sampled = valid || (cascaded_tanks_within(sample, 3e+38f) && sample >= -10.0f && sample <= 20.0f);
+        sampled = valid || (cascaded_tanks_within(measurement, 3e+38f) && measurement >= -10.0f
+            && measurement <= 20.0f);
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
@@ -558,7 +560,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
-                shows_y = !cascaded_tanks_within(innovation, 1.0f);
+                shows_y = !cascaded_tanks_within(output_error, 1.0f);
                 shows_range = z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f;
             }
             if (shows_y) {
@@ -623,7 +625,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    s->z[0] = cascaded_tanks_keep(sample, 0.25f, 11.0f, z1, 1e+30f);
+                    s->z[0] = cascaded_tanks_keep(measurement, 0.25f, 11.0f, z1, 1e+30f);
                     s->z[1] = cascaded_tanks_keep(z2, 0.52f, 3.1623f, z2, 1e+30f);
                 }
                 /* the estimate has restarted from the sample */
@@ -728,10 +730,9 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
         }
         /* is a value beyond its box, or lost? */
         {
-            const float innovation_before = s->innovation;
+            const float innovation = s->innovation;
             const float theta = s->theta;
-            beyond = !(innovation_before >= 0.0f && innovation_before <= 1e+30f && theta >= 1.0f
-                && theta <= 4.0f);
+            beyond = !(innovation >= 0.0f && innovation <= 1e+30f && theta >= 1.0f && theta <= 4.0f);
         }
         if (beyond) {
             /* is a value lost? */
@@ -767,8 +768,8 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
             }
             /* keep innovation in its box */
             {
-                const float innovation_before = s->innovation;
-                s->innovation = cascaded_tanks_clamp(innovation_before, 0.0f, 1e+30f);
+                const float innovation = s->innovation;
+                s->innovation = cascaded_tanks_clamp(innovation, 0.0f, 1e+30f);
             }
             /* keep theta in its box */
             {
@@ -805,62 +806,38 @@ void cascaded_tanks_estimate(const cascaded_tanks_state *s, const cascaded_tanks
 unsigned cascaded_tanks_tune(cascaded_tanks_params *p)
 {
     unsigned status = 0u;
-    /* Q in its range */
+    /* each parameter in its range */
     {
-        const float Q1 = p->gain.Q[0];
-        const float Q2 = p->gain.Q[1];
-        p->gain.Q[0] = cascaded_tanks_keep(Q1, 1e-10f, 1400.0f, 0.0001f, 3e+38f);
-        p->gain.Q[1] = cascaded_tanks_keep(Q2, 1e-10f, 1400.0f, 0.0014f, 3e+38f);
-        if (!(Q1 >= 1e-10f && Q1 <= 1400.0f) || !(Q2 >= 1e-10f && Q2 <= 1400.0f)) {
-            status |= CASCADED_TANKS_PARAMETER_LIMITED;
-        }
-    }
-    /* R in its range */
-    {
-        const float R = p->gain.R;
-        p->gain.R = cascaded_tanks_keep(R, 1.6e-09f, 1600.0f, 0.0016f, 3e+38f);
-        if (!(R >= 1.6e-09f && R <= 1600.0f)) {
-            status |= CASCADED_TANKS_PARAMETER_LIMITED;
-        }
-    }
-    /* theta_1 in its range */
-    {
-        const float theta_1 = p->gain.theta_1;
-        p->gain.theta_1 = cascaded_tanks_keep(theta_1, 1.0f, 2.0f, 2.0f, 3e+38f);
-        if (!(theta_1 >= 1.0f && theta_1 <= 2.0f)) {
-            status |= CASCADED_TANKS_PARAMETER_LIMITED;
-        }
-    }
-    /* rise_time in its range */
-    {
-        const float rise_time = p->gain.rise_time;
-        p->gain.rise_time = cascaded_tanks_keep(rise_time, 0.004f, 4000.0f, 4.0f, 3e+38f);
-        if (!(rise_time >= 0.004f && rise_time <= 4000.0f)) {
-            status |= CASCADED_TANKS_PARAMETER_LIMITED;
-        }
-    }
-    /* rate in its range */
-    {
-        const float rate = p->gain.rate;
-        p->gain.rate = cascaded_tanks_keep(rate, 0.0f, 250.0f, 0.25f, 3e+38f);
-        if (!(rate >= 0.0f && rate <= 250.0f)) {
-            status |= CASCADED_TANKS_PARAMETER_LIMITED;
-        }
-    }
-    /* gamma_0 in its range */
-    {
-        const float gamma_0 = p->gain.gamma_0;
-        p->gain.gamma_0 = cascaded_tanks_keep(gamma_0, 0.0f, 1000000.0f, 0.7f, 3e+38f);
-        if (!(gamma_0 >= 0.0f && gamma_0 <= 1000000.0f)) {
-            status |= CASCADED_TANKS_PARAMETER_LIMITED;
-        }
-    }
-    /* gamma_1 in its range */
-    {
-        const float gamma_1 = p->gain.gamma_1;
-        p->gain.gamma_1 = cascaded_tanks_keep(gamma_1, 0.0f, 1000000.0f, 1.0f, 3e+38f);
-        if (!(gamma_1 >= 0.0f && gamma_1 <= 1000000.0f)) {
-            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        static const struct {
+            float low;
+            float high;
+            float nominal;
+        } range[8] = {
+            {1e-10f, 1400.0f, 0.0001f}, /* p->gain.Q[0] */
+            {1e-10f, 1400.0f, 0.0014f}, /* p->gain.Q[1] */
+            {1.6e-09f, 1600.0f, 0.0016f}, /* p->gain.R */
+            {1.0f, 2.0f, 2.0f}, /* p->gain.theta_1 */
+            {0.004f, 4000.0f, 4.0f}, /* p->gain.rise_time */
+            {0.0f, 250.0f, 0.25f}, /* p->gain.rate */
+            {0.0f, 1000000.0f, 0.7f}, /* p->gain.gamma_0 */
+            {0.0f, 1000000.0f, 1.0f}, /* p->gain.gamma_1 */
+        };
+        float *const value[8] = {
+            &p->gain.Q[0],
+            &p->gain.Q[1],
+            &p->gain.R,
+            &p->gain.theta_1,
+            &p->gain.rise_time,
+            &p->gain.rate,
+            &p->gain.gamma_0,
+            &p->gain.gamma_1
+        };
+        for (unsigned k = 0u; k < 8u; ++k) {
+            const float v = *value[k];
+            *value[k] = cascaded_tanks_keep(v, range[k].low, range[k].high, range[k].nominal, 3e+38f);
+            if (!(v >= range[k].low && v <= range[k].high)) {
+                status |= CASCADED_TANKS_PARAMETER_LIMITED;
+            }
         }
     }
     return status;

@@ -203,10 +203,10 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
         const float u_taken = u_usable ? u_given : s->u;
         u = fitzhugh_nagumo_limit(u_taken, 1.0f);
         if (!u_usable) {
-            status |= FITZHUGH_NAGUMO_REUSED_u;
+            status |= FITZHUGH_NAGUMO_REUSED_U;
         }
         if (fitzhugh_nagumo_abs(u_taken) > 1.0f) {
-            status |= FITZHUGH_NAGUMO_CLAMPED_u;
+            status |= FITZHUGH_NAGUMO_CLAMPED_U;
         }
     }
     /* the first call advances no time */
@@ -462,31 +462,32 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     bool beyond = false;
     bool doubtful = false;
     float e = 0.0f;
-    float innovation = 0.0f;
     bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
-    float sample = 0.0f;
     bool sampled = false;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
     bool valid = false;
-    /* guard the sample of y */
+    /* the measurement of y */
+    measurement = out->y;
+    /* guard the measurement of y */
     {
-        const float y = out->y;
-        const float t1 = y - s->z[0];
-        const bool t2 = fitzhugh_nagumo_within(y, 3e+38f);
-        const bool t3 = t2 && fitzhugh_nagumo_within(y, 15.0f) && fitzhugh_nagumo_within(t1, 1e+16f);
-        sample = y;
+        const float t1 = measurement - s->z[0];
+        const bool t2 = fitzhugh_nagumo_within(measurement, 3e+38f);
+        const bool t3 = t2 && fitzhugh_nagumo_within(measurement, 15.0f)
+            && fitzhugh_nagumo_within(t1, 1e+16f);
         e = t1;
-        innovation = t1;
+        output_error = t1;
         valid = t3;
         if (!t2) {
-            status |= FITZHUGH_NAGUMO_MISSING_y;
+            status |= FITZHUGH_NAGUMO_MISSING_Y;
         }
         if (t2 && !t3) {
-            status |= FITZHUGH_NAGUMO_REJECTED_y;
+            status |= FITZHUGH_NAGUMO_REJECTED_Y;
         }
     }
     if (valid) {
@@ -513,7 +514,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             /* its squared output error */
             {
                 const float sum = predictor->sum;
-                const float t1 = sample - predictor->z[0];
+                const float t1 = measurement - predictor->z[0];
                 predictor->sum = fitzhugh_nagumo_min(sum + 0.01f*t1*t1, 1e+30f);
             }
             /* one more sample */
@@ -607,11 +608,12 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         if (t1) {
             status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
         }
-        doubtful = fitzhugh_nagumo_abs(innovation) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        doubtful = fitzhugh_nagumo_abs(output_error) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
     }
     if (doubtful) {
         /* is there a sample to judge by? */
-        sampled = valid || (fitzhugh_nagumo_within(sample, 3e+38f) && fitzhugh_nagumo_within(sample, 15.0f));
+        sampled = valid || (fitzhugh_nagumo_within(measurement, 3e+38f)
+            && fitzhugh_nagumo_within(measurement, 15.0f));
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
@@ -636,7 +638,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 s->doubt_sum = 0.0f;
             }
             /* which signs show? */
-            shows_y = !fitzhugh_nagumo_within(innovation, 1.0f);
+            shows_y = !fitzhugh_nagumo_within(output_error, 1.0f);
             shows_range = fitzhugh_nagumo_abs(s->z[0]) > 3.85f || fitzhugh_nagumo_abs(s->z[1]) > 11.0f
                 || fitzhugh_nagumo_abs(s->z[2]) > 8.8f;
             if (shows_y) {
@@ -703,7 +705,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
                     const float z3 = s->z[2];
-                    s->z[0] = fitzhugh_nagumo_keep(sample, -3.5f, 3.5f, z1, 1e+30f);
+                    s->z[0] = fitzhugh_nagumo_keep(measurement, -3.5f, 3.5f, z1, 1e+30f);
                     s->z[1] = fitzhugh_nagumo_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
                     s->z[2] = fitzhugh_nagumo_keep(z3, -8.0f, 8.0f, z3, 1e+30f);
                 }
@@ -815,10 +817,9 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
         }
         /* is a value beyond its box, or lost? */
         {
-            const float innovation_before = s->innovation;
+            const float innovation = s->innovation;
             const float theta = s->theta;
-            beyond = !(innovation_before >= 0.0f && innovation_before <= 1e+30f && theta >= 1.0f
-                && theta <= 8.0f);
+            beyond = !(innovation >= 0.0f && innovation <= 1e+30f && theta >= 1.0f && theta <= 8.0f);
         }
         if (beyond) {
             /* is a value lost? */
@@ -860,8 +861,8 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
             }
             /* keep innovation in its box */
             {
-                const float innovation_before = s->innovation;
-                s->innovation = fitzhugh_nagumo_clamp(innovation_before, 0.0f, 1e+30f);
+                const float innovation = s->innovation;
+                s->innovation = fitzhugh_nagumo_clamp(innovation, 0.0f, 1e+30f);
             }
             /* keep theta in its box */
             {
@@ -896,65 +897,40 @@ void fitzhugh_nagumo_estimate(const fitzhugh_nagumo_state *s, const fitzhugh_nag
 unsigned fitzhugh_nagumo_tune(fitzhugh_nagumo_params *p)
 {
     unsigned status = 0u;
-    /* Q in its range */
+    /* each parameter in its range */
     {
-        const float Q1 = p->gain.Q[0];
-        const float Q2 = p->gain.Q[1];
-        const float Q3 = p->gain.Q[2];
-        p->gain.Q[0] = fitzhugh_nagumo_keep(Q1, 2.3e-10f, 100000.0f, 0.1f, 3e+38f);
-        p->gain.Q[1] = fitzhugh_nagumo_keep(Q2, 2.3e-10f, 100000.0f, 0.01f, 3e+38f);
-        p->gain.Q[2] = fitzhugh_nagumo_keep(Q3, 2.3e-10f, 100000.0f, 0.00023f, 3e+38f);
-        if (!(Q1 >= 2.3e-10f && Q1 <= 100000.0f) || !(Q2 >= 2.3e-10f && Q2 <= 100000.0f)
-            || !(Q3 >= 2.3e-10f && Q3 <= 100000.0f)) {
-            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
-        }
-    }
-    /* R in its range */
-    {
-        const float R = p->gain.R;
-        p->gain.R = fitzhugh_nagumo_keep(R, 1e-06f, 1000000.0f, 1.0f, 3e+38f);
-        if (!(R >= 1e-06f && R <= 1000000.0f)) {
-            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
-        }
-    }
-    /* theta_1 in its range */
-    {
-        const float theta_1 = p->gain.theta_1;
-        p->gain.theta_1 = fitzhugh_nagumo_keep(theta_1, 1.0f, 4.0f, 4.0f, 3e+38f);
-        if (!(theta_1 >= 1.0f && theta_1 <= 4.0f)) {
-            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
-        }
-    }
-    /* rise_time in its range */
-    {
-        const float rise_time = p->gain.rise_time;
-        p->gain.rise_time = fitzhugh_nagumo_keep(rise_time, 0.0001f, 100.0f, 0.1f, 3e+38f);
-        if (!(rise_time >= 0.0001f && rise_time <= 100.0f)) {
-            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
-        }
-    }
-    /* rate in its range */
-    {
-        const float rate = p->gain.rate;
-        p->gain.rate = fitzhugh_nagumo_keep(rate, 0.0f, 1000.0f, 1.0f, 3e+38f);
-        if (!(rate >= 0.0f && rate <= 1000.0f)) {
-            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
-        }
-    }
-    /* gamma_0 in its range */
-    {
-        const float gamma_0 = p->gain.gamma_0;
-        p->gain.gamma_0 = fitzhugh_nagumo_keep(gamma_0, 0.0f, 320000.0f, 0.16f, 3e+38f);
-        if (!(gamma_0 >= 0.0f && gamma_0 <= 320000.0f)) {
-            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
-        }
-    }
-    /* gamma_1 in its range */
-    {
-        const float gamma_1 = p->gain.gamma_1;
-        p->gain.gamma_1 = fitzhugh_nagumo_keep(gamma_1, 0.0f, 320000.0f, 0.32f, 3e+38f);
-        if (!(gamma_1 >= 0.0f && gamma_1 <= 320000.0f)) {
-            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        static const struct {
+            float low;
+            float high;
+            float nominal;
+        } range[9] = {
+            {2.3e-10f, 100000.0f, 0.1f}, /* p->gain.Q[0] */
+            {2.3e-10f, 100000.0f, 0.01f}, /* p->gain.Q[1] */
+            {2.3e-10f, 100000.0f, 0.00023f}, /* p->gain.Q[2] */
+            {1e-06f, 1000000.0f, 1.0f}, /* p->gain.R */
+            {1.0f, 4.0f, 4.0f}, /* p->gain.theta_1 */
+            {0.0001f, 100.0f, 0.1f}, /* p->gain.rise_time */
+            {0.0f, 1000.0f, 1.0f}, /* p->gain.rate */
+            {0.0f, 320000.0f, 0.16f}, /* p->gain.gamma_0 */
+            {0.0f, 320000.0f, 0.32f}, /* p->gain.gamma_1 */
+        };
+        float *const value[9] = {
+            &p->gain.Q[0],
+            &p->gain.Q[1],
+            &p->gain.Q[2],
+            &p->gain.R,
+            &p->gain.theta_1,
+            &p->gain.rise_time,
+            &p->gain.rate,
+            &p->gain.gamma_0,
+            &p->gain.gamma_1
+        };
+        for (unsigned k = 0u; k < 9u; ++k) {
+            const float v = *value[k];
+            *value[k] = fitzhugh_nagumo_keep(v, range[k].low, range[k].high, range[k].nominal, 3e+38f);
+            if (!(v >= range[k].low && v <= range[k].high)) {
+                status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+            }
         }
     }
     return status;

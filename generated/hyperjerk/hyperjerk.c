@@ -103,21 +103,22 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
-    /* guard the samples */
+    /* guard the measurements */
     {
-        const float y_given = out->y;
-        const bool t1 = hyperjerk_within(y_given, 3e+38f);
+        const float measurement = out->y;
+        const bool t1 = hyperjerk_within(measurement, 3e+38f);
         const float w1 = s->w[0];
-        const bool t2 = t1 && hyperjerk_within(y_given, 9.0f) && hyperjerk_within(y_given - w1, 1e+16f);
-        const float t3 = t2 ? y_given : w1;
+        const bool t2 = t1 && hyperjerk_within(measurement, 9.0f)
+            && hyperjerk_within(measurement - w1, 1e+16f);
+        const float t3 = t2 ? measurement : w1;
         y = t3;
         y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
         valid = t2 ? 1.0f : 0.0f;
         if (!t1) {
-            status |= HYPERJERK_MISSING_y;
+            status |= HYPERJERK_MISSING_Y;
         }
         if (t1 && !t2) {
-            status |= HYPERJERK_REJECTED_y;
+            status |= HYPERJERK_REJECTED_Y;
         }
     }
     /* the first call advances no time */
@@ -273,8 +274,9 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
     if (doubtful) {
         /* is there a sample to judge by? */
         {
-            const float y_given = out->y;
-            sampled = valid > 0.0f || (hyperjerk_within(y_given, 3e+38f) && hyperjerk_within(y_given, 9.0f));
+            const float measurement = out->y;
+            sampled = valid > 0.0f || (hyperjerk_within(measurement, 3e+38f)
+                && hyperjerk_within(measurement, 9.0f));
         }
         if (sampled) {
             /* was doubt or patience spoiled? */

@@ -139,27 +139,28 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         const float tau_taken = tau_usable ? tau : s->u;
         u = pendulum_limit(tau_taken, 1.0f);
         if (!tau_usable) {
-            status |= PENDULUM_REUSED_tau;
+            status |= PENDULUM_REUSED_TAU;
         }
         if (pendulum_abs(tau_taken) > 1.0f) {
-            status |= PENDULUM_CLAMPED_tau;
+            status |= PENDULUM_CLAMPED_TAU;
         }
     }
-    /* guard the samples */
+    /* guard the measurements */
     {
-        const float y_given = out->y;
-        const bool t1 = pendulum_within(y_given, 3e+38f);
+        const float measurement = out->y;
+        const bool t1 = pendulum_within(measurement, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && pendulum_within(y_given, 12.0f) && pendulum_within(y_given - z1, 1e+16f);
-        const float t3 = t2 ? y_given : z1;
+        const bool t2 = t1 && pendulum_within(measurement, 12.0f)
+            && pendulum_within(measurement - z1, 1e+16f);
+        const float t3 = t2 ? measurement : z1;
         y = t3;
         y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
         valid = t2 ? 1.0f : 0.0f;
         if (!t1) {
-            status |= PENDULUM_MISSING_y;
+            status |= PENDULUM_MISSING_Y;
         }
         if (t1 && !t2) {
-            status |= PENDULUM_REJECTED_y;
+            status |= PENDULUM_REJECTED_Y;
         }
     }
     /* the first call advances no time */
@@ -232,8 +233,9 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     if (doubtful) {
         /* is there a sample to judge by? */
         {
-            const float y_given = out->y;
-            sampled = valid > 0.0f || (pendulum_within(y_given, 3e+38f) && pendulum_within(y_given, 12.0f));
+            const float measurement = out->y;
+            sampled = valid > 0.0f || (pendulum_within(measurement, 3e+38f)
+                && pendulum_within(measurement, 12.0f));
         }
         if (sampled) {
             /* was doubt or patience spoiled? */
