@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import casadi as ca
 import sympy as sp
 
-from hgogen.algebra.lookup import Lookup, Reach
+from hgogen.algebra.lookup import Lookup
 from hgogen.algebra.plain import plain
 from hgogen.algebra.tabulated import Table
 from hgogen.errors import HgogenError
@@ -76,34 +76,23 @@ def sx(value: Graph) -> Graph:
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 
-def to_casadi(
-    expressions: Iterable[sp.Expr],
-    symbols: Mapping[sp.Symbol, Graph],
-    reaches: Mapping[sp.Expr, tuple[Reach, ...]] | None = None,
-) -> list[Graph]:
+def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
     """The expressions as SX graphs, one scalar each; a subexpression is built once.
 
-    Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded); `reaches` tables to the
-    arguments between which what jumps of their derivatives is taken.
+    Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded).
 
     Raises: `NoGraph`.
     """
     memo: dict[sp.Basic, Graph] = {}
-    return [sx(_convert(each, each, symbols, memo, reaches or {})) for each in map(plain, expressions)]
+    return [sx(_convert(each, each, symbols, memo)) for each in map(plain, expressions)]
 
 
-def _convert(
-    node: sp.Basic,
-    whole: sp.Basic,
-    symbols: Mapping[sp.Symbol, Graph],
-    memo: dict[sp.Basic, Graph],
-    reaches: Mapping[sp.Expr, tuple[Reach, ...]],
-) -> Graph:
+def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph], memo: dict[sp.Basic, Graph]) -> Graph:
     if node in memo:
         return memo[node]
 
     def inner(child: sp.Basic) -> Graph:
-        return _convert(child, whole, symbols, memo, reaches)
+        return _convert(child, whole, symbols, memo)
 
     value: Graph
     if isinstance(node, sp.Symbol):
@@ -123,7 +112,7 @@ def _convert(
     elif isinstance(node, sp.Piecewise):
         value = _piecewise(node, inner)
     elif isinstance(node, Table):
-        value = Lookup(node.cells.holding(), node.order, reaches.get(node, ()))(*map(inner, node.args))
+        value = Lookup(node.cells, node.order)(*map(inner, node.args))
     elif type(node) in _OPERATIONS:
         value = _OPERATIONS[type(node)](*map(inner, node.args))
     else:

@@ -35,10 +35,12 @@ from hgogen.emit.csyntax import C
 from hgogen.emit.portable import tables
 from hgogen.emit.pygraph import DTYPE, evaluated
 from hgogen.graph import to_casadi
+from hgogen.intervals.box import Sides
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
+from hgogen.intervals.taken import taken
 from hgogen.reading import text_model
 from hgogen.reading.table import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
@@ -333,7 +335,8 @@ def test_lipschitz_bounds_hold_the_steepest_chord(
         rise = exactly(cells, b, d) - exactly(cells, a, c)
         steepest = max(steepest, abs(float(rise)) / math.hypot(b - a, 0 if diagonal else d - c))
     assert steepest <= bound.high * (1 + 1e-9)
-    ends = [cells.range(both, order) for order in ((1, 0), (0, 1))]
+    counted = taken(applied(cells, inner), Sides(names, tuple(ranges[name] for name in names))).cells
+    ends = [counted.range(both, order) for order in ((1, 0), (0, 1))]
     most = [float(max(map(abs, each))) for each in ends]
     assert bound.high <= 1.03 * (sum(most) if diagonal else math.hypot(*most)) + 1e-9
 

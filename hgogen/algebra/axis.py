@@ -19,10 +19,12 @@ NEVER = 1000  # more than any order
 @dataclass(frozen=True)
 class Axis:
     """Breakpoints x_0 < .. < x_(n-1): cell 0 lies below the first, cell n above the last. Beyond them a table is
-    constant, `held`; where its argument keeps within them, the first and the last polynomial may go on instead."""
+    constant, `held`; where its argument keeps within them, the first and the last polynomial may go on instead.
+    `rounded`: of cells that a program takes, how far below and above its exact value it may compute the argument."""
 
     x: tuple[Fraction, ...]
     held: bool = True
+    rounded: Ends | None = None
 
     @cached_property
     def starts(self) -> tuple[Fraction, ...]:
@@ -35,6 +37,18 @@ class Axis:
         if low == high:
             return bisect_left(self.x, low), bisect_right(self.x, low)
         return bisect_right(self.x, low), bisect_left(self.x, high)
+
+    def taken(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
+        """Where a program may compute an argument that is in [low, high], and the first and the last cell that it
+        takes, at a breakpoint the one above; beyond the ends of a table that is not held those at its ends."""
+        if self.rounded is None:
+            return (low, high), self.met(low, high)
+        low, high = low - self.rounded[0], high + self.rounded[1]
+        first, last = bisect_right(self.x, low), bisect_right(self.x, high)
+        if self.held:
+            return (low, high), (first, last)
+        n = len(self.x) - 1
+        return (max(low, self.x[0]), min(high, self.x[-1])), (min(max(first, 1), n), min(max(last, 1), n))
 
     def part(self, k: int, low: Number, high: Number) -> Ends:
         """What of [low, high] lies in a cell, from its start on."""

@@ -59,8 +59,15 @@ class Cells:
 
     def holding(self, *held: bool) -> "Cells":
         """The same points, held at the ends of these axes; of all without any."""
-        ways = held or (True,) * len(self.axes)
-        return replace(self, axes=tuple(replace(axis, held=way) for axis, way in zip(self.axes, ways, strict=True)))
+        return self._with("held", held or (True,) * len(self.axes))
+
+    def rounding(self, *rounded: Ends) -> "Cells":
+        """The same points, with arguments that are rounded."""
+        return self._with("rounded", rounded)
+
+    def _with(self, name: str, values: Sequence[Any]) -> "Cells":
+        pairs = zip(self.axes, values, strict=True)
+        return replace(self, axes=tuple(replace(axis, **{name: value}) for axis, value in pairs))
 
     @cached_property
     def pieces(self) -> Pieces:
@@ -115,17 +122,24 @@ class Cells:
         """The start of a cell along each axis."""
         return [axis.starts[k] for axis, k in zip(self.axes, cell, strict=True)]
 
+    def taken(self, box: Sequence[Ends]) -> tuple[list[Ends], Spans]:
+        """Where a program may compute arguments that are in a box, and the cells; `Axis.taken` along each axis."""
+        sides, spans = zip(*(axis.taken(*side) for axis, side in zip(self.axes, box, strict=True)), strict=True)
+        return list(sides), list(spans)
+
     def range(self, box: Sequence[Ends], order: Index) -> Ends | None:
-        """Numbers between which a derivative lies on a box, with all its limits where it jumps; None where one before
-        it jumps as well."""
-        spans = self.met(box)
+        """Numbers between which a derivative lies on a box, with all its limits where it jumps, as far as a program may
+        take it; None where one before it jumps as well."""
+        (wide, spans), met = self.taken(box), self.met(box)
         if not all(self.continuous(spans, [k - 1 for k in order])):
             return None
+        if all((*self.continuous(spans, order), *self.continuous(met, order))):
+            wide, spans = list(box), met
         whole = _whole(self, order)
         ends = [
             whole[cell]
             if all(a < k < b for k, (a, b) in zip(cell, spans, strict=True))
-            else self._over(cell, box, order)
+            else self._over(cell, wide, order)
             for cell in over(spans)
         ]
         return min(least for least, _ in ends), max(most for _, most in ends)

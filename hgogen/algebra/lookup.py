@@ -6,8 +6,8 @@ of the cells of `hgogen.algebra.cells`, and of two arguments a search along each
 
     f(x, y) = c_00 + e c_01 + d (c_10 + e c_11)        of the cell (k, l)
 
-At the last point a derivative is that of the cell below it, the limit from within the points, as at the first that of
-the cell above: where the ranges end with the points, an estimate that is clamped to them stays there.
+Beyond its points a table is held, and its slope 0. Where its argument keeps within them (`Axis.held`), what lies beyond
+are estimates clamped to the ends and sums rounded past them: there a derivative stays what it is within, at the end.
 
 Of what is not a number k is 0 and d is not a number, nor is the value: a lookup needs no guard. In a graph of CasADi it
 is a call of its `graph`, whose name leads back to it.
@@ -17,7 +17,6 @@ CasADi differentiates through a call by the function's own derivative, and mista
 """
 
 import hashlib
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
@@ -25,17 +24,13 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from hgogen.algebra.cells import Cells, Index
 from hgogen.algebra.piece import Polynomial, columns, value
 from hgogen.algebra.tabulated import next_order
 
 Graph = Any
-Reach = tuple[float, float]
-FREE = (-math.inf, math.inf)
 _KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else
-_TINY = 2.0**-120  # within single precision
 _TERMS = 2  # of a polynomial in a graph, at least
 _NAMES = (("x", "start", "k", "d"), ("y", "start_y", "j", "e"))
 
@@ -64,19 +59,26 @@ class Argument:
 
 @dataclass(frozen=True)
 class Lookup:
-    """A derivative of a table, of the `order` in each argument. What jumps of it and of its own derivatives is taken at
-    arguments in `reach`, if there are any: where their range ends on a breakpoint, within it."""
+    """A derivative of a table, of the `order` in each argument. `read`: the table as it is computed, held along each
+    axis that it has no derivative by; along the others `cells` tells."""
 
-    cells: Cells
+    cells: Cells = field(compare=False)
     order: Index
-    reach: tuple[Reach, ...] = field(default=(), compare=False)
+    read: Cells = field(init=False)
+
+    def __post_init__(self) -> None:
+        ways = zip(self.cells.axes, self.order, strict=True)
+        object.__setattr__(self, "read", self.cells.holding(*(axis.held or not k for axis, k in ways)))
 
     @property
     def name(self) -> str:
         """What it is called in emitted code: table_ocv, and its derivatives slope_ocv, slope_2_ocv, ..; of two
-        arguments slope_1_0_friction, slope_0_1_friction, .."""
+        arguments slope_1_0_friction, slope_0_1_friction, ..; those that are 0 beyond the points flat_slope_ocv,
+        flat_x_slope_1_0_friction, .."""
         order = "" if self.order == (1,) else "".join(f"{k}_" for k in self.order)
-        return f"slope_{order}{self.cells.name}" if any(self.order) else f"table_{self.cells.name}"
+        axes = "".join(f"{x}_" for x in self._flat) if len(self.order) > 1 else ""
+        flat = f"flat_{axes}" if self._flat else ""
+        return f"{flat}slope_{order}{self.cells.name}" if any(self.order) else f"table_{self.cells.name}"
 
     @property
     def said(self) -> str:
@@ -86,20 +88,31 @@ class Lookup:
         of = f"the {derivative} of " if any(self.order) else ""
         points = " x ".join(str(len(axis.x)) for axis in self.cells.axes)
         kind = self.cells.kind if len(self.order) == 1 else "bilinear"
-        return f"{of}the table {self.cells.name}: {kind}, {points} points, held at its ends"
+        ends = "held at its ends" if not any(self.order) or self._flat else "with its slopes held at its ends"
+        return f"{of}the table {self.cells.name}: {kind}, {points} points, {ends}"
+
+    @property
+    def _flat(self) -> list[str]:
+        """The arguments by which it is a derivative that is 0 beyond the points."""
+        ways = zip(self.read.axes, self.order, _NAMES, strict=False)
+        return [names[0] for axis, k, names in ways if k and axis.held]
 
     @cached_property
     def axes(self) -> tuple[Argument, ...]:
         """Its arguments."""
         starts = (tuple(map(float, axis.starts)) for axis in self.cells.axes)
-        closed = ((*each[:-1], above(each[-1])) if k else each for each, k in zip(starts, self.order, strict=True))
-        return tuple(Argument(*names, each) for names, each in zip(_NAMES, closed, strict=False))
+        return tuple(Argument(*names, each) for names, each in zip(_NAMES, starts, strict=False))
 
     @cached_property
     def coefficients(self) -> Polynomial:
         """The polynomial of the distances, whose coefficients are lists, a number for each cell: the cells in the order
         of their axes, the last the fastest."""
-        return _rounded(columns(list(self.cells.of_order(self.order).values())))
+        pieces = self.read.of_order(self.order)
+        return _rounded(columns([_frozen(piece, self._frozen_along(cell)) for cell, piece in pieces.items()]))
+
+    def _frozen_along(self, cell: Index) -> list[bool]:
+        """Along which axes the cell lies beyond points of which the table is not held."""
+        return [not axis.held and k in (0, len(axis.x)) for axis, k in zip(self.read.axes, cell, strict=True)]
 
     @cached_property
     def arrays(self) -> dict[str, list[float]]:
@@ -119,22 +132,17 @@ class Lookup:
 
     def slopes(self, *arguments: Graph) -> Graph:
         """The row of its derivatives by each argument in a graph."""
-        places = [(*arguments[:k], a, *arguments[k + 1 :]) for k, a in enumerate(self._held(arguments))]
-        return ca.horzcat(*(Lookup(self.cells, next_order(self.order, k)).graph(*at) for k, at in enumerate(places)))
+        orders = (next_order(self.order, k) for k in range(len(arguments)))
+        return ca.horzcat(*(Lookup(self.cells, order)(*arguments) for order in orders))
 
     def __call__(self, *arguments: Graph) -> Graph:
         """The value in a graph."""
-        ways = zip(self.order, arguments, self._held(arguments), strict=True)
-        return self.graph(*(held if order else argument for order, argument, held in ways))
-
-    def _held(self, arguments: Sequence[Graph]) -> list[Graph]:
-        """The arguments in their reach."""
-        return [_within(a, *ends) for a, ends in zip(arguments, self.reach or (FREE,) * len(arguments), strict=True)]
+        return self.graph(*arguments)
 
     @cached_property
     def graph(self) -> ca.Function:
         """The function in CasADi, which stays one operation of the graphs that call it."""
-        text = repr((self.cells.name, self.cells.points, self.order, *self.reach))
+        text = repr((self.cells.name, self.cells.points, self.order, [axis.held for axis in self.cells.axes]))
         name = f"table_{hashlib.sha256(text.encode()).hexdigest()[:20]}"
         _KNOWN[name] = self
         names = [axis.name for axis in self.axes]
@@ -146,17 +154,11 @@ class Lookup:
         return ca.Function(name, arguments, [result], names, ["value"], {"never_inline": True})
 
 
-def _within(argument: Graph, low: float, high: float) -> Graph:
-    argument = argument if low == -math.inf else ca.fmax(argument, low)
-    return argument if high == math.inf else ca.fmin(argument, high)
-
-
-def above(x: float) -> float:
-    """A number above x, in single precision as well: at the last point of a table, where the cell beyond begins for its
-    derivatives."""
-    if x and not _TINY < abs(x) < 1 / _TINY:
-        return math.nextafter(x, math.inf)
-    return float(np.nextafter(np.float32(x), np.float32(np.inf))) if x else _TINY
+def _frozen(piece: Polynomial, ways: Sequence[bool]) -> Polynomial:
+    """The polynomial with what it is at the start along some of its arguments."""
+    if not ways:
+        return piece
+    return tuple(_frozen(c, ways[1:]) for c in (piece[:1] if ways[0] else piece))
 
 
 def _rounded(coefficients: Polynomial) -> Polynomial:

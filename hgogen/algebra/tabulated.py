@@ -10,6 +10,7 @@ those that jump themselves.
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache
+from hashlib import sha256
 from typing import Any, ClassVar
 
 import numpy as np
@@ -78,12 +79,19 @@ def applied(cells: Cells, arguments: Sequence[sp.Expr], order: Index = ()) -> sp
     return function(cells, order or cells.plain)(*arguments)
 
 
+def replaced(expression: sp.Expr, cells: Callable[[Table], Cells]) -> sp.Expr:
+    """The expression with every table replaced by the one that stands for it, at the same arguments."""
+    if not expression.has(Table):
+        return expression
+    return expression.replace(
+        lambda node: isinstance(node, Table), lambda node: applied(cells(node), node.args, node.order)
+    )
+
+
 def held(expression: sp.Expr) -> sp.Expr:
     """The expression with every table held at its ends, as programs compute it: where arguments may leave its points,
     what stands for it between them is another function."""
-    return expression.replace(
-        lambda node: isinstance(node, Table), lambda node: applied(node.cells.holding(), node.args, node.order)
-    )
+    return replaced(expression, lambda node: node.cells.holding())
 
 
 def next_order(order: Index, k: int) -> Index:
@@ -99,7 +107,8 @@ def function(cells: Cells, order: Index) -> FunctionClass:
     held = {"cells": cells, "order": order, "nargs": len(order), "__module__": __name__}
     held["_imp_"] = staticmethod(_floats(cells, order))
     within = (f"within_{k}" for k, axis in enumerate(cells.axes) if not axis.held)
-    parts = (cells.name, *within, *(map(str, order) if any(order) else ()))
+    roundings = (f"near_{sha256(repr(axis.rounded).encode()).hexdigest()[:16]}" for axis in cells.axes if axis.rounded)
+    parts = (cells.name, *within, *roundings, *(map(str, order) if any(order) else ()))
     return FunctionClass("__".join(parts), (kind,), held)  # for lambdify, a name that no other table has
 
 

@@ -13,7 +13,8 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.points import exact
+from hgogen.algebra.points import exact, put
+from hgogen.algebra.tabulated import Stepped
 from hgogen.algebra.tape import Tape, tape
 from hgogen.algebra.variants import variants
 from hgogen.intervals.box import Box, End, Sides, box, sides
@@ -21,6 +22,7 @@ from hgogen.intervals.digits import down, up
 from hgogen.intervals.outward import Array
 from hgogen.intervals.search import Goal, Outcome, Tree, search, tight
 from hgogen.intervals.slope import lipschitz_bound
+from hgogen.intervals.taken import taken
 from hgogen.intervals.zeros import special_point
 from hgogen.sentence import NONE, Reason, because, equations
 
@@ -125,6 +127,7 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
     fixed, around = sides(exact(sp.sympify(expression)), box)
     if fixed.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I, sp.AccumBounds):
         return None
+    fixed = taken(fixed, around)
     return Problem(fixed, around, tape(variants(fixed), around.symbols))
 
 
@@ -144,10 +147,18 @@ def range_of(problem: Problem, outcome: Outcome, relative: float) -> Range:
 
 
 def attained(problem: Problem, value: float, at: Array | None) -> Attained | None:
-    """A bound of the value at a point that a search looked at; None without one."""
+    """A bound of the value at a point that a search looked at; None without one, or where a table's derivative jumps
+    there: what lies on its other side need not be of the box."""
     if not problem.sides.symbols and math.isfinite(value):
         return Attained(value, {})
-    return None if at is None else Attained(value, problem.sides.point(at.tolist()))
+    if at is None:
+        return None
+    point = problem.sides.point(at.tolist())
+    if problem.expression.has(Stepped):
+        there = put(problem.expression, {s: sp.Rational(x) for s, x in point.items()})
+        if there is None or there.has(Stepped):
+            return None
+    return Attained(value, point)
 
 
 def _note(outcome: Outcome, relative: float) -> Reason:

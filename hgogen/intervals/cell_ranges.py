@@ -1,6 +1,7 @@
 """A table on intervals: the exact ranges of the cells that they meet, rounded outward.
 
 Of a box that ends on a breakpoint the cell within counts, of an argument that is one number, a breakpoint, both cells.
+Of a table that a program takes (`taken`) that is the cell above, of such a box as well.
 """
 
 from collections.abc import Sequence
@@ -31,4 +32,4 @@ def _on(cells: Cells, order: Index, box: tuple[Ends, ...]) -> tuple[float, float
     if range is None:
         return -np.inf, np.inf, False, (False,) * len(order)
     least, most = (end if isinstance(end, float) else number(end)[way] for way, end in enumerate(range))
-    return least, most, True, cells.continuous(cells.met(box), order)
+    return least, most, True, cells.continuous(cells.taken(box)[1], order)

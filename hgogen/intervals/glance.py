@@ -10,6 +10,7 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.tape import NoTape, tape
 from hgogen.intervals.box import EVERYTHING, Box, End, sides
 from hgogen.intervals.enclosure import enclose as enclosures
+from hgogen.intervals.rounding import rounded
 
 Interval: TypeAlias = tuple[End, End]
 
@@ -28,7 +29,7 @@ def enclose(expression: sp.Expr, box: Box) -> Interval:
     if fixed.has(*_STRANGE):
         return EVERYTHING
     try:
-        program = tape([fixed], around.symbols)
+        program = tape([rounded(fixed, around)], around.symbols)
     except NoTape:
         return EVERYTHING
     low, high = around.outer

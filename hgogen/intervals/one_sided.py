@@ -6,18 +6,19 @@ would be 1, where x may be 0.
 """
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import sympy as sp
 
-from hgogen.algebra.axis import Axis
 from hgogen.algebra.kinks import Norm, bent, signed
-from hgogen.algebra.tabulated import Table, applied
+from hgogen.algebra.tabulated import Table, applied, replaced
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Verdict
-from hgogen.intervals.box import Box
+from hgogen.intervals.box import Box, End
 from hgogen.intervals.lost import STRANGE, is_defined, lost
 from hgogen.intervals.rational import rational
 from hgogen.intervals.sign import nonzero
+from hgogen.intervals.taken import between
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
 _OPERATIONS = 200  # of an argument whose side is asked for
@@ -53,14 +54,18 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
 def _within(node: Table, box: Box) -> sp.Expr:
     """The table without its ends along the axes where its argument keeps within its points."""
     arguments = [_visited(argument, box) for argument in node.args]
-    pairs = zip(node.cells.axes, arguments, strict=True)
-    held = (axis.held and not _inside(axis, argument, box) for axis, argument in pairs)
-    return applied(node.cells.holding(*held), arguments, node.order)
+    return applied(between(node, arguments, box), arguments, node.order)
 
 
-def _inside(axis: Axis, argument: sp.Expr, box: Box) -> bool:
-    low, high = rational(argument, box)
-    return axis.x[0] <= low and high <= axis.x[-1] and is_defined(argument, box)
+def computed(expression: sp.Expr, box: Box) -> sp.Expr:
+    """The expression as programs compute it on the box: as it is, with tables that end as in `one_sided`."""
+    return _computed(expression, tuple(box.items())) if expression.has(Table) else expression
+
+
+@lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
+def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) -> sp.Expr:
+    box = dict(sides)
+    return replaced(expression, lambda node: between(node, [one_sided(part, box) for part in node.args], box))
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:

@@ -25,6 +25,7 @@ from hgogen.intervals.glance import Interval
 from hgogen.intervals.outward import number
 from hgogen.intervals.rational import fractions, multiplied, raised, rational
 from hgogen.intervals.search import Outcome, one_sign, regular
+from hgogen.intervals.taken import beyond
 from hgogen.intervals.zeros import crossing, special_point
 from hgogen.sentence import Reason, because
 
@@ -102,6 +103,9 @@ def _nonzero(
             break
     undecided = "{boxes} does not decide it" if outcome.boxes == 1 else "{boxes} do not decide it"
     reason = because(undecided, boxes=counted(outcome.boxes))
+    if end := beyond(problem.expression, problem.sides):
+        pattern = "{why}; the ranges end on {point} of the table {table}, whose slope beyond is taken there: move one"
+        reason = because(pattern, why=reason, point=float(end[0]), table=end[1])
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
 
 

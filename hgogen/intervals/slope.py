@@ -22,6 +22,7 @@ from hgogen.check import Verdict
 from hgogen.intervals.box import Box, End, Point, Sides, sides
 from hgogen.intervals.search import Tree, everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
+from hgogen.intervals.taken import taken
 from hgogen.intervals.zeros import special_point
 from hgogen.sentence import NONE, Reason, because, equations
 
@@ -45,9 +46,9 @@ _DISTANCES = (10, 30, 60)  # binary digits of the distances at which the growth 
 class Lipschitz:
     """Whether b is Lipschitz in some symbols on a box.
 
-    PROVED: |db/dx| <= `high` on the box, and >= `low` at a point of it. REFUTED: `witness` is a point towards which
-    `slope`, an entry of the Jacobian, tends to infinity. UNKNOWN: `reason` says how many boxes were tried.
-    `variables`, `tree`: the bisection, as in `bounds.Range`.
+    PROVED: |db/dx| <= `high` on the box, and >= `low` at a point of it, at a table's breakpoint as programs take it.
+    REFUTED: `witness` is a point towards which `slope`, an entry of the Jacobian, tends to infinity. UNKNOWN: `reason`
+    says how many boxes were tried. `variables`, `tree`: the bisection, as in `bounds.Range`.
     """
 
     verdict: Verdict
@@ -76,7 +77,7 @@ def _lipschitz_bound(
     b: tuple[sp.Expr, ...], states: tuple[sp.Symbol, ...], ends: Ends, boxes: int, relative: float
 ) -> Lipschitz:
     whole, around = sides(sp.Tuple(*map(exact, b)), dict(ends))
-    rows = [row for row in whole if not (row.is_number and row.is_real)]
+    rows = [taken(row, around) for row in whole if not (row.is_number and row.is_real)]
     read = [x for x in states if x in around.symbols]
     if not rows:
         return Lipschitz(Verdict.PROVED, 0.0, 0.0, because("it is constant"), 0, around.symbols)

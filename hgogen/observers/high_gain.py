@@ -186,7 +186,7 @@ def _least(dynamics: Dynamics, share: float) -> float | None:
 
 def _notices(dynamics: Dynamics, least: float) -> tuple[Block, ...]:
     z, u = sym("state", "z", dynamics.n), sym("state", "u", len(dynamics.form.system.inputs))
-    regular = ca.fabs(dynamics.determinant(dynamics.inside(z), u)) > least
+    regular = ca.fabs(dynamics.determinant(dynamics.saturated(z), u)) > least
     return (
         Block("near a singular point there is no correction", {Place("status", "SINGULAR"): ca.logic_not(regular)}),
     )

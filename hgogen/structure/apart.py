@@ -5,6 +5,7 @@ import sympy as sp
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box
+from hgogen.intervals.box import EVERYTHING
 from hgogen.intervals.digits import Down
 from hgogen.intervals.sign import nonzero
 from hgogen.sentence import Sentence, because
@@ -32,6 +33,6 @@ def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
         fix = f"Narrow the ranges so that {name} keeps one sign."
         reason = because("{name} {reason}", name=name, reason=sign.reason)
         return Check(id, claim, sign.verdict, reason, witness, fix)
-    loose = ", ".join(s.name for s in plant.signals if s in slope.free_symbols and around[s][0] == -around[s][1])
+    loose = ", ".join(s.name for s in plant.signals if s in slope.free_symbols and around[s] == EVERYTHING)
     fix = f"Declare low= and high= for {loose}." if loose else ""
     return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix)

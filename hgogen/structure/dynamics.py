@@ -2,9 +2,9 @@
 
 sat clamps the argument of b to the declared box of the states; the linear part is never clamped; the Jacobian is the
 model's, A(u) + b*(sat(z), u), at the clamped point: no clamp has a slope in it, neither that of z nor that of a state
-x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. Where the box may end on a point of a table, slopes
-are taken a little inside (structure/inset.py). Parameters with a range become places `plant.NAME`, the others are
-folded.
+x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. Whether a table's slopes are 0 beyond its points is
+decided on that box, as proofs do (`intervals.taken`). Parameters with a range become places `plant.NAME`, the others
+are folded.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,16 +17,15 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.lookup import hessian, jacobian
-from hgogen.algebra.plain import plain
 from hgogen.analysis.determinant import determinant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import Graph, to_casadi
 from hgogen.intervals.box import Box, box
 from hgogen.intervals.glance import contains_zero, enclose
+from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
-from hgogen.structure.inset import inset, reaches
 from hgogen.structure.sided import Sided, sided
 
 # A value beyond this is absurd in any unit; its square still is a float.
@@ -104,10 +103,6 @@ class Dynamics:
         """The state z clamped to the box."""
         return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self.box))
 
-    def inside(self, z: Graph) -> Graph:
-        """The state z clamped to where slopes are taken (structure/inset.py)."""
-        return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self._inset))
-
     def flow(self, z: Graph, u: Graph) -> Graph:
         """The rate z' (n), with the argument of b clamped."""
         linear, nonlinear = self._graphs(self.saturated(z), u)
@@ -133,7 +128,7 @@ class Dynamics:
         slope = jacobian(rest, self._z)
         if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
             slope += jacobian(linear @ self._z, self._z) - linear
-        return ca.substitute([linear + slope], [self._z, self._u], [self.inside(z), u])[0]
+        return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output(self, z: Graph, u: Graph) -> Graph:
         """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped."""
@@ -142,13 +137,13 @@ class Dynamics:
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
         """The Jacobian dh/dz (p, n) of the output."""
         slope = jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
-        return ca.substitute([slope], [self._z, self._u], [self.inside(z), u])[0]
+        return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output_curvature(self, z: Graph, u: Graph) -> tuple[Graph, ...]:
         """The second derivatives d2h_j/dz2 (n, n) at (sat(z), u) of each output."""
         rows = column(self._convert(self.form.output, self._z, self._u))
         hessians = tuple(hessian(rows[j], self._z) for j in range(self.outputs))
-        return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.inside(z), u]))
+        return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u]))
 
     def estimate(self, z: Graph, u: Graph) -> Graph:
         """The plant's states, as first declared, from z (n) and u (m).
@@ -204,7 +199,7 @@ class Dynamics:
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
         """The product (dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); with None for `least` the
         determinant is proved to have no zero."""
-        n, place = self.n, self.inside(z)
+        n, place = self.n, self.saturated(z)
         map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
         if least is None:
             return ca.solve(map_, vector)
@@ -292,18 +287,7 @@ class Dynamics:
         rows = (column(self._convert(e, x, self._u, states)) for e in (behind, self.form.to_form))
         slope, map_ = (jacobian(row, x) for row in rows)
         pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
-        at = self._behind(self.saturated(z), u)
-        ends = self._inset_of((*behind, *self.form.to_form), states)
-        place = column(clamp(at[i], *end) for i, end in enumerate(ends))
-        return ca.substitute([pulled], [x, self._u], [place, u])[0]
-
-    @cached_property
-    def _inset(self) -> tuple[tuple[float, float], ...]:
-        form = self.form
-        return self._inset_of((*form.A, *form.b, *form.output, *(form.jacobian or ())), form.states)
-
-    def _inset_of(self, rows: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[tuple[float, float], ...]:
-        return inset(rows, states, self._around(states))
+        return ca.substitute([pulled], [x, self._u], [self._behind(self.saturated(z), u), u])[0]
 
     def _around(self, states: Sequence[sp.Symbol]) -> Box:
         system = self.form.system
@@ -343,8 +327,8 @@ class Dynamics:
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
-        rows = [plain(_with_constants(sp.sympify(e), self._constants)) for e in expressions]
-        return to_casadi(rows, symbols, reaches(rows, self._around(states or self.form.states)))
+        around = self._around(states or self.form.states)
+        return to_casadi([_with_constants(computed(sp.sympify(e), around), self._constants) for e in expressions], symbols)
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
