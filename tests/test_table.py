@@ -640,6 +640,27 @@ def test_where_a_table_ends_with_the_ranges_what_is_computed_keeps_to_the_proved
         assert rise <= bound.high * math.dist(inner, outer)
 
 
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize(("gain", "end"), [("1", 0.97), ("0.3", 1.0), ("0.7", 0.7), ("1.1", 0.33)])
+def test_a_range_that_is_rounded_outward_past_a_table_has_its_slope_at_the_end(
+    gain: str, end: float, real: str
+) -> None:
+    """z = 0.3 x is clamped to a number above 0.3, and z/0.3 lies beyond the last point, where phi may not jump."""
+    x, v = hg.Signal("x", low=-end, high=end), hg.Signal("v", low=-1, high=1)
+    T = hg.table(x, [-end, end], [-2, 2], name="T")
+    y = hg.Signal("y")
+    plant = hg.System("p", states=(x, v), outputs=(y,), flow=[v + T, -x], output=[sp.Rational(gain) * x])
+    form = hg.forms.phase(plant)
+    assert {check.id: check for check in form.checks}["phase.lipschitz"].verdict is Verdict.PROVED
+    z = ca.SX.sym("z", 2)
+    phi = hg.observers.high_gain(form, theta=50, poles=[-1, -1]).dynamics.nonlinear(z, ca.SX(0, 1))[1]
+    at = evaluated(ca.Function("phi", [z], [phi]), real)
+    kind = DTYPE[real]
+    for place in form.states[0].interval:
+        within, beyond = (float(at([[kind(a), kind(1)]])[0][0]) for a in (0.999 * place, place))
+        assert beyond == pytest.approx(within, abs=0.01)
+
+
 @pytest.mark.parametrize("argument", ["v", "-v", "v/3"])
 @pytest.mark.parametrize("xs", [[-1, 1], [-1, 0.25, 1, 3], [-1, 1, 3]])
 def test_where_a_point_of_a_table_ends_the_ranges_the_slope_beyond_counts(argument: str, xs: list[Any]) -> None:

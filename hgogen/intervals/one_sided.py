@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import sympy as sp
 
+from hgogen.algebra.cells import Cells
 from hgogen.algebra.kinks import Norm, bent, signed
 from hgogen.algebra.tabulated import Table, applied, replaced
 from hgogen.algebra.tape import NoTape
@@ -65,7 +66,11 @@ def computed(expression: sp.Expr, box: Box) -> sp.Expr:
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
 def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]], ...]) -> sp.Expr:
     box = dict(sides)
-    return replaced(expression, lambda node: between(node, [one_sided(part, box) for part in node.args], box))
+
+    def cells(node: Table) -> Cells:
+        return between(node, [one_sided(part, box) for part in node.args], box, program=True)
+
+    return replaced(expression, cells)
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:

@@ -17,9 +17,10 @@ import sympy as sp
 
 from hgogen.algebra.axis import Axis, Ends
 from hgogen.algebra.cells import Cells
+from hgogen.algebra.points import exact
 from hgogen.algebra.tabulated import Table, replaced
 from hgogen.algebra.tape import NoTape, tape
-from hgogen.intervals.box import Sides
+from hgogen.intervals.box import Box, End, Sides, sides
 from hgogen.intervals.enclosure import enclose
 
 UNIT = 2.0**-21  # 8 times what a number is rounded by in single precision
@@ -34,6 +35,12 @@ def rounded(expression: sp.Expr, around: Sides) -> sp.Expr:
         return node.cells.rounding(*(_sides(axis, e, around) for axis, e in pairs))
 
     return replaced(expression, cells)
+
+
+def rounding(argument: sp.Expr, box: Box) -> End:
+    """How far an argument may be rounded on a box; infinite where that is not known."""
+    error = _error(*sides(exact(argument), box))
+    return Fraction(error) if math.isfinite(error) else math.inf
 
 
 def _sides(axis: Axis, argument: sp.Expr, around: Sides) -> Ends:

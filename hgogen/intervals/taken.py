@@ -2,7 +2,8 @@
 
 Beyond its points a table is held, and its slope 0. Where an argument keeps within them on the box, that of a program
 lies beyond by rounding alone: the program's derivatives go on there (`algebra.lookup`), and those of proofs end there.
-Else both have the slope 0 as well. `between` decides for either.
+Else both have the slope 0 as well. `between` decides for either. A program's go on also where the box is larger by no
+more than the argument may be rounded, as that of z = 0.3 x is, with its ends outward; there proofs count both.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,9 @@ from hgogen.algebra.tabulated import Stepped, Table, replaced
 from hgogen.intervals.box import Box, Sides
 from hgogen.intervals.lost import is_defined
 from hgogen.intervals.rational import rational
-from hgogen.intervals.rounding import rounded
+from hgogen.intervals.rounding import rounded, rounding
+
+_LARGE = 2.0**-6  # of a table: what is rounded by more keeps within nothing
 
 
 def taken(expression: sp.Expr, around: Sides) -> sp.Expr:
@@ -43,12 +46,16 @@ def beyond(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
     return None
 
 
-def between(node: Table, arguments: Sequence[sp.Expr], box: Box) -> Cells:
+def between(node: Table, arguments: Sequence[sp.Expr], box: Box, *, program: bool = False) -> Cells:
     """The table without its ends along the axes where its argument keeps within its points."""
     pairs = zip(node.cells.axes, arguments, strict=True)
-    return node.cells.holding(*(axis.held and not _inside(axis, argument, box) for axis, argument in pairs))
+    return node.cells.holding(*(axis.held and not _inside(axis, argument, box, program) for axis, argument in pairs))
 
 
-def _inside(axis: Axis, argument: sp.Expr, box: Box) -> bool:
-    low, high = rational(argument, box)
-    return axis.x[0] <= low and high <= axis.x[-1] and is_defined(argument, box)
+def _inside(axis: Axis, argument: sp.Expr, box: Box, program: bool) -> bool:
+    (low, high), first, last = rational(argument, box), axis.x[0], axis.x[-1]
+    within = first <= low and high <= last
+    if program and not within and low < last and high > first:
+        error = rounding(argument, box)
+        within = first - error <= low and high <= last + error and error < (last - first) * _LARGE
+    return within and is_defined(argument, box)
