@@ -708,8 +708,8 @@ def _beside(end: float, real: str, count: int = 60) -> Iterator[Any]:
         ("Min(2*v, -v)", (-1, 1), [-2, -1, 0, 1], (1, 500)),
         ("v*4**9 + 8", (-1, 1), [8 - 2**19, 8, 8 + 2**18, 8 + 2**19], (0.5, 300)),
         ("v + 27315/100", (-1, 1), [270, 272, 274.15, 275.15], (0.2, 300)),
-        ("v*(1 - v/4) + 27315/100", (0, 4), [272.15, 273.15, 274.15, 275.15], (1, 300)),
-        ("1000*v - 1099", (1, 1.1), [-200, -99, 1, 2], (9, 300_000)),
+        ("v*(1 - v/4) + 27315/100", (0, 4), [272.15, 273.15, 274.15, 274.16], (1, 30_000)),
+        ("1000*v - 1124", (1, 1.125), [-200, -99, 1, 2], (9, 300_000)),
         ("I(v)", (-1, 1), [-2, -1, 0, 1], (1, 300)),
     ],
 )
@@ -727,7 +727,9 @@ def test_a_program_keeps_to_the_proved_slope_where_the_ranges_end_on_a_point(
     z = ca.SX.sym("z", 2)
     slope = evaluated(ca.Function("slope", [z], [observer.dynamics.jacobian(z, ca.SX(0, 1))[1, 1]]), real)
     bound = lipschitz_bound(form.b, form.states, box(form.states))
-    places = (place for end in (*ends, sum(ends) / 2) for place in _beside(end, real))
+    middle = sum(ends) / 2
+    further = np.linspace(middle - 0.02, middle + 0.02, 801).astype(DTYPE[real])
+    places = (*(place for end in (*ends, middle) for place in _beside(end, real)), *further)
     seen = [abs(float(slope([[DTYPE[real](0), place]])[0][0])) for place in places]
     assert bounds[0] <= max(seen) * (1 + 1e-6) + 1e-12
     assert max(seen) <= bound.high * (1 + 1e-5) <= bounds[1] * (1 + 1e-4)
@@ -791,6 +793,14 @@ def test_the_cells_that_a_program_may_take_are_counted() -> None:
     assert slopes(v + 7, [6, 8]) == (1, 1)
     assert slopes(v + 7, [5, 6 - 2**-22, 8 + 2**-22, 9]) == (1, 3)
     assert slopes(v + 7, [5, 6 - 2**-10, 8 + 2**-10, 9]) == (2, 2)
+
+
+def test_of_a_table_that_goes_on_a_program_takes_no_slope_but_within() -> None:
+    """The bend of a cubic is linear, and would be steeper half a unit below the first point."""
+    cells = curve([0, 1, 3], [0, 1, 5], "monotone", "T").holding(False)
+    counted = cells.rounding((Fraction(1, 2), Fraction(1, 2)))
+    assert span(counted, 0, 3, 2) == span(cells, 0, 3, 2)
+    assert span(counted, 0, Fraction(3, 4), 2) == span(cells, 0, Fraction(5, 4), 2) != span(cells, 0, Fraction(3, 4), 2)
 
 
 def test_a_slope_beyond_that_decides_is_named() -> None:

@@ -40,15 +40,12 @@ class Axis:
 
     def taken(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
         """Where a program may compute an argument that is in [low, high], and the first and the last cell that it
-        takes, at a breakpoint the one above; beyond the ends of a table that is not held those at its ends."""
+        takes, at a breakpoint the one above; beyond the ends of a table that is not held, what is at its ends."""
         if self.rounded is None:
             return (low, high), self.met(low, high)
         low, high = low - self.rounded[0], high + self.rounded[1]
-        first, last = bisect_right(self.x, low), bisect_right(self.x, high)
-        if self.held:
-            return (low, high), (first, last)
-        n = len(self.x) - 1
-        return (max(low, self.x[0]), min(high, self.x[-1])), (min(max(first, 1), n), min(max(last, 1), n))
+        cells = bisect_right(self.x, low), bisect_right(self.x, high)
+        return (low, high) if self.held else (max(low, self.x[0]), min(high, self.x[-1])), cells
 
     def part(self, k: int, low: Number, high: Number) -> Ends:
         """What of [low, high] lies in a cell, from its start on."""
