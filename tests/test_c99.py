@@ -17,6 +17,7 @@ import casadi as ca
 import emitted
 import plants
 import pytest
+import sympy as sp
 from emitted import compiled, files, run, step, tool
 
 import hgogen as hg
@@ -331,6 +332,21 @@ def test_clang_without_nan_is_found_out_by_the_self_check(name: str, tmp_path: P
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "two"])
-def test_no_comparison_of_floats_is_warned_of(compiler: str, name: str, tmp_path: Path) -> None:
-    compiled(tool(compiler), files(name), tmp_path, "-Wfloat-equal")
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "two", "functions", "tables", "bank"])
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_no_comparison_of_floats_is_warned_of(compiler: str, name: str, real: str, tmp_path: Path) -> None:
+    compiled(tool(compiler), files(name, real), tmp_path, "-Wfloat-equal")
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_equal_numbers_are_equal_as_in_python(compiler: str, tmp_path: Path) -> None:
+    """A model that asks whether two numbers are one: by a function of ours, 0 and -0 among them; no warning."""
+    x, u = hg.Signal("x", low=-2, high=2), hg.Signal("u", low=-2, high=2)
+    rest = sp.Piecewise((1, sp.Eq(u, 1)), (2, sp.Ne(sp.floor(x), 0)), (0, True))
+    plant = hg.System("same", states=(x,), inputs=(u,), outputs=(hg.Signal("y"),), flow=[rest - x], output=[x])
+    made = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1), dt=0.01)
+    texts = hg.targets.c99(made, real="double")
+    assert "same_equal(" in texts["same.c"]
+    assert " != 0.0" not in texts["same.c"]
+    program = compiled(tool(compiler), texts, tmp_path, "-O2", "-DSAME_EXACT", "-Wfloat-equal")
+    assert subprocess.run([program], check=False).returncode == 0

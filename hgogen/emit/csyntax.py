@@ -71,7 +71,7 @@ def _limited(of: Rows) -> Sequence[str]:
     )
 
 
-_QUIET = (  # a comparison that asks whether a number is one
+_QUIET = (  # a comparison that asks whether a number is one, or is another one exactly
     (
         "#if defined(__GNUC__)",
         "#pragma GCC diagnostic push",
@@ -125,8 +125,9 @@ C = Syntax(
     raised="status |= {prefix}_{bit};",
     called=_called,
     comment=comment,
+    equal=True,
     limited=_limited,
-    around={"within": _QUIET},
+    around={"equal": _QUIET, "within": _QUIET},
     instead={
         "abs": (_BUILT_IN, "return __builtin_fabs{suffix}(v);"),
         "within": (_BUILT_IN, "return __builtin_fabs{suffix}(v) <= limit;"),

@@ -29,6 +29,11 @@ def within(v: float, limit: float) -> bool:
     return v == v and v >= -limit and v <= limit
 
 
+def equal(a: float, b: float) -> bool:
+    """whether two numbers are one, and meant to be"""
+    return a == b
+
+
 def limit(v: float, most: float) -> float:
     """v in [-most, most]"""
     return v if within(v, most) else (most if v > 0.0 else -most)

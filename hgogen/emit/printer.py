@@ -30,7 +30,6 @@ from hgogen.emit.operations import CALLS, INFIX, LOGIC
 from hgogen.emit.subprograms import Subprogram
 from hgogen.emit.syntax import (
     ATOM,
-    EQUAL,
     OR,
     ORDER,
     PRODUCT,
@@ -175,7 +174,7 @@ class Printer:
             self.uses.append(TRUTH)
             text, binds = ("true" if node.constant else "false"), ATOM
         else:
-            text, binds = f"{self.value(node, SUM)} != {self.literal(0)}", EQUAL
+            text, binds = self.infix(ca.OP_NE, node, Node(ca.OP_CONST))
         return f"({text})" if binds < level else text
 
     def clause(self, node: Node, op: int) -> str:
@@ -315,6 +314,9 @@ class Printer:
         """left op right. The order of operations is part of the result, so a right operand that binds as loosely needs
         parentheses; a sum or product, which commutes bit for bit, is turned round to save them."""
         sign, binds = INFIX[op]
+        if op in (ca.OP_EQ, ca.OP_NE) and self.syntax.equal and self.real != "unsigned":
+            text, binds = self.call("equal", left, right)
+            return (text, binds) if op == ca.OP_EQ else (f"!{text}", UNARY)
         if self.real == "unsigned" and op in self.syntax.counted:
             return self.syntax.counted[op].format(self.value(left, ATOM), self.value(right)), ATOM
         if op in (ca.OP_ADD, ca.OP_MUL):
