@@ -37,7 +37,7 @@ from hgogen.stepping.guards import (
     or_lower,
     readings,
 )
-from hgogen.stepping.limits import limit_parameters
+from hgogen.stepping.keeping import limit_parameters
 from hgogen.stepping.recovery import Sign
 from hgogen.stepping.sections import Assembly, flat
 from hgogen.stepping.sensors import multiples
