@@ -328,7 +328,8 @@ class Dynamics:
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
         around = self._around(states or self.form.states)
-        return to_casadi([_with_constants(computed(sp.sympify(e), around), self._constants) for e in expressions], symbols)
+        rows = (_with_constants(computed(sp.sympify(e), around), self._constants) for e in expressions)
+        return to_casadi(rows, symbols)
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
