@@ -5,6 +5,7 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
@@ -26,6 +27,7 @@ from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.recheck.verification import recheck
 from hgogen.structure.apart import apart
+from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.positive import positive
 
 x, y, z = sp.symbols("x y z", real=True)
@@ -465,3 +467,29 @@ def test_a_part_stays_where_the_same_branch_is_taken(low: float) -> None:
     rest = sp.Piecewise((sp.log(x), x > 2), (x / (x + 2), True))
     plant = hg.System("plant", states=(x, z), outputs=(hg.Signal("y"),), flow=[z + rest, -z], output=[x])
     assert {check.verdict for check in forms.triangular(plant).checks} == {Verdict.PROVED}
+
+
+V, X, Y = hg.Signal("v", low=0, high=3), hg.Signal("x", low=0, high=1), hg.Signal("y")
+
+
+@pytest.mark.parametrize(
+    ("expression", "steep"),
+    [
+        (sp.Abs(V), 1.0),
+        (sp.Max(V, 0), 1.0),
+        (sp.sqrt(V**2), 1.0),
+        (sp.Piecewise((V, V > 0), (0, True)), 1.0),
+        (sp.Min(V, 3), 1.0),
+        (sp.Abs(V - 3) - V, -2.0),
+        (hg.table(sp.Abs(V), [sp.Rational(-6, 5), 3], [0, sp.Rational(21, 5)], name="T"), 1.0),
+    ],
+)
+def test_at_an_end_of_its_range_a_program_takes_the_slope_within(expression: sp.Expr, steep: float) -> None:
+    """That of which the proofs are: where the kink lies at the end, CasADi's own is the mean of both sides."""
+    form = hg.forms.uniform(hg.System("bent", states=(X, V), outputs=(Y,), flow=[expression, -V * X], output=[X]))
+    z = ca.SX.sym("z", 2)
+    jacobian = ca.Function("J", [z], [Dynamics(form).jacobian(z, ca.SX(0, 1))])
+    (claim,) = [check for check in form.checks if str(check.id) == "uniform.slope_2"]
+    assert claim.verdict is Verdict.PROVED
+    for v in (-1.0, 0.0, 1.5, 3.0, 4.0):
+        assert float(jacobian([0.0, v])[0, 1]) == pytest.approx(steep, rel=1e-15)

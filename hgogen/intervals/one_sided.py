@@ -28,9 +28,11 @@ _BOXES = 60
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
     """The expression where its symbols are in the box; equal to it wherever it is defined there."""
-    if not expression.has(*_KINDS) and not any(_rooted(node) for node in expression.atoms(sp.Pow)):
-        return expression
-    return _visited(expression, box)
+    return _visited(expression, box) if _bends(expression) else expression
+
+
+def _bends(expression: sp.Expr) -> bool:
+    return expression.has(*_KINDS) or any(_rooted(node) for node in expression.atoms(sp.Pow))
 
 
 def _rooted(node: sp.Pow) -> bool:
@@ -59,8 +61,9 @@ def _within(node: Table, box: Box) -> sp.Expr:
 
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
-    """The expression as programs compute it on the box: as it is, with tables that end as in `one_sided`."""
-    return _computed(expression, tuple(box.items())) if expression.has(Table) else expression
+    """The expression as programs compute it on the box, whose arguments are clamped to it: `one_sided`, so that a slope
+    at an end of the box is that within, and tables that go on where the box leaves them by rounding alone as well."""
+    return _computed(expression, tuple(box.items())) if _bends(expression) else expression
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
@@ -70,7 +73,7 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
     def cells(node: Table) -> Cells:
         return between(node, [one_sided(part, box) for part in node.args], box, program=True)
 
-    return replaced(expression, cells)
+    return one_sided(replaced(expression, cells), box)
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
