@@ -58,7 +58,7 @@ def test_a_masked_entry_of_a_sample_is_missing(masked: Any):
 def test_a_masked_input_is_no_input():
     assert fresh()(u=np.ma.masked, y=(1, 2)).flags == ("REUSED_U",)
     assert fresh().predict(u=np.ma.array(3.0, mask=True)).flags == ("REUSED_U",)
-    assert fresh().update(y1=np.ma.masked, y2=1.0).flags == ("MISSING_Y1",)
+    assert built().update(y1=np.ma.masked, y2=1.0).flags == ("MISSING_Y1",)
 
 
 def test_a_record_has_no_mask():

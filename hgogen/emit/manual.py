@@ -28,7 +28,7 @@ RANGES = (
 ORDER = (
     "in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later than "
     "the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one the bits "
-    "about the estimate."
+    "about the estimate. An update that comes again, or before a predict, does not correct, and says so."
 )
 ORDER_OF_LATE = (
     "in this order. Call them one by one, and or their statuses, where several samples of an output come in one "

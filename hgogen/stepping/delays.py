@@ -189,15 +189,15 @@ class _Delayed:
     @cached_property
     def _sections(self) -> tuple[Section, ...]:
         """Its sections, which read the input and the samples of a period from the state. What it says of a missing
-        sample is said where a sample is given."""
+        sample is said where a sample is given; they run in order, so that none says that it does not."""
         signals = {"input": (self.plain.inputs, "u_given"), "output": (self.plain.outputs, "y_given")}
         reads: dict[Place, Graph] = {
             Place(struct, signal.name): sym("state", field, len(each))[k]
             for struct, (each, field) in signals.items()
             for k, signal in enumerate(each)
         }
-        missing = {f"MISSING_{output}" for output in self.plain.outputs}
-        silent = {Place("status", name): Place("work", f"silent_{name}") for name in missing}
+        names = [*(f"MISSING_{output}" for output in self.plain.outputs), "OUT_OF_ORDER"]
+        silent = {Place("status", name): Place("work", f"silent_{name}") for name in names}
         moved = Moved({**reads, **silent}, {})
         return tuple(
             Section(f"then_{each.name}", f"{each.meaning}, of a period", moved.program(each.program))

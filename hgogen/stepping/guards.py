@@ -79,6 +79,10 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "good samples did not bring the estimate back, and the state restarted from the sample",
         "treat the estimate as new; if it comes again without a fault, widen the ranges{or_lower} or check the model",
     ),
+    "OUT_OF_ORDER": (
+        "an update was called again, or before the first predict, without a predict since: no second correction",
+        "call predict once a period, then each update at most once",
+    ),
     "ADAPTED": ("adapt was called again in one period: nothing done", "call it once, after the updates"),
     "PARAMETER_LIMITED": (
         "tune only: a parameter was out of its range and was limited, or not finite and took its nominal value",

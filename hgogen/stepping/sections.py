@@ -22,7 +22,7 @@ from hgogen.stepping import sensors
 from hgogen.stepping.guards import guard_inputs, guard_outputs, guard_state, measure, outside_bit, unrecovered
 from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled
-from hgogen.stepping.sensors import adapt_once, once, tick, timed, use
+from hgogen.stepping.sensors import adapt_once, awaited, in_order, once, order_fields, tick, timed, use
 from hgogen.structure.dynamics import HUGE
 
 
@@ -70,12 +70,18 @@ class Assembly:
         count = range(self.clock.outputs)
         return tuple(j for j in count if any(piece.update and piece.update[j] for piece in self.pieces))
 
+    @property
+    def _ordered(self) -> tuple[Signal, ...]:
+        """The outputs whose updates may be called one by one, without a count of the periods."""
+        outputs = self.observer.form.system.outputs
+        return () if self.rated or self.uses_output else tuple(outputs[j] for j in self.correcting)
+
     @cached_property
     def state(self) -> tuple[Field, ...]:
         """The parts' fields, those of the law of recovery, then the clock's: calls, the last input, and the last sample
         where predict reads it."""
         system = self.observer.form.system
-        counted = sensors.fields(system.outputs, bool(self.adapt)) if self.rated else ()
+        counted = sensors.fields(system.outputs, bool(self.adapt)) if self.rated else order_fields(self._ordered)
         parts = flat(piece.fields for piece in self.pieces)
         input = _last_input(system.inputs) if system.inputs else ()
         sample = _last_sample(system.outputs) if self.uses_output else ()
@@ -138,6 +144,7 @@ class Assembly:
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         program.append(Block("the first call advances no time", running))
         program.append(When(Place("work", "running"), self._guarded(self.whole.predict), follow))
+        program += awaited(self._ordered)
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
         if self.uses_output:
@@ -156,12 +163,13 @@ class Assembly:
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
         program = self._guarded(flat(piece.update[j] for piece in self.pieces if piece.update))
-        valid = (*program, *((use(output),) if self.rated else ()))
+        valid = (*program, *((use(output),) if self.rated or output in self._ordered else ()))
         sample = {j: Sampled(sym("work", "measurement"), sym("work", "valid"), sym("work", "output_error"))}
         says = self.still and not self.rated and j == self.correcting[-1]
         watch = self.law.watch(sample, says=says)
         guarded: Program = (*measure(self.observer, self.clock, j), When(Place("work", "valid"), valid), *watch)
         guarded = once(output, guarded) if self.rated else guarded
+        guarded = in_order(output, guarded) if output in self._ordered else guarded
         return Section(f"update_{output}", f"correct with {output}", guarded, output.name)
 
     @property

@@ -8,7 +8,7 @@ sample is early. A second sample of y in one period and a second `adapt` do noth
 is taken for its own period, a whole multiple of dt.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -88,6 +88,26 @@ def once(output: Signal, correct: Program) -> Program:
         Place("status", f"EARLY_{output}"): ca.logic_not(begun),
     }
     return (Block(f"one sample of {output} a period", test), When(Place("work", "fresh"), correct))
+
+
+def order_fields(outputs: Iterable[Signal]) -> tuple[Field, ...]:
+    """What a step remembers whose sections may be called one by one: whether a sample of an output is still to come
+    since predict was called."""
+    meaning = "1 from a sample of {} that was used until the next predict"
+    return tuple(scalar(_used(s), 1, kind="index", high=1, meaning=meaning.format(s)) for s in outputs)
+
+
+def awaited(outputs: Iterable[Signal]) -> tuple[Block, ...]:
+    """After a predict samples may come."""
+    fresh = {Place("state", _used(output)): ca.SX(0) for output in outputs}
+    return (Block("samples may come", fresh),) if fresh else ()
+
+
+def in_order(output: Signal, correct: Program) -> Program:
+    """An update by one output, once after a predict; `correct` ends with what a valid sample does."""
+    fresh = {Place("work", "fresh"): sym("state", _used(output)) < 1}
+    raised = Block("there was no predict since the last", {Place("status", "OUT_OF_ORDER"): ca.SX(1)})
+    return (Block(f"is a sample of {output} awaited?", fresh), When(Place("work", "fresh"), correct, (raised,)))
 
 
 def use(output: Signal) -> Block:
