@@ -24,7 +24,7 @@ from hgogen.observer import Observer
 from hgogen.program import Place, dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
-from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, plan
+from hgogen.step import BadStep, CannotUpdate, Guards, Step, StepMayFail, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.sensors import AT, ROUND
 from hgogen.system import System
@@ -281,7 +281,10 @@ class CallableStep(Step):
         """What `sample` takes beside observer, method and dt."""
         rated = self.timed or any(period != self.dt for period in self.periods)
         periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if rated else None
-        return {"between": self.between, "periods": periods, "engine": self.engine, "real": self.real}
+        return {"between": self.between, "periods": periods, "guards": self.guards} | {
+            "engine": self.engine,
+            "real": self.real,
+        }
 
     @property
     def _memory(self) -> tuple[bytes, int]:
@@ -317,6 +320,7 @@ def sample(
     *,
     between: str = "line",
     periods: Mapping[str, float] | None = None,
+    guards: Guards = "all",
     engine: Engine | None = None,
     real: Real = "double",
 ) -> CallableStep:
@@ -327,7 +331,9 @@ def sample(
     `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the
     one applied since the last call). `periods`: for sensors of different rates, the time between two samples of an
     output, by name, a whole multiple of dt, by default dt: its noise R is taken for that time. Such a step counts its
-    periods and does not use a sample that `update` tells to be of another one, or gets a second time. `engine`: what
+    periods and does not use a sample that `update` tells to be of another one, or gets a second time. `guards`: "none"
+    leaves out whatever is not the observer's own mathematics: no clamp, no test of a sample, no status, no restart; a
+    sample that is not a number spoils the estimate for ever, and of the observer nothing is claimed. `engine`: what
     takes the samples, "c" or "python", which give the same bits; by default C where there is a compiler. It compiles at
     the first sample, once: what was compiled is kept in the user's cache. `real`: the precision in which it takes them,
     "float" as small firmware does, or "double".
@@ -346,7 +352,9 @@ def sample(
         raise BadStep(f"engine = {engine!r}", 'must be "c", "python" or None')
     if real not in DTYPE:
         raise BadStep(f"real = {real!r}", 'must be "float" or "double"')
-    planned = arranged(plan(observer, method, dt, between, periods))
+    if guards not in ("all", "none"):
+        raise BadStep(f"guards = {guards!r}", 'must be "all" or "none"')
+    planned = arranged(plan(observer, method, dt, between, periods, guards))
     for section in planned.called:
         if dangling(section.program):
             missing = ", ".join(map(str, sorted(dangling(section.program))))

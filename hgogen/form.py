@@ -64,6 +64,7 @@ class Form:
     inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
     as a function of z may have poles in the box of z, or is too large there; an observer evaluates it at from_form(z),
     its denominators kept at the side that they have on the image of the plant's ranges, clamped to these ranges.
+    `clamped`: whether an observer clamps these arguments, on which what is proved of it rests.
     """
 
     system: System
@@ -81,6 +82,7 @@ class Form:
     levels: tuple[int, ...] = ()
     jacobian: sp.ImmutableDenseMatrix | None = None
     behind: tuple[sp.Expr, ...] | None = None
+    clamped: bool = True
 
     def __post_init__(self) -> None:
         """One block of n, each state at its place."""

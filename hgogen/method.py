@@ -11,7 +11,7 @@ from hgogen.chains.core import core, nominal, numbers
 from hgogen.chains.transient import lengths
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.routine import routine
+from hgogen.discretisation.routine import Values, routine
 from hgogen.discretisation.runge_kutta import RK4, Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
@@ -121,11 +121,11 @@ class Explicit:
         """One step of every field of the part at once, whatever the part is of."""
         start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
-        rhs = routine(
-            "rate",
-            {name: value.numel() for name, value in start.items()} | clock.sizes,
-            lambda at: {f"d{name}": slope for name, slope in part.rhs(at, at["u"], at["y"], at["valid"]).items()},
-        )
+        def equations(moving: Values) -> dict[str, Graph]:
+            at = {**moving, **clock.constants}
+            return {f"d{name}": slope for name, slope in part.rhs(at, at["u"], at["y"], at["valid"]).items()}
+
+        rhs = routine("rate", {name: value.numel() for name, value in start.items()} | clock.sizes, equations)
 
         def rate(values: Mapping[str, Graph], c: float) -> Mapping[str, Graph]:
             slopes = rhs({**values, **clock.signals(c)})

@@ -8,6 +8,7 @@ under update.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
@@ -22,13 +23,15 @@ def on_line(c: float, last: Graph, now: Graph) -> Graph:
 @dataclass(frozen=True)
 class Clock:
     """Sampling as a part sees it: the step length, what the input does between samples, how many inputs and outputs
-    there are, and every how many steps each output is sampled, where that is not at all of them."""
+    there are, and every how many steps each output is sampled, where that is not at all of them; whether the step is
+    `guarded`."""
 
     dt: float
     between: str
     inputs: int
     outputs: int
     every: tuple[int, ...] = ()
+    guarded: bool = True
 
     def period(self, output: int) -> float:
         """The time (s) between two samples of an output: dt, or `every` so many of them."""
@@ -48,8 +51,13 @@ class Clock:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The sizes of these signals."""
-        return {"u": self.inputs, "y": self.outputs, "valid": self.outputs}
+        """The sizes of these signals, but for constants."""
+        return {"u": self.inputs, "y": self.outputs} | ({"valid": self.outputs} if self.guarded else {})
+
+    @property
+    def constants(self) -> dict[str, Graph]:
+        """Those that are constant: without guards every sample is used."""
+        return {} if self.guarded else {"valid": self.valid}
 
     @property
     def u_now(self) -> Graph:
@@ -62,8 +70,8 @@ class Clock:
 
     @property
     def valid(self) -> Graph:
-        """1 for each output (p) whose sample can be used, else 0."""
-        return sym("work", "valid", self.outputs)
+        """1 for each output (p) whose sample can be used, else 0; without guards every one is used."""
+        return sym("work", "valid", self.outputs) if self.guarded else ca.SX.ones(self.outputs)
 
 
 @dataclass(frozen=True, eq=False)

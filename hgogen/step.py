@@ -86,6 +86,7 @@ class StepMayFail(UserWarning):
 
 
 STATUS = 32  # bits of a status
+Guards = Literal["all", "none"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,6 +124,7 @@ class Step:
     periods: tuple[float, ...] = ()
     rule: str = ""
     signs: tuple[Sign, ...] = ()
+    guards: Guards = "all"
 
     def __repr__(self) -> str:
         return f"<step of {self.name}: {self.observer.name} by {self.rule}, dt = {self.dt:g}>"
@@ -141,6 +143,11 @@ class Step:
     def samples(self) -> tuple[Signal, ...]:
         """What a call is given of the outputs: a sample of each, then the ages of those that may come late."""
         return (*self.outputs, *self.ages)
+
+    @property
+    def limited(self) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
+        """The parameters of the plant, and the gains, that `tune` keeps in their ranges: none without guards."""
+        return (self.plant, self.gains) if self.guards == "all" else ((), ())
 
     @property
     def late(self) -> tuple[Signal, ...]:
@@ -193,7 +200,9 @@ class CannotUpdate(HgogenError):
         )
 
 
-def plan(observer: Observer, method: Method, dt: float, between: str, periods: Any = None) -> Step:
+def plan(
+    observer: Observer, method: Method, dt: float, between: str, periods: Any = None, guards: Guards = "all"
+) -> Step:
     """The step of an observer; see `hgogen.call.sample`, which also makes it callable.
 
     Raises: `BadStep`, `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`.
@@ -204,7 +213,10 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
         raise BadStep(f"between = {between!r}", 'must be "line" or "hold"')
     system = observer.form.system
     every = () if periods is None else multiples(periods, system, float(dt))
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every)
+    if guards == "none":
+        _demand_plain(observer, every)
+        observer = observer.unclamped()
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards == "all")
     pieces = tuple(discretise.pieces(part, method, clock) for part in observer.parts)
     lengths = (Lengths(), *discretise.lengths(observer, method, dt))
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
@@ -226,6 +238,13 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
     return step
 
 
+def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
+    """Raises: `BadStep` for what says in the status whether a sample was used."""
+    late = "samples that come late" if observer.delays else "sensors of different rates" if every else ""
+    if late:
+        raise BadStep('guards = "none"', f"is not for {late}, of which the status says whether they were used")
+
+
 def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
     made, system = Assembly(observer, clock, pieces), observer.form.system
     plant = tunable(system.parameters)
@@ -241,7 +260,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         state=made.state,
         groups=made.whole.groups,
         bits=(),
-        tuning=limit_parameters(plant, observer.gains, flat(piece.tune for piece in pieces)),
+        tuning=(),
         sections=made.sections,
         estimate=made.estimate,
         limit=limit,
@@ -249,7 +268,9 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         periods=tuple(map(clock.period, range(clock.outputs))),
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
         signs=made.law.signs,
+        guards="all" if clock.guarded else "none",
     )
+    step = replace(step, tuning=limit_parameters(*step.limited, flat(piece.tune for piece in pieces)))
     return replace(step, bits=status_bits(step, flat(piece.bits for piece in pieces)))
 
 

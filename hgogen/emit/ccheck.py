@@ -10,7 +10,7 @@ from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.csyntax import C
 from hgogen.emit.syntax import Real
-from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
+from hgogen.emit.vectors import MISSING, SAMPLES, faults, lost, places, record, start
 from hgogen.program import Place
 from hgogen.step import Step
 
@@ -19,8 +19,7 @@ CMSIS = 160
 
 _TEXT = Template("""
 /*
- * Self-check of $name.c: $count recorded samples,
- * a missing, an absurd, a lost and an excessive one among them.
+ * Self-check of $name.c: $count recorded samples$faults.
  * ${name}_check() returns 0, or the number of the first sample that differs: $missing at once where the
  * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
  *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
@@ -115,6 +114,7 @@ int main(void)
 def check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
     vectors, seen = record(step, real), list(map(_seen, places(step)))
+    no_input, no_output = lost(step)
     inputs, outputs = [f"in.{c_name(s.name)}" for s in step.inputs], [f"out.{c_name(s.name)}" for s in step.samples]
     text = _TEXT.substitute(
         name=step.name,
@@ -135,7 +135,8 @@ def check(step: Step, real: Real) -> list[str]:
         locals="\n".join(indented(each.local for each in structs(step))),
         start="\n".join(indented(_start(step, real))),
         missing=MISSING + 1,
-        fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
+        faults=faults(step).replace(", a", ",\n * a", 1),
+        fill="\n".join(indented((*_fill(inputs, 0, no_input), *_fill(outputs, len(inputs), no_output)), 8)),
         call=prototypes(step)["step"].call(address),
         compare="".join(
             f" || !{step.name}_near({name}, k, {i}u)" for i, name in enumerate(_as_numbers(step, real, seen))

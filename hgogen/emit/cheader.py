@@ -17,7 +17,20 @@ from hgogen.emit.csyntax import C, beside, documented, harmless, spoken
 from hgogen.emit.described import MEANINGS as MEMBERS
 from hgogen.emit.described import of_signal, parameters
 from hgogen.emit.interface import MEANINGS, Entry, direction, entries, of_section
-from hgogen.emit.manual import FAULTS, RANGES, late, mathematics, model_digest, order, own, rates, recovery, title
+from hgogen.emit.manual import (
+    faults,
+    guarded,
+    late,
+    mathematics,
+    model_digest,
+    order,
+    own,
+    ranges,
+    rates,
+    remembered,
+    result,
+    title,
+)
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
 from hgogen.reading.time_unit import pace, plural
@@ -75,8 +88,8 @@ $body
 
 The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
 $missing
-$faults $recovery
-The status is 0 for ok, else an or of the bits below.
+$faults
+The status $result.
 $parts$timed$late
 Change gains in p.gain, then call ${name}_tune,
 $ranges
@@ -96,6 +109,7 @@ _MISSING = (
     "The period is compiled in: one call for each, with NaN for a sample that did not come.",
     "The period is compiled in: one predict for each.",
 )
+_USED = "The period is compiled in: one call for each, with a number for every sample."
 _PARTS = Template("""
 ${name}_step is $parts:
 $order
@@ -150,10 +164,10 @@ def _manual(step: Step, real: Real) -> list[str]:
         own=" and ".join(own(step)),
         what="predict, and update where a sample came," if step.timed else "one step",
         body="\n".join(f"        {line}" for line in _body(step)),
-        faults=FAULTS,
-        ranges=RANGES,
-        recovery=recovery(step),
-        missing=_MISSING[bool(step.timed)],
+        faults=faults(step),
+        ranges=ranges(step),
+        result=result(step, "the bits below"),
+        missing=_MISSING[bool(step.timed)] if guarded(step) else _USED,
         structs="\n".join(f"    {each.local}" for each in structs(step)),
         changes=" that changes" * bool(step.observer.form.system.tables),
         parts=_PARTS.substitute(name=step.name, parts=parts, order=order(step)) if step.apart else "",
@@ -166,6 +180,8 @@ def _manual(step: Step, real: Real) -> list[str]:
 
 def _status(step: Step) -> list[str]:
     upper, digits = step.name.upper(), 4 if status_type(step) == "unsigned" else 8
+    if not step.bits:
+        return []
     width = max(len(bit.name) for bit in step.bits)
     lines = ["/** @name Status bits: what happened, and what it asks of you. */", "/** @{ */", ""]
     for k, bit in enumerate(step.bits):
@@ -190,10 +206,6 @@ def _constants(step: Step, real: Real) -> list[str]:
 
 # ---------------------------------------------------------------- structs
 
-_REMEMBERED = (
-    "what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was "
-    "restored from beyond them is limited, or begins anew, where a call next computes with it"
-)
 _KIND = {
     "input": "the input now",
     "output": "the measurement now",
@@ -211,7 +223,12 @@ def _structs(step: Step, real: Real) -> list[str]:
     for *_, group in lines_of(step.groups):
         inner = _inner(step, real, group.fields, group.groups)
         lines += [documented(group.meaning), *struct(f"{name}_{group.name}", inner), ""]
-    return [*lines, documented(_REMEMBERED), *struct(f"{name}_state", _inner(step, real, step.state, step.groups)), ""]
+    return [
+        *lines,
+        documented(remembered(step)),
+        *struct(f"{name}_state", _inner(step, real, step.state, step.groups)),
+        "",
+    ]
 
 
 def _inner(step: Step, real: Real, fields: Iterable[Field], groups: Iterable[Group]) -> list[str]:

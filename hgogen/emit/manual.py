@@ -20,11 +20,21 @@ FAULTS = (
     "one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible "
     "value is not noticed."
 )
+UNGUARDED = (
+    "This step has no guards. Every sample is used as it comes, the model is evaluated as it is written wherever the "
+    "estimate goes, and nothing is clamped, capped or restarted: an input or a sample that is not a number, or absurd, "
+    "spoils the state until reset is called. What is proved of the observer with guards rests on clamps and is not "
+    "claimed here; the claims below are of the form alone, on the declared ranges."
+)
+_JUDGED = (
+    "Whether dt is short enough was judged with gains and parameters at their nominal values, which proves nothing: "
+    "others may ask for a shorter one."
+)
 RANGES = (
     "or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew. "
-    "Whether dt is short enough was judged with gains and parameters at their nominal values, which proves nothing: "
-    "others may ask for a shorter one. A gain whose largest value is its nominal one can only go down."
+    f"{_JUDGED} A gain whose largest value is its nominal one can only go down."
 )
+UNLIMITED = f"or the change is not complete; it limits nothing. {_JUDGED}"
 ORDER = (
     "in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later than "
     "the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one the bits "
@@ -60,11 +70,41 @@ def mathematics(step: Step, names: str = "") -> list[str]:
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
     lines += [f"  {written(f)}" for f in step.gains]
     lines += [f"Method: {step.rule}, dt = {pace(step.dt, step.time)}"]
+    lines += ["Guards: none"] * (not guarded(step))
     lines += [f"Between two calls the input is taken to {BETWEEN[step.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {in_short(check, observer.accepted)}" for check in observer.checks]
     lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
     return [*lines, *[names] * bool(names)]
+
+
+def guarded(step: Step) -> bool:
+    """Whether it has guards."""
+    return step.guards == "all"
+
+
+def faults(step: Step) -> str:
+    """What it does with signals that are absurd, and with an estimate that is lost."""
+    return f"{FAULTS} {recovery(step)}" if guarded(step) else UNGUARDED
+
+
+def ranges(step: Step) -> str:
+    """What a change of a gain asks for, after the name of the call that completes it."""
+    return RANGES if guarded(step) else UNLIMITED
+
+
+def result(step: Step, bits: str) -> str:
+    """What a call returns; `bits`: where the bits of a status are."""
+    return f"is 0 for ok, else an or of {bits}" if guarded(step) else "is 0 in any case"
+
+
+def remembered(step: Step) -> str:
+    """What the state is to a caller."""
+    limits = (
+        "; ranges are limits, which no call leaves; what was restored from beyond them is limited, or begins anew, "
+        "where a call next computes with it"
+    )
+    return f"what a step remembers: yours to copy, save and restore{limits * guarded(step)}"
 
 
 def order(step: Step) -> str:

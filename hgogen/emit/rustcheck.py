@@ -9,13 +9,13 @@ from hgogen.emit.code import indented
 from hgogen.emit.rustmanual import arguments
 from hgogen.emit.rustsyntax import RUST, rust_name
 from hgogen.emit.syntax import Real
-from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
+from hgogen.emit.vectors import SAMPLES, faults, lost, places, record, start
 from hgogen.program import Place
 from hgogen.signal import Signal
 from hgogen.step import Step
 
 _TEXT = Template("""
-//! Self-check of $name.rs: $count recorded samples, a missing, an absurd, a lost and an excessive one among them.
+//! Self-check of $name.rs: $count recorded samples$faults.
 //! It is a program of the host; it ends with 0 where every bit is as recorded.
 //!
 //!     rustc --edition 2021 -O --crate-type lib $name.rs
@@ -72,13 +72,15 @@ def check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
     vectors, kind = record(step, real), RUST.types[real]
     width = len(step.inputs) + len(step.samples)
-    fill = _fill("input", "Inputs", step.inputs, 0, LOST_INPUT, kind) if step.inputs else []
-    fill += _fill("output", "Outputs", step.samples, len(step.inputs), MISSING, kind)
+    no_input, no_output = lost(step)
+    fill = _fill("input", "Inputs", step.inputs, 0, no_input, kind) if step.inputs else []
+    fill += _fill("output", "Outputs", step.samples, len(step.inputs), no_output, kind)
     text = _TEXT.substitute(
         name=step.name,
         structs="Inputs, " if step.inputs else "",
         real=kind,
         count=SAMPLES,
+        faults=faults(step),
         width=width,
         results=len(places(step)),
         signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),

@@ -2,7 +2,7 @@
 
 from hgogen.emit import naming
 from hgogen.emit.code import indented
-from hgogen.emit.manual import FAULTS, RANGES, late, mathematics, order, own, rates, recovery, title
+from hgogen.emit.manual import faults, guarded, late, mathematics, order, own, ranges, rates, result, title
 from hgogen.emit.ruststruct import doc
 from hgogen.emit.rustsyntax import line, rust_name
 from hgogen.emit.syntax import Real
@@ -17,12 +17,13 @@ _TIMED = (
     "state is late, any other that is not of now is early; neither is used. Before the first `predict` every sample "
     "is early."
 )
-_GAINS = f"Change gains in `p.gain`, then call `p.tune()`, {RANGES}"
+_GAINS = "Change gains in `p.gain`, then call `p.tune()`, "
 _STATE = (
     "The state may be copied, saved and restored, by the same version of this file. To start from an estimate of "
     "yours write {own}, in the coordinates that the struct names, before the first call, which takes the estimate as "
     "it stands; what else a step remembers of it starts there too."
 )
+_SAMPLE = {True: "NaN for a sample that did not come", False: "a number for every sample"}
 _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C of the same model; no fused operation."
 
 
@@ -55,7 +56,10 @@ def status(step: Step) -> list[str]:
         for k, bit in enumerate(step.bits)
         for text in (*doc(f"{bit.meaning}. To do: {bit.action}."), f"pub const {bit.name}: u32 = 0x{1 << k:04X};")
     ]
-    return [*doc("Status bits: what happened, and what it asks of you."), "pub mod status {", *indented(bits), "}"]
+    if not bits:
+        return []
+    said = doc("Status bits: what happened, and what it asks of you.")
+    return [*said, "pub mod status {", *indented(bits), "}", ""]
 
 
 def _manual(step: Step, real: Real) -> list[str]:
@@ -70,10 +74,10 @@ def _manual(step: Step, real: Real) -> list[str]:
     return [
         f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
         "The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time. The "
-        f"period is compiled in: one call for each, with NaN for a sample that did not come. {FAULTS} No input "
-        f"and no state panics. {recovery(step)} The result is 0 for ok, else an or of the bits of `status`.",
+        f"period is compiled in: one call for each, with {_SAMPLE[guarded(step)]}. {faults(step)} No input and no "
+        f"state panics. The result {result(step, 'the bits of `status`')}.",
         *parts,
-        _GAINS,
+        _GAINS + ranges(step),
         _STATE.format(own=" and ".join(f"`{name}`" for name in own(step))),
         _BITS,
     ]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from hgogen.emit.code import indented
 from hgogen.emit.described import MEANINGS, described, of_signal, own_name, parameters
+from hgogen.emit.manual import remembered
 from hgogen.emit.rustsyntax import RUST, line, rust_name, type_name
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, lines_of
@@ -12,10 +13,6 @@ from hgogen.signal import Signal
 from hgogen.step import Step
 
 Member = tuple[str, str, str]  # name, type, and what is said of it
-STATE = (
-    "What a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was "
-    "restored from beyond them is limited, or begins anew, where a call next computes with it."
-)
 _SIGNALS = {
     "Inputs": "The inputs now.",
     "Outputs": "The measurements now.",
@@ -43,7 +40,7 @@ def structs(step: Step, real: Real) -> list[str]:
     made.append(_struct("Parameters", "Change `plant` or `gain`, then call `tune`.", kinds))
     for *_, group in lines_of(step.groups):
         made.append(_struct(type_name(group.name), group.meaning, _inner(step, real, group.fields, group.groups)))
-    made.append(_struct("State", STATE, _inner(step, real, step.state, step.groups)))
+    made.append(_struct("State", f"{remembered(step).capitalize()}.", _inner(step, real, step.state, step.groups)))
     return [text for lines in made for text in (*lines, "")]
 
 

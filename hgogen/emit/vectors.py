@@ -1,8 +1,8 @@
 """Recorded vectors for the self-check of emitted code: what goes in, and what must come out, bit for bit.
 
 The inputs are triangle waves over the declared ranges, with a missing, an absurd, a lost and an excessive sample among
-them, so that guards, correction and adaptation all run; late samples come with ages of every kind. They use no function
-of this machine. The outputs are those of `emit.exact`.
+them, so that guards, correction and adaptation all run; a step without guards gets none of these. Late samples come
+with ages of every kind. They use no function of this machine. The outputs are those of `emit.exact`.
 
 The tolerance is for other roundings, of libm or of contracted operations. These touch a part of the operations by about
 a rounding unit each, as going from float to double touches them all; so the tolerance is 16 times that distance, and in
@@ -47,8 +47,9 @@ def record(step: Step, real: Real) -> Vectors:
     """Run the step from a reset over the test inputs."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
     y = np.array([[_wave(k / 23, s) for s in step.outputs] for k in range(SAMPLES)])
-    y[MISSING], y[ABSURD], u[LOST_INPUT] = np.nan, 1e30, np.nan
-    u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
+    if step.guards == "all":
+        y[MISSING], y[ABSURD], u[LOST_INPUT] = np.nan, 1e30, np.nan
+        u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
     y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
@@ -57,6 +58,16 @@ def record(step: Step, real: Real) -> Vectors:
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
     distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(seen).max(axis=0)
     return Vectors(u, y, seen, 16 * distance, status)
+
+
+def lost(step: Step) -> tuple[int, int]:
+    """The sample at which the inputs are no numbers, and that at which the outputs are none; `SAMPLES` for none."""
+    return (LOST_INPUT, MISSING) if step.guards == "all" else (SAMPLES, SAMPLES)
+
+
+def faults(step: Step) -> str:
+    """What is said of such samples, after their number."""
+    return ", a missing, an absurd, a lost and an excessive one among them" if step.guards == "all" else ""
 
 
 def start(step: Step) -> dict[Place, list[float]]:

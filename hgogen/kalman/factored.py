@@ -34,6 +34,7 @@ from hgogen.structure.dynamics import HUGE
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
 Factors = Callable[[Graph], dict[Place, Graph]]  # of a vector (n), those of P as writes
+_READ = ("z", "u", "y", "valid")  # by the flow and the Jacobian, in this order
 POINTS = 12  # corners, and as many points inside, at which the model's growth is judged
 
 
@@ -69,7 +70,7 @@ class Moved:
     def _routine(self, name: str, body: Callable[..., dict[str, Graph]]) -> Callable[[Graph, float], dict[str, Graph]]:
         """A routine of z and of the signals at a fraction of the step."""
         sizes = {"z": self.part.dynamics.n, **self.clock.sizes}
-        call = routine(name, sizes, lambda at: body(*(at[key] for key in sizes)))
+        call = routine(name, sizes, lambda at: body(*({**at, **self.clock.constants}[key] for key in _READ)))
         return lambda z, c: call({"z": z, **self.clock.signals(c)})
 
     def transition(self, stages: Stages) -> Graph:
@@ -190,7 +191,7 @@ def unrolled(part: Riccati, clock: Clock) -> Pieces:
     return Pieces(
         fields=(part.z, *_factors(part, clock)),
         **common(part, clock),
-        predict=(_predict(part, clock), *(_cap(part) if part.forgetting is None else _renewed(part, clock))),
+        predict=(_predict(part, clock), *(_cap(part, clock) if part.forgetting is None else _renewed(part, clock))),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
@@ -248,18 +249,20 @@ def _variances(part: Riccati) -> list[Graph]:
     return [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
 
 
-def _cap(part: Riccati) -> Program:
+def _cap(part: Riccati, clock: Clock) -> Program:
     L, d = _symbols(part)
 
     def scaled(scale: Graph) -> dict[Place, Graph]:
         return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
-    return capped(part, _variances(part), scaled)
+    return capped(clock, part, _variances(part), scaled)
 
 
-def capped(part: Riccati, variance: list[Graph], scaled: Factors) -> Program:
+def capped(clock: Clock, part: Riccati, variance: list[Graph], scaled: Factors) -> Program:
     """The program that caps P where a P_ii (`variance`) exceeds its cap: it writes the factors `scaled` of
-    min(1, cap_i/P_ii) (n), a congruence."""
+    min(1, cap_i/P_ii) (n), a congruence. Nothing without guards."""
+    if not clock.guarded:
+        return ()
     caps = [float(value) for value in part.cap]
     scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
     limited = {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}

@@ -52,7 +52,7 @@ def _predict(part: Riccati, clock: Clock) -> Program:
         *_forgetting(moved),
         Kernel("triangularise", n, _COLUMNS, ((_D, n),), counts=(band,)),
         *_noise(moved),
-        *_limit(part),
+        *(_limit(part) if clock.guarded or part.forgetting is not None else ()),
     )
 
 

@@ -39,7 +39,10 @@ def square_root(part: Riccati, clock: Clock) -> Pieces:
     return Pieces(
         fields=(part.z, _root(part, clock)),
         **common(part, clock),
-        predict=(_predict(part, clock), *(within_cap(part) if part.forgetting is None else _renewed(part, clock))),
+        predict=(
+            _predict(part, clock),
+            *(within_cap(part, clock) if part.forgetting is None else _renewed(part, clock)),
+        ),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
@@ -139,14 +142,14 @@ def _variances(part: Riccati) -> list[Graph]:
     return [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
 
 
-def within_cap(part: Riccati) -> Program:
+def within_cap(part: Riccati, clock: Clock) -> Program:
     """P held below its cap."""
     S = symbols(part)
 
     def scaled(scale: Graph) -> dict[Place, Graph]:
         return written(ca.diag(scale) @ S)
 
-    return capped(part, _variances(part), scaled)
+    return capped(clock, part, _variances(part), scaled)
 
 
 def _update(part: Riccati, clock: Clock, output: int) -> Program:

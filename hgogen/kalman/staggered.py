@@ -119,8 +119,11 @@ class _Copies:
     def _move(self) -> Program:
         z, field = sym("predictor", "z", self.n), self.predictor.z
         moved = {_Z: self.predictor.moved(z, self.clock.u, self.clock.dt)}
+        advance = Block(f"each predictor by {self.predictor.tableau.name}, without correction", moved)
+        if not self.clock.guarded:
+            return (advance,)
         return (
-            Block(f"each predictor by {self.predictor.tableau.name}, without correction", moved),
+            advance,
             Block("is it beyond its box, or lost?", {_BEYOND: beyond(field, z)}),
             When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z)}),)),
         )

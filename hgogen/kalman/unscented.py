@@ -57,7 +57,7 @@ def unscented(part: Unscented, clock: Clock) -> Pieces:
     """
     return replace(
         square_root(part.plain, clock),
-        predict=(*_predict(part, clock), *within_cap(part.plain)),
+        predict=(*_predict(part, clock), *within_cap(part.plain, clock)),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
         rule=RULE,
     )

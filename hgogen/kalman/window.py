@@ -141,7 +141,7 @@ class _Ring:
         p, m, clock = self.clock.outputs, self.clock.inputs, self.clock
         y, valid, u, before = sym("past", "y", p), sym("past", "valid", p), sym("past", "u", m), sym("work", "uw", m)
         moved = self.predictor.moved(sym("work", "zw", self.n), lambda c: clock.between_samples(c, before, u), clock.dt)
-        moved = clamped(self.predictor.z, moved)
+        moved = clamped(self.predictor.z, moved) if clock.guarded else moved
         error = y - self.predictor.dynamics.output(moved, u)
         rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
         squares = summed(self.weights, rates * (error * error))

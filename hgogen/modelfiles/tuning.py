@@ -49,11 +49,11 @@ from hgogen.reading.time_unit import plural
 from hgogen.stepping.delays import delayed
 from hgogen.system import System
 
-_OPTIONS = ("between", "periods", "real")  # what `sample` takes beside method and dt
+_OPTIONS = ("between", "periods", "guards", "real")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
 Start = Callable[[Form], Mapping[str, float]]
-_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "real": TEXT, "delays": TABLE}
+_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "real": TEXT, "delays": TABLE}
 
 
 @dataclass(frozen=True)

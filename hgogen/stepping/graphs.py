@@ -140,7 +140,7 @@ class Graphs:
     @property
     def _tuning(self) -> Program:
         parts = (tuned(part, self._clock) for part in self.made.observer.parts)
-        return limit_parameters(self.made.plant, self.made.gains, tuple(s for program in parts for s in program))
+        return limit_parameters(*self.made.limited, tuple(s for program in parts for s in program))
 
     # --- what both share
 

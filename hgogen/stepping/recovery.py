@@ -144,7 +144,7 @@ class Recovery:
         outputs = [j for j in self.judged if self._spans[j] < INF]
         ranges = not self.observer.practical and not outside(self.observer).is_constant()
         longest = LONGEST // max(1, len(outputs) + ranges)
-        if not outputs and not ranges:
+        if not self.clock.guarded or not (outputs or ranges):
             return ()
         time, p, dt = patience(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
         signs = []

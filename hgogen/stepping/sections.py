@@ -18,7 +18,7 @@ from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, Section, Statement, When, address, pruned, scalar, sym, walk
 from hgogen.signal import Signal, resting
-from hgogen.stepping import sensors
+from hgogen.stepping import sensors, unguarded
 from hgogen.stepping.guards import guard_inputs, guard_outputs, guard_state, measure, outside_bit, unrecovered
 from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled
@@ -74,7 +74,11 @@ class Assembly:
     def _ordered(self) -> tuple[Signal, ...]:
         """The outputs whose updates may be called one by one, without a count of the periods."""
         outputs = self.observer.form.system.outputs
-        return () if self.rated or self.uses_output else tuple(outputs[j] for j in self.correcting)
+        return (
+            ()
+            if self.rated or self.uses_output or not self.clock.guarded
+            else tuple(outputs[j] for j in self.correcting)
+        )
 
     @cached_property
     def state(self) -> tuple[Field, ...]:
@@ -84,8 +88,9 @@ class Assembly:
         counted = sensors.fields(system.outputs, bool(self.adapt)) if self.rated else order_fields(self._ordered)
         parts = flat(piece.fields for piece in self.pieces)
         input = _last_input(system.inputs) if system.inputs else ()
-        sample = _last_sample(system.outputs) if self.uses_output else ()
-        return (*parts, *self.law.fields, _calls(bool(self.adapt)), *counted, *input, *sample)
+        sample = _last_sample(system.outputs, self.clock.guarded) if self.uses_output else ()
+        fields = (*parts, *self.law.fields, _calls(bool(self.adapt)), *counted, *input, *sample)
+        return fields if self.clock.guarded else tuple(replace(field, low=(), high=()) for field in fields)
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
@@ -93,11 +98,15 @@ class Assembly:
         sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.adapt and self.still else 1)  # after it the estimate of this call stands
         return tuple(
-            replace(section, program=pruned((*section.program, *self._notices)))
+            replace(section, program=self._finished((*section.program, *self._notices)))
             if k == last or (self.rated and section.corrects)
-            else replace(section, program=pruned(section.program))
+            else replace(section, program=self._finished(section.program))
             for k, section in enumerate(sections)
         )
+
+    def _finished(self, program: Program) -> Program:
+        """A section without what nothing reads, and without guards without what it would say."""
+        return pruned(program if self.clock.guarded else unguarded.silent(program))
 
     @property
     def timed(self) -> tuple[Section, ...]:
@@ -116,6 +125,8 @@ class Assembly:
 
     @property
     def _notices(self) -> Program:
+        if not self.clock.guarded:
+            return ()
         outside = () if self.still and not self.rated else (outside_bit(self.observer),)
         return (*outside, *unrecovered(self.observer), *self.observer.notices)
 
@@ -128,7 +139,7 @@ class Assembly:
 
     def _guarded(self, program: Program) -> Program:
         """A program, and what keeps the state that it leaves behind in its box, or makes it anew."""
-        return (*program, *guard_state(program, self.state, self._fresh))
+        return (*program, *guard_state(program, self.state, self._fresh)) if self.clock.guarded else program
 
     @property
     def _predict(self) -> Section:
@@ -136,8 +147,9 @@ class Assembly:
         written. Where no output corrects, the law of recovery is evaluated here."""
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
-        program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
-        program += [guard_outputs(observer, clock)] if self.uses_output else []
+        taken, read = (guard_inputs, guard_outputs) if clock.guarded else (unguarded.inputs, unguarded.outputs)
+        program: list[Statement] = [taken(observer)] if clock.inputs else []
+        program += [read(observer, clock)] if self.uses_output else []
         program += [tick(observer.form.system.outputs, bool(self.adapt))] if self.rated else []
         calls = sym("state", "calls")
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
@@ -148,9 +160,10 @@ class Assembly:
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
         if self.uses_output:
-            sample = {Place("state", "y"): sym("work", "y", clock.outputs), Place("state", "y_valid"): clock.valid}
-            program.append(Block("remember the sample", sample))
-        watch = () if self.correcting else self.law.watch(self._samples, says=self.still)
+            sample = {Place("state", "y"): sym("work", "y", clock.outputs)}
+            valid = {Place("state", "y_valid"): clock.valid} if clock.guarded else {}
+            program.append(Block("remember the sample", sample | valid))
+        watch = () if self.correcting or not clock.guarded else self.law.watch(self._samples, says=self.still)
         return Section("predict", "advance the estimate to now", (*program, *watch))
 
     @property
@@ -163,6 +176,9 @@ class Assembly:
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
         program = self._guarded(flat(piece.update[j] for piece in self.pieces if piece.update))
+        if not self.clock.guarded:
+            plain = (unguarded.sample(self.observer, self.clock, j), *program)
+            return Section(f"update_{output}", f"correct with {output}", plain, output.name)
         valid = (*program, *((use(output),) if self.rated or output in self._ordered else ()))
         sample = {j: Sampled(sym("work", "measurement"), sym("work", "valid"), sym("work", "output_error"))}
         says = self.still and not self.rated and j == self.correcting[-1]
@@ -206,8 +222,10 @@ def _last_input(inputs: tuple[Signal, ...]) -> tuple[Field, ...]:
     return (Field("u", start, low=low, high=high, labels=names, meaning="last valid input"),)
 
 
-def _last_sample(outputs: tuple[Signal, ...]) -> tuple[Field, ...]:
+def _last_sample(outputs: tuple[Signal, ...], guarded: bool) -> tuple[Field, ...]:
     zeros, names = (0.0,) * len(outputs), tuple(s.name for s in outputs)
+    if not guarded:
+        return (Field("y", zeros, labels=names, meaning="sample of the last call"),)
     meaning = "sample of the last call, or its estimate where there was none"
     return (
         Field("y", zeros, labels=names, meaning=meaning),

@@ -101,7 +101,11 @@ class Dynamics:
 
     def saturated(self, z: Graph) -> Graph:
         """The state z clamped to the box."""
-        return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self.box))
+        return self._held(z, self.box)
+
+    def _held(self, values: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
+        """Each element of a column clamped to its range, by a form that clamps."""
+        return column(clamp(values[i], *end) for i, end in enumerate(ends)) if self.form.clamped else values
 
     def flow(self, z: Graph, u: Graph) -> Graph:
         """The rate z' (n), with the argument of b clamped."""
@@ -155,7 +159,7 @@ class Dynamics:
         if self._moved:
             return column(self._of_plant([expression for _, expression in system.reported], z, u))
         linear, rest = zip(*(_split(e, self.form.states) for _, e in self.form.estimates), strict=True)
-        clamped = column(clamp(z[i], *_reach(rest, s, self.form.states)) for i, s in enumerate(self.form.states))
+        clamped = self._held(z, [_reach(rest, s, self.form.states) for s in self.form.states])
         return column(self._convert(linear, z, u)) + column(self._convert(rest, clamped, u))
 
     def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
@@ -189,12 +193,16 @@ class Dynamics:
         return self._saturating(self._inverse.rows, z, u)
 
     def _ranged(self, raw: Graph) -> tuple[Graph, Graph]:
-        """Values of the states of the form's system, each in its range or, where it is no number, at rest."""
+        """Values of the states of the form's system, each in its range or, where it is no number, at rest; by a form
+        that does not clamp, the values."""
+        if not self.form.clamped:
+            return raw, ca.SX(1)
         states = self.form.system.states
         looked = {i: ca.fabs(raw[i]) <= HUGE for i, finite in enumerate(self._inverse.finite) if not finite}
         taken = (ca.if_else(looked[i], raw[i], resting(s)) if i in looked else raw[i] for i, s in enumerate(states))
-        values = (clamp(value, *s.interval) for value, s in zip(taken, states, strict=True))
-        return column(values), reduce(ca.logic_and, looked.values()) if looked else ca.SX(1)
+        return self._held(column(taken), [s.interval for s in states]), reduce(
+            ca.logic_and, looked.values()
+        ) if looked else ca.SX(1)
 
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
         """The product (dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); with None for `least` the
@@ -327,9 +335,11 @@ class Dynamics:
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
-        around = self._around(states or self.form.states)
-        rows = (_with_constants(computed(sp.sympify(e), around), self._constants) for e in expressions)
-        return to_casadi(rows, symbols)
+        rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
+        if self.form.clamped:
+            around = self._around(states or self.form.states)
+            rows = (computed(e, around) for e in rows)
+        return to_casadi([_with_constants(e, self._constants) for e in rows], symbols)
 
 
 @lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step

@@ -90,7 +90,6 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         *_ATTRIBUTES,
         "",
         *status(step),
-        "",
         *structs(step, real),
         "impl Parameters {",
         *parameters.indented().lines,

@@ -1,7 +1,7 @@
 """What is compared: steps of filters, on plants whose form has the plant's own states, and the records they run on."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import nan
@@ -33,6 +33,13 @@ class Case:
     def n(self) -> int:
         """The number of states."""
         return len(self.states)
+
+    @property
+    def unguarded(self) -> "Case":
+        """The same without guards, as peers are."""
+        made = self.step
+        step = hg.sample(made.observer, made.method, made.dt, between=made.between, guards="none")
+        return replace(self, step=step)
 
     @property
     def plant(self) -> hg.System:

@@ -30,8 +30,10 @@ class Row:
 
 
 def rows_of(case: Case) -> Iterator[Row]:
-    """Ours, and each peer."""
+    """Ours, with guards and without, and each peer."""
     yield Row(OURS, lambda real: programs.ours(case, real))
+    bare = case.unguarded
+    yield Row(f"{OURS}, no guards", lambda real: programs.ours(bare, real))
     for peer in PEERS:
         yield Row(peer, lambda real, peer=peer: _peer(case, peer, real))
 

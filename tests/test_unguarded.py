@@ -1,0 +1,177 @@
+"""A step without guards: the same mathematics, and nothing else."""
+
+import pickle
+from functools import cache
+
+import casadi as ca
+import emitted
+import numpy as np
+import plants
+import pytest
+
+import hgogen as hg
+from hgogen.call import CallableStep
+from hgogen.calling import native
+from hgogen.chains.core import nominal, numbers
+from hgogen.model import load
+from hgogen.program import Place, places, sym
+from hgogen.reading.given import BadGain
+from hgogen.step import BadStep
+
+NAMES = (
+    *("cascaded_tanks", "exponential", "fitzhugh_nagumo", "integrated", "many_states", "no_input", "pendulum"),
+    *("tables", "tunable", "two", "window_held"),
+)
+SAMPLES = 150
+
+
+def both(name: str) -> tuple[CallableStep, CallableStep]:
+    """The step with its guards and without, read as Python, as after a reset."""
+    for step in (steps := _both(name)):
+        step.reset()
+    return steps
+
+
+@cache
+def _both(name: str) -> tuple[CallableStep, CallableStep]:
+    made = emitted.step(name)
+
+    def sampled(guards: str) -> CallableStep:
+        step: CallableStep = hg.sample(
+            made.observer, made.method, made.dt, between=made.between, guards=guards, engine="python"
+        )
+        return step
+
+    return sampled("all"), sampled("none")
+
+
+def record(step: CallableStep) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs that move a little in the middle of their ranges, and outputs about what the estimate rests at."""
+    wave = np.sin(np.arange(SAMPLES) / 9)[:, None]
+    middle = [sum(s.interval) / 2 if s.bounded else 0.0 for s in step.inputs]
+    width = [s.interval[1] - s.interval[0] if s.bounded else 1.0 for s in step.inputs]
+    observer, u = step.observer, sym("state", "u", len(middle))
+    values = nominal(observer) | {Place("state", field.name): np.array(field.initial) for field in step.state}
+    values[Place("state", "u")] = np.array(middle)
+    rest = numbers(observer.dynamics.output(observer.z, u), values).ravel()
+    return middle + 0.02 * wave * width, rest + 0.01 * wave
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_while_no_guard_acts_it_has_the_same_bits(name: str) -> None:
+    """Of a sine that is of a bounded angle where the model clamps it, another rounding."""
+    guarded, plain = both(name)
+    u, y = record(guarded)
+    known, run = guarded.run(u, y), plain.run(u, y)
+    quiet = int(np.argmax(np.append(known.status, 1) != 0))
+    assert quiet > 20
+    assert np.allclose(known.x[:quiet], run.x[:quiet], rtol=1e-12, atol=1e-13)
+    assert not run.status.any()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_says_nothing_and_asks_nothing(name: str) -> None:
+    _, plain = both(name)
+    programs = (*plain.tuning, *(s for section in plain.called for s in section.program))
+    assert plain.bits == ()
+    assert "status" not in {place.struct for place, _ in places(programs)}
+    assert all(low == -np.inf and high == np.inf for field in plain.state for low, high in field.box)
+    assert plain.observer.checks == plain.observer.form.checks
+
+
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "many_states"])
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_c_and_rust_have_the_bits_of_python(name: str, real: str) -> None:
+    _, plain = both(name)
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+    files = hg.targets.c99(plain, real=real)
+    assert "samples as recorded" in native.run_check(files, ("-O2", f"-D{plain.name.upper()}_EXACT"))
+    header = files[f"{plain.name}.h"]
+    assert "This step has no guards." in header
+    assert "Guards: none" in header
+    assert "convergence" not in header
+    try:
+        assert "samples as recorded" in native.run_recipe(hg.targets.rust(plain, real=real))
+    except native.NoTool as error:
+        pytest.skip(str(error))
+
+
+def test_the_function_of_casadi_has_its_values() -> None:
+    _, plain = both("pendulum")
+    functions = hg.targets.casadi(plain)
+    u, y = record(plain)
+    memory, x = functions.memory.initial, []
+    for now, read in zip(u, y, strict=True):
+        memory, estimate, status = functions.step(memory, now, read, functions.p.initial)
+        x.append(np.array(estimate).ravel())
+        assert float(status) == 0
+    assert np.allclose(plain.run(u, y).x, x, rtol=1e-12, atol=1e-13)
+
+
+def test_what_is_not_a_number_spoils_the_estimate_until_a_reset() -> None:
+    _, plain = both("fitzhugh_nagumo")
+    plain.reset()
+    assert np.isfinite(plain(0.0, 0.1).x).all()
+    assert np.isfinite(plain(0.0, 0.1).x).all()
+    plain(0.0, np.nan)
+    spoiled = [plain(0.0, 0.1) for _ in range(5)]
+    assert all(not np.isfinite(sample.x).any() and sample.status == 0 for sample in spoiled)
+    plain.reset()
+    assert np.isfinite(plain(0.0, 0.1).x).all()
+
+
+def test_beyond_its_ranges_the_model_is_as_it_is_written() -> None:
+    """The pendulum's angle at 6 rad, where the guarded step has the sine of 4, and its rate beyond 20."""
+    guarded, plain = both("pendulum")
+    form = plain.observer.form
+    z = np.array([6.0, 25.0])
+    rates = [
+        ca.DM(ca.SX(step.observer.dynamics.flow(ca.SX(z), ca.SX(1, 1)))).full().ravel() for step in (plain, guarded)
+    ]
+    assert not form.clamped
+    assert rates[0] == pytest.approx([25.0, -19.6 * np.sin(6.0) - 2.5], rel=1e-14)
+    assert rates[1] == pytest.approx([25.0, -19.6 * np.sin(4.0) - 2.0], rel=1e-14)
+
+
+def test_tune_limits_nothing() -> None:
+    _, plain = both("pendulum")
+    functions = hg.targets.casadi(plain)
+    far = np.array(functions.p.initial, dtype=float) * 1e3
+    _, _, status = functions.step(functions.memory.initial, [0.0], [0.1], far)
+    assert float(status) == 0
+    assert plain.tuning == tuple(s for s in plain.tuning if s.title == "observer gain")
+
+
+@pytest.mark.parametrize("name", ["pendulum", "fitzhugh_nagumo"])
+def test_it_goes_through_a_pickle(name: str) -> None:
+    _, plain = both(name)
+    again = pickle.loads(pickle.dumps(plain))
+    u, y = record(plain)
+    assert again.guards == "none"
+    assert np.array_equal(plain.run(u, y).x, again.run(u, y).x)
+
+
+def test_bad_input() -> None:
+    observer = emitted.step("pendulum").observer
+    with pytest.raises(BadStep, match='guards = \'some\' must be "all" or "none"'):
+        hg.sample(observer, dt=1e-3, guards="some")
+    late = emitted.step("delayed")
+    with pytest.raises(BadStep, match="is not for samples that come late"):
+        hg.sample(late.observer, late.method, late.dt, guards="none")
+    filter = hg.observers.riccati(hg.forms.original(plants.two_outputs()), Q=[0.1] * 3, R=[0.1, 0.2])
+    with pytest.raises(BadStep, match="is not for sensors of different rates"):
+        hg.sample(filter, dt=0.01, periods={filter.form.system.outputs[0].name: 0.02}, guards="none")
+    bank = emitted.step("bank")
+    with pytest.raises(BadGain, match="sample a member of it alone"):
+        hg.sample(bank.observer, bank.method, bank.dt, guards="none")
+
+
+def test_a_plain_text_model_may_ask_for_it(tmp_path: object) -> None:
+    text = (
+        'name = "decay"\n[states.x]\nlow = -1\nhigh = 1\nflow = "-x"\n[outputs.y]\nequation = "x"\n'
+        '[observer]\nkind = "high_gain"\npoles = [-1]\ntheta = 5\ndt = 0.01\nguards = "none"\n'
+    )
+    path = tmp_path / "decay.toml"  # type: ignore[operator]
+    path.write_text(text)
+    assert load(path).step().guards == "none"
