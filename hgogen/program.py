@@ -228,11 +228,16 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class When:
-    """Run `body` if the scalar `flag` is not 0, else `otherwise`."""
+    """Run `body` if the scalar `flag` is not 0, else `otherwise`.
+
+    `idle`: where it is 0 the body changes nothing, and is left out for its cost alone; so a proof may take it to run in
+    any case.
+    """
 
     flag: Place
     body: tuple["Statement", ...]
     otherwise: tuple["Statement", ...] = ()
+    idle: bool = False
 
 
 @dataclass(frozen=True, eq=False)

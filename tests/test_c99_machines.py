@@ -308,7 +308,7 @@ def proved(name: str, folder: Path, source: str, precision: int) -> bool:
 
 
 # what Eva proves, and how precisely it has to look
-INDUCTIVE = {"fitzhugh_nagumo": 3, "pendulum": 5, "cascaded_tanks": 3, "one_state": 5, "bank": 3}
+INDUCTIVE = {"fitzhugh_nagumo": 3, "pendulum": 5, "cascaded_tanks": 3, "one_state": 5, "bank": 4}
 
 
 def test_the_page_says_what_is_proved_by_induction() -> None:
@@ -330,7 +330,7 @@ def test_no_input_takes_the_state_out_of_its_box(name: str, precision: int, tmp_
 def test_that_a_missing_guard_is_not_proved(tmp_path: Path) -> None:
     """So that the proof above cannot pass on nothing."""
     source = files("pendulum")["pendulum.c"]
-    guard = re.search(r"u = pendulum_clamp\(tau_taken, [^)]*\)", source).group()
+    guard = re.search(r"u = pendulum_limit\(tau_taken, [^)]*\)", source).group()
     assert not proved("pendulum", tmp_path, source.replace(guard, "u = tau_taken"), 5)
     beyond = files("fitzhugh_nagumo")["fitzhugh_nagumo.c"].replace("k < 5u", "k < 6u", 1)
     assert not proved("fitzhugh_nagumo", tmp_path, beyond, 3)

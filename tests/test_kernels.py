@@ -1,11 +1,20 @@
 """The kernels on P = L D L' against what they stand for, computed densely."""
 
+import ctypes
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hgogen.calling import native
 from hgogen.discretisation import kernels
+from hgogen.emit.csyntax import C
+from hgogen.emit.portable import kernels as kernels_of
 
 EPS = float(np.finfo(float).eps)
 sizes, seeds = st.integers(1, 9), st.integers(0, 2**32 - 1)
@@ -91,3 +100,66 @@ def test_a_cap_scales_rows_by_the_ratio() -> None:
     assert kernels.cap(columns, d, np.array([9.0, 9.0, 4.5]))
     assert np.array_equal(columns, [[1.0, 0.5, 1.0], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
     assert np.array_equal(d, [1.0, 1.0, 1.0])
+
+
+# --- the loops that C has
+
+
+ARGUMENTS = {  # of a kernel, after L and D: vectors, numbers that are passed alone, and counts
+    "triangularise": ("", "", "b"),
+    "add": ("w", "", ""),
+    "correct": ("c", "r", "b"),
+    "cap": ("c", "", ""),
+    "renew": ("cc", "", ""),
+}
+LENGTHS = (2, 5, 6)
+
+
+@cache
+def loops() -> ctypes.CDLL:
+    """The kernels for matrices of these sizes, as C."""
+    if (compiler := native.compiler()) is None:
+        pytest.skip("no C compiler")
+    text = "#include <stdbool.h>\n"
+    for n in LENGTHS:
+        text += f"typedef struct {{ double v[{n}]; }} p{n}_column;\n"
+        text += "\n".join(kernels_of(C, f"p{n}", "double", {(name, n) for name in ARGUMENTS}).lines) + "\n"
+        for name, (vectors, numbers, counts) in ARGUMENTS.items():
+            given = [f"double *v{k}" for k, _ in enumerate(vectors)] + ["double r"] * len(numbers)
+            given += ["double *gain"] * (name == "correct") + ["unsigned b"] * len(counts)
+            passed = [each.split()[-1].strip("*") for each in given]
+            call = f"p{n}_{name}((p{n}_column *)L, D{''.join(', ' + each for each in passed)})"
+            body = f"return {call};" if name in ("cap", "renew") else f"{call}; return 0;"
+            text += f"int {name}{n}(double *L, double *D{''.join(', ' + each for each in given)}) {{ {body} }}\n"
+    folder = Path(tempfile.mkdtemp())
+    (folder / "kernels.c").write_text(text)
+    command = [compiler, "-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "kernels.c", "-o", "kernels.so"]
+    subprocess.run(command, cwd=folder, check=True)
+    return ctypes.CDLL(str(folder / "kernels.so"))
+
+
+def pointer(array: np.ndarray) -> ctypes.Array[ctypes.c_double]:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+@given(st.sampled_from(LENGTHS), seeds, st.data())
+@settings(deadline=None, max_examples=150)
+def test_the_loops_of_c_have_the_bits_of_python(name: str, n: int, seed: int, data: st.DataObject) -> None:
+    rng = np.random.default_rng(seed)
+    L, d = factors(rng, n, 1)
+    band = data.draw(st.integers(1, n))
+    Phi = np.tril(rng.standard_normal((n, n)), band) if name == "triangularise" else np.eye(n)
+    vectors, numbers, counts = ARGUMENTS[name]
+    columns, diagonal = np.ascontiguousarray((Phi @ L).T), d
+    given = [10 ** rng.uniform(-1, 1, n) for _ in vectors]
+    r, gain = np.array([10 ** rng.uniform(-1, 1)]), np.zeros(n)
+    mine = [columns.copy(), diagonal.copy(), *(each.copy() for each in given)]
+    theirs = [columns.copy(), diagonal.copy(), *(each.copy() for each in given)]
+    other = [np.array(r)] * len(numbers) + [gain.copy()] * (name == "correct") + [band] * len(counts)
+    result = kernels.KERNELS[name](*mine, *other) or 0
+    ends = [ctypes.c_double(r[0])] * len(numbers) + [pointer(gain)] * (name == "correct")
+    ends += [ctypes.c_uint(band)] * len(counts)
+    assert getattr(loops(), f"{name}{n}")(*map(pointer, theirs), *ends) == result
+    assert all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True))
+    assert name != "correct" or np.array_equal(other[1], gain)

@@ -38,7 +38,8 @@
  *
  * cascaded_tanks_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
  * and or their statuses, where a sample comes later than the input. Without a sample leave its update out;
- * with NaN it raises MISSING as well, and the last one the bits about the estimate.
+ * with NaN it raises MISSING as well, and the last one the bits about the estimate. An update that comes
+ * again, or before a predict, does not correct, and says so.
  *
  * Change gains in p.gain, then call cascaded_tanks_tune, or the change is neither limited nor complete.
  * Ranges are those of the model: to widen one, generate anew. Whether dt is short enough was judged with
@@ -91,13 +92,17 @@
  * model. */
 #define CASCADED_TANKS_RESTARTED_FROM_SAMPLE 0x0080u
 
+/** an update was called again, or before the first predict, without a predict since: no second correction. To
+ * do: call predict once a period, then each update at most once. */
+#define CASCADED_TANKS_OUT_OF_ORDER          0x0100u
+
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define CASCADED_TANKS_PARAMETER_LIMITED     0x0100u
+#define CASCADED_TANKS_PARAMETER_LIMITED     0x0200u
 
 /** the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
-#define CASCADED_TANKS_COVARIANCE_LIMITED    0x0200u
+#define CASCADED_TANKS_COVARIANCE_LIMITED    0x0400u
 
 /** @} */
 
@@ -207,6 +212,7 @@ typedef struct {
     /** all doubt, and patience beyond the first: checks them, 0 .. 94162 */
     float doubt_sum;
     unsigned calls;                        /**< 0 before the first call, 1 after it, then 2 */
+    unsigned used_y;                       /**< 1 from a sample of y that was used until the next predict */
     float u;                               /**< last valid input: u, 0 .. 7 */
     cascaded_tanks_predictor predictor[5]; /**< copies of the model that run without correction */
 } cascaded_tanks_state;

@@ -38,7 +38,8 @@
  *
  * fitzhugh_nagumo_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
  * and or their statuses, where a sample comes later than the input. Without a sample leave its update out;
- * with NaN it raises MISSING as well, and the last one the bits about the estimate.
+ * with NaN it raises MISSING as well, and the last one the bits about the estimate. An update that comes
+ * again, or before a predict, does not correct, and says so.
  *
  * Change gains in p.gain, then call fitzhugh_nagumo_tune, or the change is neither limited nor complete.
  * Ranges are those of the model: to widen one, generate anew. Whether dt is short enough was judged with
@@ -91,13 +92,17 @@
  * model. */
 #define FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE 0x0080u
 
+/** an update was called again, or before the first predict, without a predict since: no second correction. To
+ * do: call predict once a period, then each update at most once. */
+#define FITZHUGH_NAGUMO_OUT_OF_ORDER          0x0100u
+
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define FITZHUGH_NAGUMO_PARAMETER_LIMITED     0x0100u
+#define FITZHUGH_NAGUMO_PARAMETER_LIMITED     0x0200u
 
 /** the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
-#define FITZHUGH_NAGUMO_COVARIANCE_LIMITED    0x0200u
+#define FITZHUGH_NAGUMO_COVARIANCE_LIMITED    0x0400u
 
 /** @} */
 
@@ -208,6 +213,7 @@ typedef struct {
     /** all doubt, and patience beyond the first: checks them, 0 .. 4.18816e+06 */
     float doubt_sum;
     unsigned calls;                         /**< 0 before the first call, 1 after it, then 2 */
+    unsigned used_y;                        /**< 1 from a sample of y that was used until the next predict */
     float u;                                /**< last valid input: u, -1 .. 1 */
     fitzhugh_nagumo_predictor predictor[5]; /**< copies of the model that run without correction */
 } fitzhugh_nagumo_state;

@@ -102,6 +102,10 @@ class _Counted:
         self.done["operation"] += 1
         return True
 
+    def __le__(self, _: Any) -> bool:
+        self.done["operation"] += 1
+        return False
+
     def sqrt(self) -> "_Counted":
         """numpy's square root of an object."""
         self.done["function"] += 1

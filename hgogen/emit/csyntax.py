@@ -128,7 +128,9 @@ C = Syntax(
     equal=True,
     limited=_limited,
     around={"equal": _QUIET, "within": _QUIET},
+    analysed=True,
     instead={
+        "acts": ("defined(__FRAMAC__)", "(void)flag;", "return true;"),
         "abs": (_BUILT_IN, "return __builtin_fabs{suffix}(v);"),
         "within": (_BUILT_IN, "return __builtin_fabs{suffix}(v) <= limit;"),
         "nearest": (

@@ -57,14 +57,17 @@ def add(L: Columns, D: Vector, w: FixedVector) -> None:
     second = array(n)
     for pair in range(half):
         k = 2 * pair
-        weight = w[k]
+        pivot = D[k] + w[k]
+        share = w[k] / pivot
+        weight = w[k] * D[k] / pivot
         other = w[k + 1]
-        for i in range(n):
-            first[i] = 0.0
+        D[k] = pivot
+        for i in range(k + 1, n):
+            first[i] = 0.0 - L[k].v[i]
             second[i] = 0.0
-        first[k] = 1.0
+            L[k].v[i] = L[k].v[i] + share * first[i]
         second[k + 1] = 1.0
-        for j in range(k, n):
+        for j in range(k + 1, n):
             a = first[j]
             b = second[j]
             grown = D[j] + weight * a * a

@@ -147,7 +147,8 @@ def _array(parameter: ast.arg) -> tuple[str, bool] | None:
 
 def _kind_of(parameter: ast.arg) -> str:
     """The kind of a parameter's values."""
-    return "array" if _array(parameter) else "index" if _annotation(parameter.annotation) == "int" else "real"
+    kinds = {"int": "index", "bool": "bool"}
+    return "array" if _array(parameter) else kinds.get(_annotation(parameter.annotation), "real")
 
 
 def _annotation(node: ast.expr | None) -> str:

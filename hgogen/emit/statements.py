@@ -122,8 +122,10 @@ class Writer:
                 return self._kernel(statement)
 
     def _when(self, when: When, taken: frozenset[str]) -> Code:
-        name = when.flag.name
-        lines = code(self.syntax.condition.format(name)) + self.statements(when.body, taken).indented()
+        idle = when.idle and self.syntax.analysed
+        flag = f"{self.prefix}_acts({when.flag.name})" if idle else when.flag.name
+        head = Code((self.syntax.condition.format(flag),), Uses(helpers=frozenset({"acts"})) if idle else Uses())
+        lines = head + self.statements(when.body, taken).indented()
         if when.otherwise:
             lines += code("} else {") + self.statements(when.otherwise, taken).indented()
         return lines + code("}")

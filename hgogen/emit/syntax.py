@@ -143,6 +143,7 @@ class Syntax:
       of the struct of parameters, only read; `passed`: {}, an array as an argument, by whether it is written; `around`:
       lines before and after one of this name; `instead`, by its name: where the first holds, the other lines, with
       {type}, {suffix} and constants of `emit.helpers`, stand in the place of its body.
+    - Proofs: `analysed`, whether analysers read the language: of a `When` that is `idle` the test is a call of `acts`.
     - Equality: `equal`, whether real numbers are compared by a function of ours in the place of ==.
     - Tables: `limited`, lines that keep numbers in their ranges by a loop over `Rows`; None where each is written out.
     """
@@ -183,6 +184,7 @@ class Syntax:
     counted: Mapping[int, str] = field(default_factory=dict)
     around: Mapping[str, tuple[Sequence[str], Sequence[str]]] = field(default_factory=dict)
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    analysed: bool = False
     copied: str = "{target} = {source};"
     equal: bool = False
     limited: "Callable[[Rows], Sequence[str]] | None" = None

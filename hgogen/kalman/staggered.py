@@ -125,7 +125,7 @@ class _Copies:
         return (
             advance,
             Block("is it beyond its box, or lost?", {_BEYOND: beyond(field, z)}),
-            When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z)}),)),
+            When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z)}),), idle=True),
         )
 
     def _accumulate(self, output: int) -> Program:

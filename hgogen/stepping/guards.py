@@ -249,7 +249,8 @@ def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()
     fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
     boxed = map(_in_its_box, fields)
-    return (beyond, When(Place("work", "beyond"), (lost, When(Place("work", "lost"), (restart, *others)), *boxed)))
+    limited: Program = (lost, When(Place("work", "lost"), (restart, *others)), *boxed)
+    return (beyond, When(Place("work", "beyond"), limited, idle=True))
 
 
 def _written(program: Program) -> set[Place]:

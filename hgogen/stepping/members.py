@@ -74,7 +74,7 @@ class Moved:
                 return Loop(group, statement.count, body, *moved)
             case When():
                 body, otherwise = self.program(statement.body), self.program(statement.otherwise)
-                return When(self.place(statement.flag), body, otherwise)
+                return replace(statement, flag=self.place(statement.flag), body=body, otherwise=otherwise)
             case Copy():
                 group = self.groups.get(statement.group, statement.group)
                 return Copy(group, self.place(statement.source), self.place(statement.target))
