@@ -14,7 +14,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.calling.native import WARNINGS
+from hgogen.calling.native import WARNINGS, with_main
 from hgogen.model import load
 from hgogen.program import Field, lines_of
 
@@ -212,10 +212,10 @@ def run(command: list[str], folder: Path, timeout: float = 300) -> str:
 
 
 def compiled(compiler: str, texts: Mapping[str, str], folder: Path, *flags: str) -> Path:
-    """An executable of the C files, every warning an error."""
+    """An executable of the C files, every warning an error; a self-check among them is its program."""
     hg.write(texts, folder)
     sources = [name for name in texts if name.endswith(".c")]
-    run([compiler, "-std=c99", *WARNINGS, *flags, *sources, "-o", "program", "-lm"], folder)
+    run([compiler, "-std=c99", *WARNINGS, *with_main(texts), *flags, *sources, "-o", "program", "-lm"], folder)
     return folder / "program"
 
 

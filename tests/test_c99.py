@@ -137,7 +137,7 @@ def test_the_header_is_c_and_c_plus_plus_included_twice(name: str, tmp_path: Pat
 
 def test_two_systems_link_together(tmp_path: Path) -> None:
     texts = {**files("sin"), **files("x")}
-    compiled(tool("gcc"), texts, tmp_path, "-O0", "-DX_NO_MAIN")
+    compiled(tool("gcc"), texts, tmp_path, "-O0", "-UX_CHECK_MAIN")
 
 
 # --- text ---------------------------------------------------------------------------------------------------
@@ -182,9 +182,9 @@ def test_the_self_check_s_banner_is_not_wrapped(name: str) -> None:
     banner = files(name)[f"{step(name).name}_check.c"].partition(" */")[0].splitlines()[1:]
     assert len(banner) == 8
     upper = step(name).name.upper()
-    assert [line.find("to ") for line in banner if f"{upper}_" in line] == [len(f" *   {upper}_NO_MAIN  ")] * 2
-    assert banner[5].startswith(f" *   {' ' * len(upper)}          of <float.h> 0")
-    assert banner[6].startswith(f" *   {' ' * len(upper)}          without it")
+    assert [line.find("to ") for line in banner if f"{upper}_" in line] == [len(f" *   {upper}_CHECK_MAIN  ")] * 2
+    assert banner[6].startswith(f" *   {' ' * len(upper)}             FLT_EVAL_METHOD of <float.h> 0")
+    assert banner[7].startswith(f" *   {' ' * len(upper)}             rounded otherwise")
 
 
 def test_the_same_bytes_in_every_process(tmp_path: Path) -> None:

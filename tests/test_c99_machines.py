@@ -135,7 +135,7 @@ def on_the_board(
     hg.write({**(texts or files(name, real)), "board.c": program}, folder)
     compiler, harness = tool("arm-none-eabi-gcc"), emitted.HERE / "c"
     sources = [f"{made.name}.c", f"{made.name}_check.c"]
-    command = [compiler, "-std=c99", "-O2", *flags, f"-D{made.name.upper()}_NO_MAIN"]
+    command = [compiler, "-std=c99", "-O2", *flags]
     for source in sources:
         run([*command, "-c", source], folder)
     objects = [source.replace(".c", ".o") for source in sources]
@@ -176,9 +176,8 @@ def test_an_8_bit_machine_computes_every_bit(name: str, tmp_path: Path) -> None:
     made = step(name)
     hg.write(files(name), tmp_path)
     flags = ["-std=gnu99", "-Os", "-mmcu=atmega2560", "-ffp-contract=off", f"-DCHECK={made.name}_check"]
-    macros = [f"-D{made.name.upper()}_{word}" for word in ("EXACT", "NO_MAIN")]
     sources = [f"{made.name}.c", f"{made.name}_check.c", str(emitted.HERE / "c" / "avr.c")]
-    run([tool("avr-gcc"), *flags, *macros, *sources, "-o", "check.elf"], tmp_path)
+    run([tool("avr-gcc"), *flags, f"-D{made.name.upper()}_EXACT", *sources, "-o", "check.elf"], tmp_path)
     assert "check 00" in run([tool("simavr"), "-m", "atmega2560", "-f", "16000000", "check.elf"], tmp_path, timeout=120)
 
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -193,6 +193,12 @@ def tool(name: str) -> str:
     return there
 
 
+def with_main(files: Iterable[str]) -> list[str]:
+    """The flags that ask the self-checks among files of C for their main: NAME_check.c has one where NAME_CHECK_MAIN is
+    defined."""
+    return [f"-D{Path(name).stem.upper()}_MAIN" for name in files if name.endswith("_check.c")]
+
+
 def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
     """Compile C files with every warning an error, run the self-check, and return what it prints.
 
@@ -204,5 +210,5 @@ def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
     with tempfile.TemporaryDirectory() as folder:
         write(files, folder)
         sources = [name for name in files if name.endswith(".c")]
-        run([command, "-std=c99", *WARNINGS, *flags, *sources, "-o", "check"], folder)
+        run([command, "-std=c99", *WARNINGS, *with_main(files), *flags, *sources, "-o", "check"], folder)
         return run([str(Path(folder) / "check")], folder, CheckFailed)

@@ -22,15 +22,15 @@ _TEXT = Template("""
  * Self-check of $name.c: $count recorded samples$faults.
  * ${name}_check() returns 0, or the number of the first sample that differs: $missing at once where the
  * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
- *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
- *   ${blank}          of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
- *   ${blank}          without it other roundings, of libm or of contraction, are allowed for
- *   ${upper}_NO_MAIN  to call it from firmware
+ *   ${upper}_CHECK_MAIN  to have a program that says what it returns; without it firmware calls it
+ *   ${upper}_EXACT       to ask for every bit: bundled functions, -ffp-contract=off, and
+ *   ${blank}             FLT_EVAL_METHOD of <float.h> 0, for elsewhere intermediate results are
+ *   ${blank}             rounded otherwise; without it other roundings are allowed for
  */
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
-#ifndef ${upper}_NO_MAIN
+#ifdef ${upper}_CHECK_MAIN
 #include <stdio.h>
 #endif
 
@@ -91,7 +91,7 @@ $fill
     return bad;
 }
 
-#ifndef ${upper}_NO_MAIN
+#ifdef ${upper}_CHECK_MAIN
 int main(void)
 {
     const unsigned bad = ${name}_check();
