@@ -89,7 +89,7 @@ class Trial:
         plant = form.system.declared
         _names(self, "inputs", _inputs(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
-        first = zip(form.system.inputs, _sampled(form.system, self, np.zeros(1))[0], strict=True)
+        first = zip(form.system.inputs, sampled(form.system, self, np.zeros(1))[0], strict=True)
         read = set().union(*(sp.sympify(e).free_symbols for e in form.to_form))
         return dict(self.estimate) | {u.name: float(value) for u, value in first if u in read}
 
@@ -164,7 +164,7 @@ class Plant:
         self._trial = trial = replace(trial, inputs=_inputs(plant, trial))
         _validate(plant, trial, dt)
         self.times = np.arange(round(trial.duration / dt) + 1) * dt
-        self.u = _sampled(plant, trial, self.times)
+        self.u = sampled(plant, trial, self.times)
         time, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states)), ca.SX.sym("p", len(free))
         u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: time})
         symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
@@ -246,7 +246,7 @@ def _segments(trial: Trial, times: np.ndarray) -> Iterator[_Segment]:
         yield _Segment(begin, np.abs(times - begin) <= grain, inside, stops)
 
 
-def _sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
+def sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
     """The plant's inputs (N, m) at `times`."""
     time, inputs = ca.SX.sym("t"), _inputs(plant, trial)
     u = to_casadi([sp.sympify(inputs[s.name]) for s in plant.inputs], {t: time})
@@ -309,18 +309,18 @@ def tried(
     """The step over a truth of its plant, from the memory `start`, one trajectory for each seed."""
     system = step.observer.form.system
     plant = system.declared
-    u = truth.u if system.inputs == plant.inputs else _sampled(system, trial, truth.t)
+    u = truth.u if system.inputs == plant.inputs else sampled(system, trial, truth.t)
     every = max(1, _TOGETHER // truth.y.size)
     for first in range(0, len(seeds), every):
         some = seeds[first : first + every]
         for seed, measured in zip(some, noisy(plant, truth, trial, some), strict=True):
-            y = _at_their_times(step, measured)
+            y = at_their_times(step, measured)
             step.restore(start)
             run = step.run(u=u, y=step.arriving(y), engine=engine)
             yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
 
 
-def _at_their_times(step: CallableStep, y: np.ndarray) -> np.ndarray:
+def at_their_times(step: CallableStep, y: np.ndarray) -> np.ndarray:
     """y (N, p) with NaN between the samples of a slower sensor."""
     every = [round(period / step.dt) for period in step.periods]
     return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)

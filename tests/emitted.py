@@ -14,12 +14,12 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.board.qemu import M4F as M4F
 from hgogen.calling.native import WARNINGS, with_main
 from hgogen.model import load
 from hgogen.program import Field, lines_of
 
 HERE = Path(__file__).parent
-M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
 M7 = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16")
 
 

@@ -28,7 +28,7 @@ from hgogen.call import CallableStep
 from hgogen.emit import layout
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
-from hgogen.trial import BadTrial, Jump, Trial, Truth, _at_their_times, _sampled, noisy, simulate
+from hgogen.trial import BadTrial, Jump, Trial, Truth, at_their_times, noisy, sampled, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 WAIT = 10  # settling times that an estimate has to come back
@@ -247,7 +247,7 @@ def record(name: str, step: CallableStep, truth: Truth) -> tuple[np.ndarray, np.
     plant = system if system.origin is None else system.origin.plant
     y = noisy(plant, truth, trial, trial.seeds[:1])[0]
     assert loaded.plant.outputs
-    return _sampled(system, replace(trial, duration=truth.t[-1]), truth.t), _at_their_times(step, y)
+    return sampled(system, replace(trial, duration=truth.t[-1]), truth.t), at_their_times(step, y)
 
 
 def settled(error: np.ndarray, band: np.ndarray, window: int = 1) -> int:
@@ -470,9 +470,9 @@ def doubt(name: str, step: CallableStep, seeds: int = 1, jumps: bool = False) ->
     for trial in model(name).trials():
         trial = trial if jumps else calm(trial)
         truth = simulate(plant, trial, step.dt)
-        u = _sampled(system, trial, truth.t)
+        u = sampled(system, trial, truth.t)
         for seed in trial.seeds[:seeds]:
-            y = _at_their_times(step, noisy(plant, truth, trial, [seed])[0])
+            y = at_their_times(step, noisy(plant, truth, trial, [seed])[0])
             step.reset()
             chunk = max(1, len(y) // 1200)
             for k in range(0, len(y), chunk):

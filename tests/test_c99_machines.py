@@ -12,6 +12,8 @@ import pytest
 from emitted import M4F, M7, files, run, step, tool
 
 import hgogen as hg
+from hgogen.board import qemu
+from hgogen.board.texts import harness
 from hgogen.calling.native import WARNINGS
 from hgogen.emit.csyntax import C
 from hgogen.signal import resting
@@ -132,20 +134,17 @@ def on_the_board(
         samples="\n".join(f"        {line}" for line in lines),
         call=", ".join(["s", "p", *(f"&{short}" for _, short, signals in kinds if signals)]),
     )
-    hg.write({**(texts or files(name, real)), "board.c": program}, folder)
-    compiler, harness = tool("arm-none-eabi-gcc"), emitted.HERE / "c"
+    hg.write(texts or files(name, real), folder)
+    compiler = tool("arm-none-eabi-gcc")
+    tool("qemu-system-arm")
     sources = [f"{made.name}.c", f"{made.name}_check.c"]
     command = [compiler, "-std=c99", "-O2", *flags]
     for source in sources:
         run([*command, "-c", source], folder)
     objects = [source.replace(".c", ".o") for source in sources]
-    rest = [f"-I{harness}", "-I.", "-nostartfiles", "-T", str(harness / "mps2.ld"), str(harness / "mps2.c"), "board.c"]
     # the harness is compiled as any firmware is; only the step and its check under test take all the flags
-    run([compiler, "-std=gnu99", "-O2", *flags, *rest, *objects, "-o", "board.elf"], folder)
-    options = ["-nographic", "-icount", "shift=0", "-semihosting-config", "enable=on,target=native"]
-    said = run([tool("qemu-system-arm"), "-M", machine, *options, "-kernel", "board.elf"], folder, timeout=120)
-    size = run([tool("arm-none-eabi-size"), objects[0]], folder).splitlines()[1].split()[0]
-    return {key: int(value) for key, value in re.findall(r"(\w+) (\d+)", said)} | {"text": int(size)}
+    board_ = qemu.linked(program, objects, harness(), folder, ("-O2", *flags))
+    return qemu.ran(board_, machine) | {"text": qemu.bytes_of(objects[:1], folder)}
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from math import nan
 
 import emitted
 import numpy as np
@@ -13,6 +12,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
+from hgogen.board.texts import hostile
 
 SAMPLES = 1200  # of a record
 
@@ -86,12 +86,7 @@ class Case:
     @cached_property
     def hostile(self) -> np.ndarray:
         """The same rows with what a sensor and a bus do at their worst: gaps, numbers that are none, jumps."""
-        draw, rows = np.random.default_rng(8), self.quiet.copy()
-        worst = (nan, np.inf, -np.inf, 1e30, -1e12, 1e-40, 50.0, -3.0)
-        for column in rows.T:
-            hit = draw.random(len(column)) < 0.3
-            column[hit] = draw.choice(worst, size=int(hit.sum()))
-        return rows
+        return hostile(self.quiet)
 
 
 def _wave(k: int, i: int) -> float:

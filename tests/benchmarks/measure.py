@@ -13,6 +13,8 @@ from in_python import CLOSE, demand_agreement
 from peers import PEERS, Missing, source, start
 from programs import M4F, X86, Built, CannotBuild, Parts
 
+from hgogen.board import qemu
+from hgogen.board.qemu import BoardFailed, NoBoard
 from hgogen.emit.cost import cost
 
 OURS = "hgogen"
@@ -91,8 +93,8 @@ def _counted(case: Case, row: Row, folder: Path) -> None:
             row.costs[flags]["instructions"] = programs.instructions(build.path)
     try:
         board = programs.built(case, row.parts("float"), "float", folder / "M4F", True, M4F)
-        row.costs["M4F"] = {"text": board.text, **programs.on_board(board.path)}
-    except CannotBuild as error:
+        row.costs["M4F"] = {"text": board.text, **qemu.ran(board.path)}
+    except (CannotBuild, NoBoard, BoardFailed) as error:
         row.costs["M4F"] = {"none": str(error).splitlines()[0]}
         return
     if row.name != OURS:  # which guards against nothing

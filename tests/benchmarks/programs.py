@@ -7,47 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import emitted
 import numpy as np
 from cases import Case
 from peers import EIGEN, Source
 
 import hgogen as hg
+from hgogen.board import qemu
+from hgogen.board.texts import ROWS, counting, driver, harness, head, literal
 
-BOARD = emitted.HERE / "c"
 X86 = {"O2": ("-O2",), "O3": ("-O3", "-mavx2", "-mfma", "-ffp-contract=fast")}
-M4F = ("-O2", *emitted.M4F, "-ffp-contract=fast")
-ROWS = 600  # of a record in the flash of the board
+M4F = ("-O2", *qemu.M4F, "-ffp-contract=fast")
 Parts = tuple[Mapping[str, str], str, tuple[str, ...]]  # files, what drives the step, the step's own sources
-COPIES = 40  # of the state, so that a tick of 40 instructions tells one of them
 
-_HEAD = """
-#include <stddef.h>
-#define N {n}
-#define COLUMNS {columns}
-typedef {real} real;
-"""
-_OURS = """
-#include "{name}.h"
-typedef struct {{
-    {name}_state s;
-    {name}_params p;
-}} memory;
-#define BEGIN(m) {name}_init(&(m)->s, &(m)->p), sample(m, record[0])
-
-static void sample(memory *m, const real *row)
-{{
-{pack}
-    (void){name}_step({call});
-}}
-
-static void estimate(const memory *m, real *x)
-{{
-    {name}_plant plant;
-    {name}_estimate(&m->s, &m->p, &plant);
-{states}
-}}
-"""
 _PEER = """
 void peer_step(const real *w, const real *before, const real *row, real *next);
 typedef struct {{
@@ -121,54 +92,6 @@ int main(int argc, char **argv)
     return 0;
 }
 """
-_ON_BOARD = """
-#include "mps2.h"
-static memory m, copies[COPIES];
-volatile real last;
-
-static unsigned over(int first, int count)
-{
-    const unsigned start_ = ticks();
-    for (int k = first; k < first + count; ++k) {
-        sample(&m, record[k]);
-    }
-    return ticks() - start_;
-}
-
-static unsigned of_one(int k) /* the instructions of a sample, of so many runs of it */
-{
-    for (int i = 0; i < COPIES; ++i) {
-        copies[i] = m;
-    }
-    const unsigned start_ = ticks();
-    for (int i = 0; i < COPIES; ++i) {
-        sample(&copies[i], record[k]);
-    }
-    const unsigned count = (ticks() - start_)*40u/COPIES;
-    sample(&m, record[k]);
-    return count;
-}
-
-int board_main(void)
-{
-    BEGIN(&m);
-    paint();
-    (void)over(1, 50);
-    say_number("stack ", painted_over());
-    say_number("quiet ", over(51, 200)*40u/200u);
-    unsigned most = 0u;
-    for (int k = QUIET; k < RECORD; ++k) {
-        const unsigned count = of_one(k);
-        most = (count > most) ? count : most;
-    }
-    say_number("worst ", most);
-    say_number("ram ", sizeof m);
-    real x[N];
-    estimate(&m, x);
-    last = x[0];
-    return 0;
-}
-"""
 
 
 class CannotBuild(RuntimeError):
@@ -195,39 +118,16 @@ def said(command: Sequence[object], folder: Path, timeout: float = 900) -> str:
     return done.stdout + done.stderr
 
 
-def _record(rows: np.ndarray, real: str, quiet: int) -> str:
-    lines = ",\n".join("    {" + ", ".join(_literal(v, real) for v in row) + "}" for row in rows.tolist())
-    head = f"#define RECORD {len(rows)}\n#define QUIET {quiet}\n#include <math.h>\n"
-    return f"{head}static const real record[RECORD][COLUMNS] = {{\n{lines}\n}};\n"
-
-
-def _literal(value: float, real: str) -> str:
-    if not np.isfinite(value):
-        return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
-    return f"{value!r}f" if real == "float" else repr(value)
-
-
 def ours(case: Case, real: str) -> Parts:
     """What a program of a step consists of."""
-    step, name = case.step, case.step.name
-    files = {k: v for k, v in hg.targets.c99(step, real=real).items() if "check" not in k}
-    pack, call, column = [], ["&m->s", "&m->p"], 0
-    for kind, short, signals in (("input", "in", step.inputs), ("output", "out", step.samples)):
-        if signals:
-            pack.append(f"    {name}_{kind} {short};")
-            call.append(f"&{short}")
-        for s in signals:
-            pack.append(f"    {short}.{s.name} = row[{column}];")
-            column += 1
-    states = "\n".join(f"    x[{i}] = plant.{x.name};" for i, x in enumerate(case.plant.declared.states))
-    text = _OURS.format(name=name, pack="\n".join(pack), call=", ".join(call), states=states)
-    return files, text, (f"{name}.c",)
+    files = hg.targets.c99(case.step, real=real, check=False)
+    return files, driver(case.step), (f"{case.step.name}.c",)
 
 
 def peer(source: Source, start: Sequence[float], real: str) -> Parts:
     """The same of a peer."""
     file = "peer.c" if source.language == "c" else "peer.cpp"
-    text = _PEER.format(size=len(start), start=", ".join(_literal(v, real) for v in start))
+    text = _PEER.format(size=len(start), start=", ".join(literal(v, real) for v in start))
     return {file: source.text}, text, (file,)
 
 
@@ -245,10 +145,8 @@ def built(
     """
     files, drive, sources = parts
     rows = case.quiet if not board else np.concatenate([case.quiet[: ROWS // 2], case.hostile[: ROWS // 2]])
-    head = _HEAD.format(real=real, n=len(case.plant.declared.states), columns=rows.shape[1])
-    main = (
-        head + _record(rows, real, ROWS // 2) + drive + (f"#define COPIES {COPIES}\n{_ON_BOARD}" if board else _HOSTED)
-    )
+    main = head(rows, real, len(case.plant.declared.states), ROWS // 2)
+    main += counting(drive) if board else f"{drive}\n{_HOSTED}"
     hg.write({**files, "main.c": main}, folder)
     prefix = "arm-none-eabi-" if board else ""
     objects, begin = [], time.perf_counter()
@@ -258,11 +156,9 @@ def built(
         said([f"{prefix}{compiler[0]}", *compiler[1:], *flags, "-w", "-c", file, "-o", objects[-1]], folder)
     seconds = time.perf_counter() - begin
     size = int(said([f"{prefix}size", *objects], folder).splitlines()[1].split()[0])
-    common = [f"{prefix}gcc", "-std=gnu99", *flags, "-w", "main.c", *objects]
     if board:
-        common += [f"-I{BOARD}", "-I.", "-nostartfiles", "-T", BOARD / "mps2.ld", BOARD / "mps2.c"]
-    end = ["-lm"] if board else ["-lm", "-lstdc++"]
-    said([*common, "-o", "program", *end], folder)
+        return Built(qemu.linked(main, objects, harness(), folder, flags), seconds, size)
+    said(["gcc", "-std=gnu99", *flags, "-w", "main.c", *objects, "-o", "program", "-lm", "-lstdc++"], folder)
     return Built(folder / "program", seconds, size)
 
 
@@ -285,10 +181,3 @@ def instructions(program: Path) -> int:
 def nanoseconds(program: Path, samples: int, repeats: int) -> list[float]:
     """A sample, of some runs over so many."""
     return list(map(float, said([program, samples, repeats], program.parent).split()))
-
-
-def on_board(program: Path) -> dict[str, int]:
-    """Instructions of a sample, quiet and the worst of the hostile rows, bytes of stack and RAM, on a Cortex-M4F."""
-    options = ["-nographic", "-icount", "shift=0", "-semihosting-config", "enable=on,target=native"]
-    text = said(["qemu-system-arm", "-M", "mps2-an386", *options, "-kernel", program], program.parent)
-    return {key: int(value) for key, value in re.findall(r"(\w+) (\d+)", text)}

@@ -13,6 +13,8 @@ import programs
 from cases import CASES
 from programs import M4F, X86
 
+from hgogen.board import qemu
+
 TABLE = Path(__file__).with_name("costs.json")
 SIX = ("adaptive", "default", "rk4_covariance", "two_outputs", "dense6", "chain10")
 MORE = 0.03
@@ -38,7 +40,7 @@ def costs(name: str, folder: Path) -> Costs:
     case = CASES[name]()
     here = programs.built(case, programs.ours(case, "double"), "double", folder / "O2", False, X86["O2"])
     board = programs.built(case, programs.ours(case, "float"), "float", folder / "M4F", True, M4F)
-    return {"x86": programs.instructions(here.path), "text": board.text, **programs.on_board(board.path)}
+    return {"x86": programs.instructions(here.path), "text": board.text, **qemu.ran(board.path)}
 
 
 def committed() -> Mapping[str, Mapping[str, Costs]]:

@@ -40,7 +40,7 @@ unsigned ticks(void)
     return 0xffffffu - *(volatile unsigned *)0xE000E018;
 }
 
-#define PAINTED 4096u
+#define PAINTED 65536u
 
 __attribute__((noinline)) void paint(void)
 {
