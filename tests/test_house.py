@@ -23,7 +23,7 @@ TESTS = ROOT / "tests"
 COLUMN = (  # the folders, each standing on those before it only
     *("algebra", "intervals", "recheck", "reading", "analysis", "evidence", "structure", "discretisation", "forms"),
     *("kalman", "chains", "guarantees", "stepping", "methods", "observers", "certificates", "emit", "targets"),
-    *("board", "calling", "identification", "modelfiles", "trials", "calibration", "commands"),
+    *("ecosystems", "board", "calling", "identification", "modelfiles", "trials", "calibration", "commands"),
 )
 FOLDERS = ("forms", "observers", "methods", "targets")  # of cases; the contract is the singular file
 CONTRACTS = ("form", "observer", "method", "target", "step")

@@ -1,8 +1,8 @@
 """The command line: from a model file to an observer in C and in Python.
 
 Exit status 0: done; 1: a hypothesis refuted that nobody accepted, C and Python (or C and its recorded vectors)
-disagree, or a certificate is not verified; 2: wrong usage or bad input. Results go to the standard output, as tables
-or, with --json, as JSON alone; everything else goes to the standard error stream.
+disagree, a certificate is not verified, or a cost is above its limit; 2: wrong usage or bad input. Results go to the
+standard output, as tables or, with --json, as JSON alone; everything else goes to the standard error stream.
 """
 
 import ast
@@ -18,6 +18,7 @@ _FILES = {
     "build": "building",
     "check": "checking",
     "compare": "comparing",
+    "cost": "costing",
     "response": "responding",
     "recheck": "rechecking",
     "generate": "building",
@@ -78,8 +79,8 @@ app = typer.Typer(
     cls=_Commands,
     callback=_main,
     help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
-    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted, a failed comparison or a certificate that is "
-    "not verified, 2 usage or bad input.",
+    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted, a failed comparison, a certificate that is "
+    "not verified or a cost above its limit, 2 usage or bad input.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",

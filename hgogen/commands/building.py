@@ -36,7 +36,10 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.headed import file_list
+from hgogen.commands.packing import For, Prefix, beside, demand_packing, packed
 from hgogen.commands.process import console, note
+from hgogen.emit.prefix import prefixed
+from hgogen.emit.syntax import Real
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.filename import same
@@ -89,15 +92,19 @@ def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
-def _emitted(step: CallableStep, model: Model, observer: str | None, target: str) -> Sources:
+def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
     """The files of a target, in float unless the precision is set, and the document that their head names; the banner
     says which command makes them again, and what they call otherwise is noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
-    real = model.setting.real or "float"
-    files: Sources = getattr(targets, target)(step, real=real, command=" ".join(words))
+    words += [f"--name {name}"] if name else []
+    files: Sources = getattr(targets, target)(step, real=_real(model), command=" ".join(words))
     note(*files.notes)
-    return replace(files, texts=(*files.texts, *targets.markdown(step, real=real).texts))
+    return replace(files, texts=(*files.texts, *targets.markdown(step, real=_real(model)).texts))
+
+
+def _real(model: Model) -> Real:
+    return model.setting.real or "float"
 
 
 @command()
@@ -107,6 +114,8 @@ def build_(
     setting: Setting = AS_WRITTEN,
     out: Out = None,
     target: Target = C99,
+    ecosystems: For = None,
+    name: Prefix = None,
     seeds: Seeds = None,
     as_json: Json = False,
 ) -> None:
@@ -114,7 +123,8 @@ def build_(
 
     Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
     the trials run in Python, one seed each, and the C is written but not tried. With --target another language is
-    written in the place of C, and its self-check is run where its compiler is there.
+    written in the place of C, and its self-check is run where its compiler is there. With --for the C lies in
+    src/, with what the ecosystem asks for beside it, and figures in extras/.
 
     JSON keys: model, plant, form, coordinates, flow, outputs, gains, checks, refuted, theorem, notes (as in
     `check`), c_names (by signal, where the language, C or another, has another name), compiler, self_check (what it
@@ -123,21 +133,24 @@ def build_(
     agreed), files.
     """
     _demand_language(target)
+    demand_packing(ecosystems, name, target, C99)
     loaded = load(model).set(setting)
-    folder = folder_of(out, loaded, observer)
+    folder = Folder(Path("build"), name) if name and out is None else folder_of(out, loaded, observer)
     folder.demand("report.json")
     step, trials = loaded.step(observer), loaded.trials()
+    coded = prefixed(step, name) if name else step
     claims = jobs.checked(loaded, name=observer)
     if not as_json:
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     note(*claims.notes)
-    files = _emitted(step, loaded, observer, target)
+    files = _emitted(coded, loaded, observer, target, name)
+    library = packed(coded, files, ecosystems, _real(loaded), folder)
     engine = engine_here()
     self_check = _checked(files, engine)
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.agreements(done, again, step.dt) if again else ()
-    written: dict[str, str | bytes] = {**files, **rendered(jobs.figures(step, done))}
+    written: dict[str, str | bytes] = {**library, **beside(rendered(jobs.figures(step, done)), ecosystems)}
     paths = folder.demand(*written, "report.json")
     summaries = jobs.summaries(step, done, engine, note)
     report = {
@@ -156,7 +169,7 @@ def build_(
         shown.append(tables.agreements(comparison, step.time))
     if self_check:
         language = "C" if target == C99 else target
-        shown.append(f"self-check of the {setting.real or 'float'} {language}: {self_check}\n")
+        shown.append(f"self-check of the {_real(loaded)} {language}: {self_check}\n")
     show(as_json, report, *shown, file_list(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
@@ -182,33 +195,41 @@ def generate_(
     setting: Setting = AS_WRITTEN,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
     target: Target = C99,
+    ecosystems: For = None,
+    name: Prefix = None,
     as_json: Json = False,
 ) -> None:
     """Write the code of models, by default C, and the figures of their trials as the C draws them, or Python's reading
-    of it where there is no compiler.
+    of it where there is no compiler. With --for the C lies in src/, with what the ecosystem asks for beside it: build
+    files, an example, a README with the costs that `hgogen cost` measured; figures lie in extras/.
 
     JSON keys: models (a list of: model, c_names, by signal where the language, C or another, has another name, files).
     """
     _demand_language(target)
-    loaded = [load(name).set(setting) for name in models]
-    folders = [Folder(out, named(one, observer)) for one in loaded]
+    demand_packing(ecosystems, name, target, C99)
+    if name and len(models) > 1:
+        raise typer.BadParameter("is one name, of one model; write the models one by one", param_hint="--name")
+    loaded = [load(model).set(setting) for model in models]
+    folders = [Folder(out, name or named(one, observer)) for one in loaded]
     for first, second in combinations(loaded, 2):
         if same(first.name) == same(second.name):
             reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
-    steps, codes, written = [], [], []
+    steps, codes, libraries, written = list[CallableStep](), list[Sources](), list[Files](), []
     for one, folder in zip(loaded, folders, strict=True):  # of all of them, before anything is tried or written
         note(*one.notes)
         steps.append(one.step(observer))
-        codes.append(_emitted(steps[-1], one, observer, target))
-        folder.demand(*codes[-1])
+        coded = prefixed(steps[-1], name) if name else steps[-1]
+        codes.append(_emitted(coded, one, observer, target, name))
+        libraries.append(packed(coded, codes[-1], ecosystems, _real(one), folder))
+        folder.demand(*libraries[-1])
     engine: Engine = engine_here() if any(one.has("trial") for one in loaded) else "python"
-    for one, folder, step, code in zip(loaded, folders, steps, codes, strict=True):
-        files: dict[str, str | bytes] = {**code}
+    for one, folder, step, code, library in zip(loaded, folders, steps, codes, libraries, strict=True):
+        files: dict[str, str | bytes] = {**library}
         if one.has("trial"):
             done = _tried(step, one.trials(), engine, 1)
             note(*jobs.departures(done, step.time))
-            files |= rendered(jobs.figures(step, done))
+            files |= beside(rendered(jobs.figures(step, done)), ecosystems)
         else:
             note(f"{one.path} defines no trial(), so there are no figures of it")
         paths = folder.write(files)

@@ -1,0 +1,68 @@
+"""What the emitted C of a step costs on a Cortex-M4F."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hgogen.board import qemu, texts
+from hgogen.ecosystems.price import digest
+from hgogen.emit.syntax import Real
+from hgogen.step import Step
+from hgogen.target import write
+
+FLAGS = ("-O2", *qemu.M4F, "-ffp-contract=off")
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Instructions of a step, `quiet` the mean of calm samples and `worst` that of a hostile one; bytes of `flash`, of
+    `ram` (state and parameters) and of `stack`; and by what they were measured, of which source."""
+
+    quiet: int
+    worst: int
+    flash: int
+    ram: int
+    stack: int
+    real: Real
+    machine: str
+    compiler: str
+    flags: str
+    emulator: str
+    source: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real) -> Costs:
+    """The costs of the C of a step, `files` of the target c99, over rows (N, m + p) of what it is given; a hostile
+    record is made of them, and rows that are missing are the first again.
+
+    Raises: `NoBoard`, `BoardFailed`.
+    """
+    qemu.demand_board()
+    calm = rows[np.arange(texts.ROWS // 2) % len(rows)]
+    record = np.concatenate([calm, texts.hostile(calm)])
+    head = texts.head(record, real, len(step.states), len(calm))
+    sources = {name: files[name] for name in (f"{step.name}.h", f"{step.name}.c")}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write(sources, folder)
+        flash = qemu.compiled(f"{step.name}.c", folder, FLAGS)
+        main = head + texts.counting(texts.driver(step))
+        numbers = qemu.ran(qemu.linked(main, [f"{step.name}.o"], texts.harness(), folder, FLAGS))
+    return Costs(
+        flash=flash,
+        real=real,
+        machine=qemu.NAME,
+        compiler=qemu.version(qemu.COMPILER),
+        flags=" ".join(FLAGS),
+        emulator=qemu.version(qemu.EMULATOR),
+        source=digest(files[f"{step.name}.c"]),
+        **numbers,
+    )

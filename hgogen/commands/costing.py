@@ -1,0 +1,94 @@
+"""The command `cost`: what a model's emitted C costs on a Cortex-M4F, and whether it keeps to limits."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import typer
+
+from hgogen import targets
+from hgogen.board.costs import measured
+from hgogen.board.qemu import demand_board
+from hgogen.commands import jobs
+from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, json_text, named, show
+from hgogen.commands.headed import file_list, headed
+from hgogen.commands.packing import COSTS, Prefix
+from hgogen.commands.process import note
+from hgogen.emit.prefix import demand_prefix, prefixed
+from hgogen.errors import HgogenError
+from hgogen.model import load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.trials.calm import rows_given
+
+_MEANINGS = {
+    "quiet": "instructions of a step, calm",
+    "worst": "instructions of a step, the worst of a hostile record",
+    "flash": "flash, bytes",
+    "ram": "RAM, bytes of state and parameters",
+    "stack": "stack, bytes",
+}
+
+
+@dataclass(eq=False)
+class TooDear(HgogenError):
+    """Costs above the limits that were asked for: each with what it is and its limit."""
+
+    status: ClassVar[int] = 1
+    over: tuple[tuple[str, int, int], ...]
+
+    def __str__(self) -> str:
+        return "; ".join(f"{_MEANINGS[name]}: {value}, more than {limit}" for name, value, limit in self.over)
+
+
+def _most(what: str) -> typer.models.OptionInfo:
+    option: typer.models.OptionInfo = typer.Option(metavar="N", min=0, help=f"Fail where {what} is more.")
+    return option
+
+
+@command()
+def cost_(
+    model: ModelArgument,
+    observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
+    name: Prefix = None,
+    max_flash: Annotated[int | None, _most("the step's code, in bytes,")] = None,
+    max_ram: Annotated[int | None, _most("its state with the parameters, in bytes,")] = None,
+    max_stack: Annotated[int | None, _most("its stack, in bytes,")] = None,
+    max_instructions: Annotated[int | None, _most("the worst number of instructions of a step")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure what the C of a model costs on a Cortex-M4F: compiled by arm-none-eabi-gcc and run in QEMU over the
+    model's trial, or one made of its ranges, without jumps, and over the same record with gaps, jumps and numbers that
+    are none. Writes MODEL/cost.json below --out, of which `hgogen generate --for` tells in the folder's README.
+
+    JSON keys: model, quiet and worst (instructions of a step), flash, ram and stack (bytes), real, machine, compiler,
+    flags, emulator, source (by which it is known whether they are of a certain C), files.
+    """
+    demand_prefix(name)
+    demand_board()
+    loaded = load(model).set(setting)
+    folder = Folder(out, name or named(loaded, observer))
+    paths = folder.demand(COSTS)
+    note(*loaded.notes)
+    made, trial, real = loaded.step(observer), jobs.trials(loaded)[0], loaded.setting.real or "float"
+    step = prefixed(made, name) if name else made
+    costs = measured(step, targets.c99(step, real=real, check=False), rows_given(made, trial), real)
+    report = costs.as_dict()
+    folder.write({COSTS: json_text({"model": loaded.name, **report}) + "\n"})
+    table = headed(f"{step.name} in {real} on a {costs.machine}", "what", "how much", numbers=1)
+    for key, meaning in _MEANINGS.items():
+        table.add_row(meaning, str(report[key]))
+    shown = (table, f"{costs.compiler} {costs.flags}\n", file_list(paths))
+    show(as_json, {"model": loaded.path, **report, "files": list(map(str, paths))}, *shown)
+    limits = {"flash": max_flash, "ram": max_ram, "stack": max_stack, "worst": max_instructions}
+    _demand_within(report, {key: limit for key, limit in limits.items() if limit is not None})
+
+
+def _demand_within(costs: Mapping[str, object], limits: Mapping[str, int]) -> None:
+    """Raises: `TooDear` where a cost is above its limit."""
+    values = {key: int(str(costs[key])) for key in limits}
+    over = tuple((key, values[key], limit) for key, limit in limits.items() if values[key] > limit)
+    if over:
+        raise TooDear(over)

@@ -1,0 +1,31 @@
+/* %{name}: %{sentence}. The estimate is sent every second. */
+#include <Arduino.h>
+
+#include "%{name}.h"
+
+%{locals}
+
+void setup()
+{
+    Serial.begin(115200);
+    %{name}_init(&s, &p);
+}
+
+void loop()
+{
+    static unsigned long next = micros();
+    static unsigned count = 0;
+    if ((long)(micros() - next) < 0) {
+        return;
+    }
+    next += (unsigned long)(%{seconds} * 1e6); /* one call a period; a timer is more even */
+%{measured}
+    const unsigned long status = %{step};
+    %{estimate};
+    if (++count >= %{rows}u) { /* a second */
+        count = 0;
+        Serial.print(status, HEX);
+%{printed}
+        Serial.println();
+    }
+}

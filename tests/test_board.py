@@ -1,0 +1,131 @@
+"""What a step costs on a Cortex-M4F: counted, bounded, told, and refused in a sentence where the tools are missing."""
+
+import json
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emitted import files, step, tool
+from pages import shown
+from test_cli import as_json, hgogen
+from test_packing import here as here  # the fixture
+
+import hgogen as hg
+from hgogen.board import qemu
+from hgogen.board.costs import measured
+from hgogen.board.texts import driver, head, hostile, literal
+from hgogen.model import load
+from hgogen.trials.calm import rows_given
+
+LIMITS = {"--max-flash": "flash", "--max-ram": "ram", "--max-stack": "stack", "--max-instructions": "worst"}
+
+
+@pytest.fixture
+def board() -> None:
+    for name in (qemu.COMPILER, qemu.EMULATOR):
+        tool(name)
+
+
+def test_costs_are_those_of_the_step(board: None) -> None:
+    """RAM and flash as the compiler has them; a step that computes more costs more; the same again."""
+    rows = np.full((300, 2), 0.1)
+    first, again = (measured(step("pendulum"), files("pendulum"), rows, "float") for _ in range(2))
+    assert first == again
+    assert 100 < first.quiet < first.worst < 2000
+    assert first.ram == 4 * (2 + 5 + 4 + 3)
+    assert 1000 < first.flash < 10_000
+    assert 16 < first.stack < 1000
+    assert "arm-none-eabi-gcc" in first.compiler
+    doubled = measured(step("pendulum"), files("pendulum", "double"), rows, "double")
+    assert doubled.quiet > 10 * first.quiet  # in software
+    assert doubled.real == "double"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["bank", "no_input", "delayed", "tunable", "wide", "tables", "sin"])
+def test_every_kind_of_step_is_measured(name: str, board: None) -> None:
+    made = step(name)
+    rows = np.zeros((40, len(made.inputs) + len(made.samples)))
+    costs = measured(made, files(name), rows, "float")
+    assert costs.quiet > 0
+    assert costs.worst > 0
+
+
+def test_a_member_is_called_as_in_c() -> None:
+    x, y = hg.Signal("x", low=-1, high=1), hg.Signal("y", low=-1, high=1)
+    current = hg.Signal("I", low=-1, high=1)
+    plant = hg.System("coil", states=(x,), inputs=(current,), outputs=(y,), flow=[current - x], output=[x])
+    text = driver(hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1), dt=0.1))
+    assert "in.I_ = row[0];\n    out.y = row[1];\n" in text
+    assert "(void)coil_step(&m->s, &m->p, &in, &out);" in text
+
+
+def test_a_hostile_record_has_gaps_and_jumps_in_about_a_third_of_its_numbers() -> None:
+    calm = np.full((1000, 2), 0.25)
+    worst = hostile(calm)
+    assert (calm == 0.25).all()
+    assert 0.25 < np.mean(worst != 0.25) < 0.35
+    assert np.isnan(worst).any()
+    assert np.isinf(worst).any()
+    assert [literal(v, "float") for v in (np.nan, np.inf, -np.inf, 0.1)] == ["NAN", "INFINITY", "-INFINITY", "0.1f"]
+    assert "#define RECORD 1000\n#define QUIET 7\n" in head(calm, "double", 3, 7)
+
+
+def test_the_rows_of_a_trial_are_what_a_step_is_given() -> None:
+    model = load("pendulum")
+    made, (trial,) = model.step(), model.trials()
+    rows = rows_given(made, trial)
+    assert rows.shape == (300, 2)
+    assert not np.isnan(rows).any()
+    run = made.run(u=rows[:, 0], y=rows[:, 1], engine="python")
+    assert not run.status[100:].any()
+
+
+def test_cost_writes_what_the_folder_then_tells(board: None, here: Path) -> None:
+    answer = as_json("cost", "tank.toml")
+    stored = json.loads((here / "generated" / "tank" / "cost.json").read_text())
+    assert {key: answer[key] for key in stored if key != "model"} == {k: v for k, v in stored.items() if k != "model"}
+    assert stored["model"] == "tank"
+    assert answer["files"] == [str(Path("generated/tank/cost.json"))]
+    hgogen("generate", "tank.toml", "--for", "zephyr")
+    readme = (here / "generated" / "tank" / "README.md").read_text()
+    assert f"| bytes of flash | {stored['flash']} |" in readme
+    hgogen("generate", "tank.toml", "--for", "zephyr", "--dt", "0.02")  # another source
+    assert "bytes of flash" not in (here / "generated" / "tank" / "README.md").read_text()
+
+
+def test_limits_are_kept_or_exceeded(board: None, here: Path) -> None:
+    costs = as_json("cost", "tank.toml", "--name", "left")
+    assert (here / "generated" / "left" / "cost.json").exists()
+    limits = [word for option, key in LIMITS.items() for word in (option, str(costs[key]))]
+    hgogen("cost", "tank.toml", *limits)
+    for option, key in LIMITS.items():
+        out, err = hgogen("cost", "tank.toml", option, str(costs[key] - 1), status=1)
+        assert f": {costs[key]}, more than {costs[key] - 1}\n" in err
+        assert "on a Cortex-M4F" in out
+    _, err = hgogen("cost", "tank.toml", "--max-flash", "1", "--max-ram", "1", status=1)
+    assert err.count("more than 1") == 2
+
+
+def test_the_page_shows_a_command_that_keeps_to_its_limits(board: None, here: Path) -> None:
+    ((line, wanted),) = shown("hgogen cost")
+    out, _ = hgogen(*shlex.split(line)[1:])
+    assert wanted.strip() in out
+
+
+@pytest.mark.parametrize("missing", [qemu.COMPILER, qemu.SIZE, qemu.EMULATOR])
+def test_without_a_tool_it_says_so(missing: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qemu.shutil, "which", lambda name: None if name == missing else f"/bin/{name}")
+    out, err = hgogen("cost", "tank.toml", "--max-flash", "10", status=2)
+    assert out == ""
+    assert f"there is no {missing}, without which nothing is measured; install gcc-arm-none-eabi" in err
+    assert not (here / "generated").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(("--max-flash", "-1"), "max-flash"), (("--max-ram", "much"), "max-ram"), (("--name", "int"), "keyword")],
+)
+def test_bad_limits_are_wrong_usage(options: tuple[str, ...], said: str, here: Path) -> None:
+    assert said in hgogen("cost", "tank.toml", *options, status=2)[1]
