@@ -61,6 +61,14 @@ def test_a_member_is_called_as_in_c() -> None:
     assert "(void)coil_step(&m->s, &m->p, &in, &out);" in text
 
 
+def test_members_may_have_the_names_of_what_counts_them(board: None) -> None:
+    x = [hg.Signal(name, low=-1, high=1) for name in ("N", "COLUMNS", "COPIES", "record", "real")]
+    y = hg.Signal("RECORD", low=-1, high=1)
+    plant = hg.System("sample", states=x, outputs=(y,), flow=[-each for each in x], output=[sum(x)])
+    made = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 5, R=1), dt=0.1)
+    assert measured(made, hg.targets.c99(made, check=False), np.zeros((9, 1)), "float").quiet > 100
+
+
 def test_a_hostile_record_has_gaps_and_jumps_in_about_a_third_of_its_numbers() -> None:
     calm = np.full((1000, 2), 0.25)
     worst = hostile(calm)
@@ -69,7 +77,7 @@ def test_a_hostile_record_has_gaps_and_jumps_in_about_a_third_of_its_numbers() -
     assert np.isnan(worst).any()
     assert np.isinf(worst).any()
     assert [literal(v, "float") for v in (np.nan, np.inf, -np.inf, 0.1)] == ["NAN", "INFINITY", "-INFINITY", "0.1f"]
-    assert "#define RECORD 1000\n#define QUIET 7\n" in head(calm, "double", 3, 7)
+    assert "enum { N = 3, COLUMNS = 2, RECORD = 1000, QUIET = 7 };\n" in head(calm, "double", 3, 7)
 
 
 def test_the_rows_of_a_trial_are_what_a_step_is_given() -> None:

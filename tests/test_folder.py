@@ -103,6 +103,14 @@ def test_the_readme_has_every_bit_and_every_member(name: str) -> None:
     assert {b.partition(".")[2] for a, b in members if a == "p"} == {field.name for field in (*each.plant, *each.gains)}
 
 
+def test_the_readme_names_the_parts_that_may_be_called_apart() -> None:
+    said = " ".join(made("bank")["README.md"].split())
+    functions = ("bank_predict", "bank_update_y", "bank_update_v", "bank_adapt", "bank_update_y_at", "bank_update_v_at")
+    assert f"call the parts of a step: {', '.join(f'`{name}`' for name in functions)}. The header says how." in said
+    assert all(f" {name}(" in made("bank")["src/bank.h"] for name in functions)
+    assert "parts of a step" not in made("pendulum")["README.md"]
+
+
 def test_a_bar_in_a_meaning_ends_no_cell() -> None:
     y = hg.Signal("y", "m", "what | is measured\nat once", low=-1, high=1)
     x = hg.Signal("x", low=-1, high=1)
@@ -211,6 +219,18 @@ def test_a_sketch_compiles_with_all_of_src_and_keeps_the_period(name: str, tmp_p
     run([tool("g++"), *flags, "sketch.cpp", "board.cpp", *objects, "-o", "program"], where)
     shown = run([str(where / "program")], where).splitlines()
     assert shown == ["s" + "x" * len(step(name).states)] * 2  # in two and a half seconds
+
+
+@pytest.mark.parametrize(("time", "dt", "counted"), [("s", 0.5, "micros 500000"), ("d", 0.05, "millis 4320000")])
+def test_a_sketch_counts_a_period_that_its_clock_can_hold(time: str, dt: float, counted: str) -> None:
+    x, y = hg.Signal("x", low=-1, high=1), hg.Signal("y", low=-1, high=1)
+    plant = hg.System("slow", states=(x,), outputs=(y,), flow=[-x], output=[x], time=time)
+    one = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1), dt=dt)
+    sketch = folder(one, hg.targets.c99(one, check=False), chosen("arduino", "slow"))["examples/slow/slow.ino"]
+    clock, ticks = counted.split()
+    assert f"{clock}() - next" in sketch
+    assert f"next += {ticks}ul;" in sketch
+    assert "if (++count >= 2u)" in sketch if time == "s" else "if (++count >= 1u)" in sketch
 
 
 def test_a_library_for_arduino_says_what_its_specification_asks() -> None:

@@ -41,7 +41,7 @@ def head(rows: np.ndarray, real: Real, states: int, quiet: int) -> str:
     """The record (N, columns) and the sizes; `quiet`: how many of its rows are calm."""
     lines = ",\n".join("    {" + ", ".join(literal(v, real) for v in row) + "}" for row in rows.tolist())
     sizes = {"N": states, "COLUMNS": rows.shape[1], "RECORD": len(rows), "QUIET": quiet}
-    defined = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+    defined = f"enum {{ {', '.join(f'{name} = {value}' for name, value in sizes.items())} }};\n"  # no member is one
     includes = "#include <math.h>\n#include <stddef.h>\n"
     return f"{includes}{defined}typedef {real} real;\nstatic const real record[RECORD][COLUMNS] = {{\n{lines}\n}};\n"
 
@@ -71,7 +71,7 @@ def driver(step: Step) -> str:
 
 def counting(called: str) -> str:
     """The main of the board around what `driver` gives, or the like of it."""
-    return f"{called}\n#define COPIES {COPIES}\n{text('count.c')}"
+    return f"{called}\nenum {{ COPIES = {COPIES} }};\n{text('count.c')}"
 
 
 def _argument(parameter: Parameter) -> str:

@@ -13,12 +13,12 @@ void setup()
 
 void loop()
 {
-    static unsigned long next = micros();
+    static unsigned long next = %{clock}();
     static unsigned count = 0;
-    if ((long)(micros() - next) < 0) {
+    if ((long)(%{clock}() - next) < 0) {
         return;
     }
-    next += (unsigned long)(%{seconds} * 1e6); /* one call a period; a timer is more even */
+    next += %{ticks}ul; /* one call every %{pace}; a timer is more even */
 %{measured}
     const unsigned long status = %{step};
     %{estimate};
