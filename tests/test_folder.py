@@ -18,7 +18,7 @@ from hgogen.ecosystems.folder import folder
 from hgogen.ecosystems.price import digest
 
 NAMES = ("pendulum", "bank", "no_input", "delayed", "tunable", "wide")
-EVERY = {"README.md", "example/main.c", "src/pendulum.h", "src/pendulum.c", "src/pendulum_check.c"}
+EVERY = {"README.md", "example/main.c", "src/pendulum.h", "src/pendulum.c", "src/pendulum_check.c", "pendulum.md"}
 OWN = {
     "cmake": {"CMakeLists.txt"},
     "platformio": {"library.json"},
@@ -30,7 +30,8 @@ OWN = {
 
 @cache
 def made(name: str, words: str = "all") -> Mapping[str, str]:
-    return folder(step(name), emitted.files(name), chosen(words, step(name).name))
+    sources = {**emitted.files(name), **hg.targets.markdown(step(name), real="float")}
+    return folder(step(name), sources, chosen(words, step(name).name))
 
 
 def lying(name: str, where: Path, words: str = "all") -> Path:

@@ -28,7 +28,7 @@ def below(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
-LIBRARY = {"README.md", "example/main.c", "src/tank.h", "src/tank.c", "src/tank_check.c", "CMakeLists.txt"}
+LIBRARY = {"README.md", "example/main.c", "src/tank.h", "src/tank.c", "src/tank_check.c", "CMakeLists.txt", "tank.md"}
 
 
 def test_generate_for_an_ecosystem(here: Path) -> None:

@@ -36,8 +36,8 @@ def folder(
     real: Real = "float",
     costs: Mapping[str, Any] | None = None,
 ) -> Files:
-    """The files of the folder by their paths; `sources`: those of the target c99; `costs`: as `hgogen cost` writes
-    them, left out where they are of another source.
+    """The files of the folder by their paths; `sources`: those of the targets c99 and markdown; `costs`: as `hgogen
+    cost` writes them, left out where they are of another source.
     """
     ecosystems = tuple(ecosystems)
     values = _values(step, real) | {"costs": priced(costs, sources[f"{step.name}.c"])}
