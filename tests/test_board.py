@@ -12,7 +12,7 @@ from test_cli import as_json, hgogen
 from test_packing import here as here  # the fixture
 
 import hgogen as hg
-from hgogen.board import qemu
+from hgogen.board import qemu, texts
 from hgogen.board.costs import measured
 from hgogen.board.texts import driver, head, hostile, literal
 from hgogen.model import load
@@ -40,6 +40,13 @@ def test_costs_are_those_of_the_step(board: None) -> None:
     doubled = measured(step("pendulum"), files("pendulum", "double"), rows, "double")
     assert doubled.quiet > 10 * first.quiet  # in software
     assert doubled.real == "double"
+
+
+def test_the_worst_is_that_of_a_hostile_record(board: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = np.full((300, 2), 0.1)
+    worst = measured(step("pendulum"), files("pendulum"), rows, "float").worst
+    monkeypatch.setattr(texts, "hostile", np.copy)
+    assert worst > measured(step("pendulum"), files("pendulum"), rows, "float").worst + 10
 
 
 @pytest.mark.slow
