@@ -130,7 +130,9 @@ def test_the_lines_to_write_compile(name: str, tmp_path: Path) -> None:
     text = f"{include}\n{structs}\nvoid use(void);\nvoid use(void)\n{{\n{rest.replace('...', '0')}\n(void)status;\n}}\n"
     (where / "use.c").write_text(text)
     run([tool("gcc"), "-std=c99", *WARNINGS, "-Isrc", "-c", "use.c"], where)
-    assert f"`{own}_estimate` writes `x`" in made(name)["README.md"]
+    (order,) = re.findall(r"^`\w+_step` takes (.*), in this order; ", made(name)["README.md"], re.MULTILINE)
+    arguments = ", ".join(f"&{each}" for each in re.findall(r"`(\w+)`", order))
+    assert f" = {own}_step({arguments});" in lines
 
 
 def test_costs_are_told_of_the_same_source_only() -> None:

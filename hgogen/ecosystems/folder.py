@@ -81,7 +81,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "estimate": declared["estimate"].call(address),
         "locals": "\n".join(each.local for each in structs(step)),
         "filled": "\n".join(filled),
-        "order": " and ".join(f"`{each.name}`" for each in structs(step) if each.name in ("in", "out")),
+        "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
         "apart": _BY_PARTS.substitute(parts=_parts(step)) if step.apart else "",
         "members": "\n".join(_members(step)),
         "bits": "\n".join(_row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, bit.action) for bit in step.bits),
