@@ -174,7 +174,9 @@ def test_the_example_counts_every_interrupt_and_shows_the_last_estimate(tmp_path
 
 _ARDUINO = """
 #pragma once
+#define DEC 10
 #define HEX 16
+#define OCT 8
 unsigned long micros();
 struct Port { void begin(long); void print(double); void print(unsigned long, int); void print(char); void println(); };
 extern Port Serial;
@@ -222,6 +224,16 @@ def test_a_sketch_compiles_with_all_of_src_and_keeps_the_period(name: str, tmp_p
     run([tool("g++"), *flags, "sketch.cpp", "board.cpp", *objects, "-o", "program"], where)
     shown = run([str(where / "program")], where).splitlines()
     assert shown == ["s" + "x" * len(step(name).states)] * 2  # in two and a half seconds
+
+
+def test_a_signal_may_have_the_name_of_a_macro_of_arduino_s_header(tmp_path: Path) -> None:
+    x, y = hg.Signal("DEC", "deg", "declination", low=-1, high=1), hg.Signal("HEX", low=-1, high=1)
+    plant = hg.System("star", states=(x,), outputs=(y,), flow=[-x], output=[x])
+    one = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1), dt=0.1)
+    hg.write(folder(one, hg.targets.c99(one, check=False), chosen("arduino", "star")), tmp_path)
+    (tmp_path / "Arduino.h").write_text(_ARDUINO)
+    flags = ["-std=gnu++11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", "-I.", "-Isrc"]
+    run([tool("g++"), *flags, "examples/star/star.ino"], tmp_path)
 
 
 @pytest.mark.parametrize(("time", "dt", "counted"), [("s", 0.5, "micros 500000"), ("d", 0.05, "millis 4320000")])
