@@ -3,15 +3,15 @@
  * a missing, an absurd, a lost and an excessive one among them.
  * cascaded_tanks_check() returns 0, or the number of the first sample that differs: 21 at once where the
  * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
- *   CASCADED_TANKS_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
- *                           of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
- *                           without it other roundings, of libm or of contraction, are allowed for
- *   CASCADED_TANKS_NO_MAIN  to call it from firmware
+ *   CASCADED_TANKS_CHECK_MAIN  to have a program that says what it returns; without it firmware calls it
+ *   CASCADED_TANKS_EXACT       to ask for every bit: bundled functions, -ffp-contract=off, and
+ *                              FLT_EVAL_METHOD of <float.h> 0, for elsewhere intermediate results are
+ *                              rounded otherwise; without it other roundings are allowed for
  */
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
-#ifndef CASCADED_TANKS_NO_MAIN
+#ifdef CASCADED_TANKS_CHECK_MAIN
 #include <stdio.h>
 #endif
 
@@ -208,7 +208,7 @@ unsigned cascaded_tanks_check(void)
     return bad;
 }
 
-#ifndef CASCADED_TANKS_NO_MAIN
+#ifdef CASCADED_TANKS_CHECK_MAIN
 int main(void)
 {
     const unsigned bad = cascaded_tanks_check();

@@ -3,15 +3,15 @@
  * a missing, an absurd, a lost and an excessive one among them.
  * fitzhugh_nagumo_check() returns 0, or the number of the first sample that differs: 21 at once where the
  * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
- *   FITZHUGH_NAGUMO_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
- *                            of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
- *                            without it other roundings, of libm or of contraction, are allowed for
- *   FITZHUGH_NAGUMO_NO_MAIN  to call it from firmware
+ *   FITZHUGH_NAGUMO_CHECK_MAIN  to have a program that says what it returns; without it firmware calls it
+ *   FITZHUGH_NAGUMO_EXACT       to ask for every bit: bundled functions, -ffp-contract=off, and
+ *                               FLT_EVAL_METHOD of <float.h> 0, for elsewhere intermediate results are
+ *                               rounded otherwise; without it other roundings are allowed for
  */
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
-#ifndef FITZHUGH_NAGUMO_NO_MAIN
+#ifdef FITZHUGH_NAGUMO_CHECK_MAIN
 #include <stdio.h>
 #endif
 
@@ -212,7 +212,7 @@ unsigned fitzhugh_nagumo_check(void)
     return bad;
 }
 
-#ifndef FITZHUGH_NAGUMO_NO_MAIN
+#ifdef FITZHUGH_NAGUMO_CHECK_MAIN
 int main(void)
 {
     const unsigned bad = fitzhugh_nagumo_check();

@@ -3,15 +3,15 @@
  * a missing, an absurd, a lost and an excessive one among them.
  * hyperjerk_check() returns 0, or the number of the first sample that differs: 21 at once where the
  * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
- *   HYPERJERK_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
- *                      of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
- *                      without it other roundings, of libm or of contraction, are allowed for
- *   HYPERJERK_NO_MAIN  to call it from firmware
+ *   HYPERJERK_CHECK_MAIN  to have a program that says what it returns; without it firmware calls it
+ *   HYPERJERK_EXACT       to ask for every bit: bundled functions, -ffp-contract=off, and
+ *                         FLT_EVAL_METHOD of <float.h> 0, for elsewhere intermediate results are
+ *                         rounded otherwise; without it other roundings are allowed for
  */
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
-#ifndef HYPERJERK_NO_MAIN
+#ifdef HYPERJERK_CHECK_MAIN
 #include <stdio.h>
 #endif
 
@@ -208,7 +208,7 @@ unsigned hyperjerk_check(void)
     return bad;
 }
 
-#ifndef HYPERJERK_NO_MAIN
+#ifdef HYPERJERK_CHECK_MAIN
 int main(void)
 {
     const unsigned bad = hyperjerk_check();

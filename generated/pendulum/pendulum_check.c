@@ -3,15 +3,15 @@
  * a missing, an absurd, a lost and an excessive one among them.
  * pendulum_check() returns 0, or the number of the first sample that differs: 21 at once where the
  * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
- *   PENDULUM_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
- *                     of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
- *                     without it other roundings, of libm or of contraction, are allowed for
- *   PENDULUM_NO_MAIN  to call it from firmware
+ *   PENDULUM_CHECK_MAIN  to have a program that says what it returns; without it firmware calls it
+ *   PENDULUM_EXACT       to ask for every bit: bundled functions, -ffp-contract=off, and
+ *                        FLT_EVAL_METHOD of <float.h> 0, for elsewhere intermediate results are
+ *                        rounded otherwise; without it other roundings are allowed for
  */
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
-#ifndef PENDULUM_NO_MAIN
+#ifdef PENDULUM_CHECK_MAIN
 #include <stdio.h>
 #endif
 
@@ -207,7 +207,7 @@ unsigned pendulum_check(void)
     return bad;
 }
 
-#ifndef PENDULUM_NO_MAIN
+#ifdef PENDULUM_CHECK_MAIN
 int main(void)
 {
     const unsigned bad = pendulum_check();
