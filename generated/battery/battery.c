@@ -1,0 +1,629 @@
+/* battery: see battery.h, which is the manual. */
+#include "battery.h"
+
+#include <stdbool.h>
+#if defined(BATTERY_USE_LIBM)
+#include <math.h>
+#elif defined(BATTERY_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float battery_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float battery_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float battery_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool battery_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float battery_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool battery_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float battery_limit(float v, float most)
+{
+    return battery_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float battery_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return battery_within(v, limit) ? battery_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
+ * Define BATTERY_USE_LIBM for those of <math.h>, or BATTERY_USE_CMSIS for CMSIS-DSP. */
+#if defined(BATTERY_USE_LIBM)
+static float battery_log(float x)
+{
+    return logf(x);
+}
+
+#elif defined(BATTERY_USE_CMSIS)
+static float battery_log(float x)
+{
+    return logf(x);
+}
+
+#else
+static float battery_inf(void)
+{
+    const float large = 3e38f;
+    return large*large;
+}
+
+static float battery_nan(void)
+{
+    const float large = battery_inf();
+    return large - large;
+}
+
+static float battery_log(float x)
+{
+    const bool t1 = x < 1.0f;
+    const float t2 = x*(1.0f + (t1 ? 8.507059e+37f : 0.0f));
+    const bool t3 = t2 < 1.8446744e+19f;
+    const float t4 = t2*(5.421011e-20f + (t3 ? 1.0f : 0.0f));
+    const bool t5 = t4 < 4.2949673e+09f;
+    const float t6 = t4*(2.3283064e-10f + (t5 ? 1.0f : 0.0f));
+    const bool t7 = t6 < 65536.0f;
+    const float t8 = 127.0f - (t1 ? 126.0f : 0.0f) - (t3 ? 64.0f : 0.0f) - (t5 ? 32.0f : 0.0f)
+        - (t7 ? 16.0f : 0.0f);
+    const float t9 = t6*(1.5258789e-05f + (t7 ? 0.99998474f : 0.0f));
+    const bool t10 = t9 < 256.0f;
+    const float t11 = t9*(0.00390625f + (t10 ? 0.99609375f : 0.0f));
+    const bool t12 = t11 < 16.0f;
+    const float t13 = t11*(0.0625f + (t12 ? 0.9375f : 0.0f));
+    const bool t14 = t13 < 4.0f;
+    const float t15 = t13*(0.25f + (t14 ? 0.75f : 0.0f));
+    const bool t16 = t15 < 2.0f;
+    const float t17 = t15*(0.5f + (t16 ? 0.5f : 0.0f));
+    const bool t18 = t17 > 1.4142135f;
+    const float t19 = t8 - (t10 ? 8.0f : 0.0f) - (t12 ? 4.0f : 0.0f) - (t14 ? 2.0f : 0.0f)
+        - (t16 ? 1.0f : 0.0f) + (t18 ? 1.0f : 0.0f);
+    const float t20 = t17*(1.0f - (t18 ? 0.5f : 0.0f)) - 1.0f;
+    const float t21 = t20*t20*0.5f;
+    const float t22 = t20/(2.0f + t20);
+    const float t23 = t22*t22;
+    const float t24 = t21 - (t22*(t21 + t23*((0.298719f*t23 + 0.3997756f)*t23 + 0.66666776f))
+        + 1.4286068e-06f*t19);
+    return (x < 1.1754944e-38f) ? ((x < 0.0f) ? battery_nan() : 0.0f) - battery_inf()
+        : ((x > 3.4028235e+38f) ? x : 0.69314575f*t19 - (t24 - t20));
+}
+#endif
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void battery_flow(float z2, float u, float dz[2])
+{
+    dz[0] = -0.00013888889f*u;
+    dz[1] = 0.00066666666f*u - 0.016666668f*z2;
+}
+
+unsigned battery_predict(battery_state *s, const battery_params *p, const battery_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float i_2 = in->i;
+        const bool i_usable = battery_within(i_2, 1e+15f);
+        const float i_taken = i_usable ? i_2 : s->u;
+        u = battery_limit(i_taken, 5.0f);
+        if (!i_usable) {
+            status |= BATTERY_REUSED_I;
+        }
+        if (battery_abs(i_taken) > 5.0f) {
+            status |= BATTERY_CLAMPED_I;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float L21 = s->L;
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float u_before = s->u;
+            float k1_z[2];
+            battery_flow(z2, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[2];
+            battery_flow(z2 + 0.5f*k1_z[1], t1, k2_z);
+            float k3_z[2];
+            battery_flow(z2 + 0.5f*k2_z[1], t1, k3_z);
+            float k4_z[2];
+            battery_flow(z2 + k3_z[1], u, k4_z);
+            const float Q1 = p->gain.Q[0];
+            const float d1 = D1 + Q1;
+            const float t2 = 0.9834722f*L21;
+            const float l21 = t2*D1/d1;
+            const float w2_1 = t2 - l21;
+            const float d2 = w2_1*D1*w2_1 + 0.9672176f*D2 + l21*Q1*l21 + p->gain.Q[1];
+            s->z[0] = z1 + 0.16666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.16666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->L = l21;
+            s->D[0] = d1;
+            s->D[1] = d2;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L;
+            capped = D1 > 1.8225f || L21*L21*D1 + s->D[1] > 0.36f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L;
+                const float t1 = battery_min(1.0f, 0.36f/(L21*L21*D1 + D2));
+                const float t2 = battery_min(1.0f, 1.8225f/D1);
+                s->L = t1*L21/t2;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                status |= BATTERY_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const bool t1 = z1 >= -0.85f && z1 <= 1.85f && battery_within(s->z[1], 0.6f)
+                && battery_within(s->L, 4.4444445e+08f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            beyond = !(t1 && D1 >= 1e-18f && D1 <= 1.8225f && D2 >= 9e-19f && D2 <= 0.36f);
+        }
+        if (battery_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = battery_within(s->z[0], 1e+30f) && battery_within(s->z[1], 1e+30f)
+                    && battery_within(s->L, 1e+30f);
+                lost = !(t1 && battery_within(s->D[0], 1e+30f) && battery_within(s->D[1], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.05f;
+                s->z[1] = 0.0f;
+                s->L = 0.0f;
+                s->D[0] = 0.2f;
+                s->D[1] = 0.04f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 120.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 120.0f;
+                s->doubt_sum = 0.0f;
+                status |= BATTERY_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = battery_clamp(z1, -0.85f, 1.85f);
+                s->z[1] = battery_limit(z2, 0.6f);
+                if (z1 < -0.85f || z1 > 1.85f || battery_abs(z2) > 0.6f) {
+                    status |= BATTERY_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L;
+                s->L = battery_limit(L21, 4.4444445e+08f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                s->D[0] = battery_clamp(D1, 1e-18f, 1.8225f);
+                s->D[1] = battery_clamp(D2, 9e-19f, 0.36f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned battery_update_y(battery_state *s, const battery_params *p, const battery_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float z1 = s->z[0];
+            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+            const float t2 = measurement - (0.8f*z1 - s->z[1]
+                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - 0.1f/t1));
+            const bool t3 = battery_within(measurement, 3e+38f);
+            const bool t4 = t3 && measurement >= -2.5717454f && measurement <= 7.514131f
+                && battery_within(t2, 1e+16f);
+            e = t2;
+            output_error = t2;
+            valid = t4;
+            if (!t3) {
+                status |= BATTERY_MISSING_Y;
+            }
+            if (t3 && !t4) {
+                status |= BATTERY_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L;
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+                const float t2 = 0.8f + 0.05f/t1 + 0.1f/t1/t1 - L21;
+                const float t3 = D1*t2;
+                const float R = p->gain.R;
+                const float t4 = R + D2;
+                const float t5 = t4 + t3*t2;
+                const float K1 = t3/t5;
+                const float K2 = (L21*t3 - D2)/t5;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->L = L21 + t2*D2/t4;
+                s->D[0] = D1*t4/t5;
+                s->D[1] = D2*R/t4;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const bool t1 = z1 >= -0.85f && z1 <= 1.85f && battery_within(s->z[1], 0.6f)
+                    && battery_within(s->L, 4.4444445e+08f);
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                beyond = !(t1 && D1 >= 1e-18f && D1 <= 1.8225f && D2 >= 9e-19f && D2 <= 0.36f);
+            }
+            if (battery_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = battery_within(s->z[0], 1e+30f) && battery_within(s->z[1], 1e+30f)
+                        && battery_within(s->L, 1e+30f);
+                    lost = !(t1 && battery_within(s->D[0], 1e+30f) && battery_within(s->D[1], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.05f;
+                    s->z[1] = 0.0f;
+                    s->L = 0.0f;
+                    s->D[0] = 0.2f;
+                    s->D[1] = 0.04f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 120.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 120.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= BATTERY_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    s->z[0] = battery_clamp(z1, -0.85f, 1.85f);
+                    s->z[1] = battery_limit(z2, 0.6f);
+                    if (z1 < -0.85f || z1 > 1.85f || battery_abs(z2) > 0.6f) {
+                        status |= BATTERY_STATE_LIMITED;
+                    }
+                }
+                /* keep L in its box */
+                {
+                    const float L21 = s->L;
+                    s->L = battery_limit(L21, 4.4444445e+08f);
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    s->D[0] = battery_clamp(D1, 1e-18f, 1.8225f);
+                    s->D[1] = battery_clamp(D2, 9e-19f, 0.36f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const bool t1 = z1 < 0.05f || z1 > 0.95f || battery_abs(s->z[1]) > 0.2f;
+            if (t1) {
+                status |= BATTERY_OUTSIDE_BOX;
+            }
+            doubtful = battery_abs(output_error) > 0.3361959f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            {
+                const bool t1 = battery_within(measurement, 3e+38f) && measurement >= -2.5717454f
+                    && measurement <= 7.514131f;
+                sampled = valid || t1;
+            }
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = battery_abs(patience_y - 120.0f + doubt_y
+                        + (patience_range - 120.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 122880.0f
+                        && patience_y >= 120.0f && patience_y <= 122880.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 122880.0f
+                        && patience_range >= 120.0f && patience_range <= 122880.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 120.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 120.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z1 = s->z[0];
+                    shows_y = !battery_within(output_error, 0.3361959f);
+                    shows_range = z1 < 0.005f || z1 > 0.995f || battery_abs(s->z[1]) > 0.22f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = battery_min(doubt_y + 1.0f, 122880.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = battery_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 120.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = battery_min(doubt_range + 1.0f, 122880.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = battery_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 120.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = battery_min(patience_y, 61440.0f);
+                            s->patience_y = battery_min(2.0f*patience_y, 122880.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = battery_min(patience_range, 61440.0f);
+                            s->patience_range = battery_min(2.0f*patience_range, 122880.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.05f;
+                    s->z[1] = 0.0f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+                        const float t2 = 0.1f/t1;
+                        const float t3 = 0.8f + 0.05f/t1 + t2/t1;
+                        const float t4 = 7.29f*t3;
+                        const float t5 = (measurement - (0.8f*z1 - z2
+                            + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4 + 1.44f,
+                                1.1302767e-11f);
+                        s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
+                        s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                    }
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+                        const float t2 = 0.1f/t1;
+                        const float t3 = 0.8f + 0.05f/t1 + t2/t1;
+                        const float t4 = 7.29f*t3;
+                        const float t5 = (measurement - (0.8f*z1 - z2
+                            + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4 + 1.44f,
+                                1.1302767e-11f);
+                        s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
+                        s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                    }
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+                        const float t2 = 0.1f/t1;
+                        const float t3 = 0.8f + 0.05f/t1 + t2/t1;
+                        const float t4 = 7.29f*t3;
+                        const float t5 = (measurement - (0.8f*z1 - z2
+                            + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4 + 1.44f,
+                                1.1302767e-11f);
+                        s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
+                        s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= BATTERY_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L = 0.0f;
+                    s->D[0] = 0.2f;
+                    s->D[1] = 0.04f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 120.0f + s->doubt_y
+                    + (s->patience_range - 120.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= BATTERY_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned battery_step(battery_state *s, const battery_params *p, const battery_input *in,
+    const battery_output *out)
+{
+    unsigned status = 0u;
+    status |= battery_predict(s, p, in);
+    status |= battery_update_y(s, p, out);
+    return status;
+}
+
+void battery_estimate(const battery_state *s, const battery_params *p, battery_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->soc = s->z[0];
+    x->v = s->z[1];
+}
+
+unsigned battery_tune(battery_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float R = p->gain.R;
+        p->gain.Q[0] = battery_keep(Q1, 9e-13f, 5.0f, 5e-06f, 3e+38f);
+        p->gain.Q[1] = battery_keep(Q2, 9e-13f, 5.0f, 9e-07f, 3e+38f);
+        p->gain.R = battery_keep(R, 1e-12f, 1.0f, 1e-06f, 3e+38f);
+        if (!(Q1 >= 9e-13f && Q1 <= 5.0f) || !(Q2 >= 9e-13f && Q2 <= 5.0f) || !(R >= 1e-12f && R <= 1.0f)) {
+            status |= BATTERY_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void battery_reset(battery_state *s)
+{
+    s->z[0] = 0.05f;
+    s->z[1] = 0.0f;
+    s->L = 0.0f;
+    s->D[0] = 0.2f;
+    s->D[1] = 0.04f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 120.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 120.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+    s->u = 0.0f;
+}
+
+void battery_init(battery_state *s, battery_params *p)
+{
+    p->gain.Q[0] = 5e-06f;
+    p->gain.Q[1] = 9e-07f;
+    p->gain.R = 1e-06f;
+    (void)battery_tune(p);
+    battery_reset(s);
+}

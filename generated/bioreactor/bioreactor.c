@@ -1,0 +1,465 @@
+/* bioreactor: see bioreactor.h, which is the manual. */
+#include "bioreactor.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float bioreactor_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float bioreactor_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float bioreactor_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool bioreactor_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float bioreactor_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool bioreactor_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float bioreactor_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return bioreactor_within(v, limit) ? bioreactor_clamp(v, low, high) : otherwise;
+}
+
+/* the right-hand side of the observer's differential equation */
+static void bioreactor_rate(const bioreactor_params *p, float w1, float w2, float k, float y, float valid,
+    float dw[2], float dk[1])
+{
+    const float t1 = valid*(y - w1);
+    const float strip = p->gain.strip;
+    const float t2 = bioreactor_clamp(bioreactor_abs(t1) - strip, 0.0f,
+        bioreactor_max(p->gain.reach - strip, 0.0f));
+    dw[0] = w2 + k*t1;
+    dw[1] = k*k*0.2f*t1;
+    dk[0] = t2*t2*p->gain.gamma;
+}
+
+static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params *p,
+    const bioreactor_input *in, const bioreactor_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    bool lost = false;
+    bool over_y = false;
+    bool running = false;
+    bool sampled = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    float u = 0.0f;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = bioreactor_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = bioreactor_clamp(u_taken, 0.0f, 0.1f);
+        if (!u_usable) {
+            status |= BIOREACTOR_REUSED_U;
+        }
+        if (u_taken < 0.0f || u_taken > 0.1f) {
+            status |= BIOREACTOR_CLAMPED_U;
+        }
+    }
+    /* guard the measurements */
+    {
+        const float measurement = out->y;
+        const bool t1 = bioreactor_within(measurement, 3e+38f);
+        const float w1 = s->w[0];
+        const bool t2 = t1 && measurement >= -0.35f && measurement <= 0.55f
+            && bioreactor_within(measurement - w1, 1e+16f);
+        const float t3 = t2 ? measurement : w1;
+        y = t3;
+        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= BIOREACTOR_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= BIOREACTOR_REJECTED_Y;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = (calls < 2u) ? calls + 1u : 2u;
+    }
+    if (running) {
+        /* w, k: one step of classical Runge-Kutta */
+        {
+            const float k_2 = s->k;
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float y_mid = y_last + 0.5f*(y - y_last);
+            float k1_w[2];
+            float k1_k[1];
+            bioreactor_rate(p, w1, w2, k_2, y_last, valid, k1_w, k1_k);
+            float k2_w[2];
+            float k2_k[1];
+            bioreactor_rate(p, w1 + 0.005f*k1_w[0], w2 + 0.005f*k1_w[1], k_2 + 0.005f*k1_k[0], y_mid, valid,
+                k2_w, k2_k);
+            float k3_w[2];
+            float k3_k[1];
+            bioreactor_rate(p, w1 + 0.005f*k2_w[0], w2 + 0.005f*k2_w[1], k_2 + 0.005f*k2_k[0], y_mid, valid,
+                k3_w, k3_k);
+            float k4_w[2];
+            float k4_k[1];
+            bioreactor_rate(p, w1 + 0.01f*k3_w[0], w2 + 0.01f*k3_w[1], k_2 + 0.01f*k3_k[0], y, valid, k4_w,
+                k4_k);
+            s->w[0] = w1 + 0.0016666667f*(k1_w[0] + 2.0f*k2_w[0] + 2.0f*k3_w[0] + k4_w[0]);
+            s->w[1] = w2 + 0.0016666667f*(k1_w[1] + 2.0f*k2_w[1] + 2.0f*k3_w[1] + k4_w[1]);
+            s->k = k_2 + 0.0016666667f*(k1_k[0] + 2.0f*k2_k[0] + 2.0f*k3_k[0] + k4_k[0]);
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float k_2 = s->k;
+            const bool t1 = w1 >= -0.13f && w1 <= 0.29f && w2 >= -0.19518037f && w2 <= 0.25633296f
+                && k_2 >= 0.1f && k_2 <= 5.0f;
+            beyond = !t1;
+        }
+        if (bioreactor_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = bioreactor_within(s->w[0], 1e+30f) && bioreactor_within(s->w[1], 1e+30f)
+                    && bioreactor_within(s->k, 1e+30f);
+                lost = !t1;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->w[0] = 0.0f;
+                s->w[1] = 0.0f;
+                s->k = 0.1f;
+                s->quiet = 0.0f;
+                s->settled = 0.0f;
+                s->falls = 0.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 6360.0f;
+                s->doubt_sum = 0.0f;
+                status |= BIOREACTOR_RESTARTED;
+            }
+            /* keep w in its box */
+            {
+                const float w1 = s->w[0];
+                const float w2 = s->w[1];
+                s->w[0] = bioreactor_clamp(w1, -0.13f, 0.29f);
+                s->w[1] = bioreactor_clamp(w2, -0.19518037f, 0.25633296f);
+                if (w1 < -0.13f || w1 > 0.29f || w2 < -0.19518037f || w2 > 0.25633296f) {
+                    status |= BIOREACTOR_STATE_LIMITED;
+                }
+            }
+            /* keep k in its box */
+            {
+                const float k_2 = s->k;
+                s->k = bioreactor_clamp(k_2, 0.1f, 5.0f);
+            }
+        }
+    }
+    /* remember the input */
+    s->u = u;
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        const float t1 = bioreactor_clamp(w1, 0.01f, 0.15f);
+        const float u_before = s->u;
+        const float t2 = bioreactor_clamp(w2, -0.014575033f, 0.075727634f);
+        const float t3 = bioreactor_max(0.0001666f, t1 - u_before*t1 - t2);
+        const float t4 = t1*t1*u_before/t3 + t1*t2/t3;
+        if (w1 < 0.01f || w1 > 0.15f || w2 < -0.014575033f || w2 > 0.075727634f || t4 < 0.001f
+            || t4 > 0.15f) {
+            status |= BIOREACTOR_OUTSIDE_BOX;
+        }
+        doubtful = bioreactor_abs(out->y - w1) > 0.03f || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
+    }
+    if (doubtful) {
+        /* is there a sample to judge by? */
+        {
+            const float measurement = out->y;
+            sampled = valid > 0.0f || (bioreactor_within(measurement, 3e+38f) && measurement >= -0.35f
+                && measurement <= 0.55f);
+        }
+        if (sampled) {
+            /* was doubt or patience spoiled? */
+            {
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const bool t1 = bioreactor_abs(patience_y - 6360.0f + doubt_y - s->doubt_sum) < 0.5f
+                    && doubt_y >= 0.0f && doubt_y <= 6512640.0f;
+                spoiled = !(t1 && patience_y >= 6360.0f && patience_y <= 6512640.0f);
+            }
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 6360.0f;
+                s->doubt_sum = 0.0f;
+            }
+            /* which signs show? */
+            shows_y = !bioreactor_within(out->y - s->w[0], 0.03f);
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = bioreactor_min(doubt_y + 1.0f, 6512640.0f);
+                }
+                /* is patience at its end? */
+                over_y = s->patience_y <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = bioreactor_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 6360.0f : patience_y;
+                    over_y = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y;
+            if (lost) {
+                if (over_y) {
+                    /* patience doubles */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = bioreactor_min(patience_y, 3256320.0f);
+                        s->patience_y = bioreactor_min(2.0f*patience_y, 6512640.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->w[0] = 0.0f;
+                s->w[1] = 0.0f;
+                /* from the sample of y */
+                {
+                    const float w1 = s->w[0];
+                    const float w2 = s->w[1];
+                    s->w[0] = bioreactor_keep(out->y, 0.01f, 0.15f, w1, 1e+30f);
+                    s->w[1] = bioreactor_keep(w2, -0.014575033f, 0.075727634f, w2, 1e+30f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= BIOREACTOR_RESTARTED_FROM_SAMPLE;
+                /* as after a reset */
+                s->quiet = 0.0f;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 6360.0f + s->doubt_y;
+        }
+    }
+    return status;
+}
+
+static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool falling = false;
+    bool lost = false;
+    bool running = false;
+    /* no time has passed before the second call */
+    running = s->calls >= 2u;
+    if (running) {
+        /* has the output error stayed inside the strip? */
+        {
+            const float falls = s->falls;
+            const float quiet = s->quiet;
+            const float settled = s->settled;
+            const bool t1 = s->y_valid > 0.0f;
+            const float t2 = s->y - s->w[0];
+            const float strip = p->gain.strip;
+            const bool t3 = bioreactor_min(p->gain.reach, bioreactor_max(2.0f*strip,
+                0.03f)) < bioreactor_abs(t2) && settled > 0.0f;
+            s->quiet = t1 ? (bioreactor_within(t2, strip) ? bioreactor_min(quiet + 0.01f*s->k, 44.969326f)
+                : 0.0f) : quiet;
+            s->falls = t1 ? (t3 ? 6.0f : falls) : falls;
+            s->settled = bioreactor_max(settled, quiet >= 3.618034f ? 1.0f : 0.0f);
+        }
+        /* may the gain fall? */
+        falling = s->quiet >= 44.969326f && s->falls >= 1.0f && s->k > 0.1f;
+        if (falling) {
+            /* it falls by half */
+            {
+                const float falls = s->falls;
+                const float k_2 = s->k;
+                s->quiet = 0.0f;
+                s->falls = bioreactor_max(falls - 1.0f, 0.0f);
+                s->k = bioreactor_max(k_2/2.0f, 0.1f);
+            }
+        }
+        /* has the gain reached its cap? */
+        if (s->k >= 5.0f) {
+            status |= BIOREACTOR_GAIN_LIMITED;
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float k_2 = s->k;
+            const float quiet = s->quiet;
+            const float settled = s->settled;
+            const bool t1 = k_2 >= 0.1f && k_2 <= 5.0f && quiet >= 0.0f && quiet <= 44.969326f
+                && settled >= 0.0f && settled <= 1.0f;
+            const float falls = s->falls;
+            beyond = !(t1 && falls >= 0.0f && falls <= 6.0f);
+        }
+        if (bioreactor_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = bioreactor_within(s->k, 1e+30f) && bioreactor_within(s->quiet, 1e+30f)
+                    && bioreactor_within(s->settled, 1e+30f);
+                lost = !(t1 && bioreactor_within(s->falls, 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->w[0] = 0.0f;
+                s->w[1] = 0.0f;
+                s->k = 0.1f;
+                s->quiet = 0.0f;
+                s->settled = 0.0f;
+                s->falls = 0.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 6360.0f;
+                s->doubt_sum = 0.0f;
+                status |= BIOREACTOR_RESTARTED;
+            }
+            /* keep k in its box */
+            {
+                const float k_2 = s->k;
+                s->k = bioreactor_clamp(k_2, 0.1f, 5.0f);
+            }
+            /* keep quiet in its box */
+            {
+                const float quiet = s->quiet;
+                s->quiet = bioreactor_clamp(quiet, 0.0f, 44.969326f);
+            }
+            /* keep settled in its box */
+            {
+                const float settled = s->settled;
+                s->settled = bioreactor_clamp(settled, 0.0f, 1.0f);
+            }
+            /* keep falls in its box */
+            {
+                const float falls = s->falls;
+                s->falls = bioreactor_clamp(falls, 0.0f, 6.0f);
+            }
+        }
+    }
+    return status;
+}
+
+unsigned bioreactor_step(bioreactor_state *s, const bioreactor_params *p, const bioreactor_input *in,
+    const bioreactor_output *out)
+{
+    unsigned status = 0u;
+    status |= bioreactor_predict(s, p, in, out);
+    status |= bioreactor_adapt(s, p);
+    return status;
+}
+
+void bioreactor_estimate(const bioreactor_state *s, const bioreactor_params *p, bioreactor_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    {
+        const float w1 = s->w[0];
+        const float t1 = bioreactor_clamp(w1, 0.01f, 0.15f);
+        const float u_before = s->u;
+        const float t2 = bioreactor_clamp(s->w[1], -0.014575033f, 0.075727634f);
+        const float t3 = bioreactor_max(0.0001666f, t1 - u_before*t1 - t2);
+        x->m = bioreactor_clamp(w1, 0.01f, 0.15f);
+        x->s = bioreactor_clamp(t1*t1*u_before/t3 + t1*t2/t3, 0.001f, 0.15f);
+    }
+}
+
+unsigned bioreactor_tune(bioreactor_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float gamma = p->gain.gamma;
+        const float reach = p->gain.reach;
+        const float strip = p->gain.strip;
+        p->gain.gamma = bioreactor_keep(gamma, 0.1f, 100000.0f, 100.0f, 3e+38f);
+        p->gain.strip = bioreactor_keep(strip, 2e-05f, 0.26f, 0.02f, 3e+38f);
+        p->gain.reach = bioreactor_keep(reach, 0.5f, 500.0f, 0.5f, 3e+38f);
+        if (!(gamma >= 0.1f && gamma <= 100000.0f) || !(strip >= 2e-05f && strip <= 0.26f)
+            || !(reach >= 0.5f && reach <= 500.0f)) {
+            status |= BIOREACTOR_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void bioreactor_reset(bioreactor_state *s)
+{
+    s->w[0] = 0.0f;
+    s->w[1] = 0.0f;
+    s->k = 0.1f;
+    s->quiet = 0.0f;
+    s->settled = 0.0f;
+    s->falls = 0.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 6360.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->u = 0.0f;
+    s->y = 0.0f;
+    s->y_valid = 0.0f;
+}
+
+void bioreactor_init(bioreactor_state *s, bioreactor_params *p)
+{
+    p->gain.gamma = 100.0f;
+    p->gain.strip = 0.02f;
+    p->gain.reach = 0.5f;
+    (void)bioreactor_tune(p);
+    bioreactor_reset(s);
+}

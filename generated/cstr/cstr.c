@@ -1,0 +1,610 @@
+/* cstr: see cstr.h, which is the manual. */
+#include "cstr.h"
+
+#include <stdbool.h>
+#if defined(CSTR_USE_LIBM)
+#include <math.h>
+#elif defined(CSTR_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float cstr_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float cstr_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float cstr_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool cstr_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float cstr_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool cstr_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float cstr_limit(float v, float most)
+{
+    return cstr_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float cstr_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return cstr_within(v, limit) ? cstr_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
+ * Define CSTR_USE_LIBM for those of <math.h>, or CSTR_USE_CMSIS for CMSIS-DSP. */
+#if defined(CSTR_USE_LIBM)
+static float cstr_exp(float x)
+{
+    return expf(x);
+}
+
+#elif defined(CSTR_USE_CMSIS)
+static float cstr_exp(float x)
+{
+    return expf(x);
+}
+
+#else
+/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
+ * whole numbers */
+static float cstr_nearest(float v)
+{
+#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
+    const volatile float sum = v + 1.2582912e+07f;
+    return sum - 1.2582912e+07f;
+#else
+    return v + 1.2582912e+07f - 1.2582912e+07f;
+#endif
+}
+
+static float cstr_inf(void)
+{
+    const float large = 3e38f;
+    return large*large;
+}
+
+static float cstr_exp(float x)
+{
+    const float t1 = cstr_nearest((x*x < 16384.0f) ? 1.442695f*x : 0.0f);
+    const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
+    const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
+        + 0.16666545f));
+    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
+    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
+    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
+    const bool t7 = t6 >= 64.0f;
+    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
+    const bool t9 = t8 >= 32.0f;
+    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
+    const bool t11 = t10 >= 16.0f;
+    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t11 ? 65535.0f : 0.0f));
+    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
+    const bool t14 = t13 >= 8.0f;
+    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
+    const bool t16 = t15 >= 4.0f;
+    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
+    const bool t18 = t17 >= 2.0f;
+    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
+        (1.0f + (t18 ? 3.0f : 0.0f));
+    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
+        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
+    return (x > 88.896126f) ? cstr_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+}
+#endif
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void cstr_flow(float z1, float z2, float u, float dz[2])
+{
+    const float t1 = cstr_clamp(z1, 300.0f, 350.0f);
+    const float t2 = cstr_exp(-8750.0f/t1);
+    const float t3 = cstr_clamp(z2, 0.05f, 1.0f);
+    dz[0] = 2.09f*u - 3.09f*t1 + 350.0f + 1.50624e+13f*t2*z2;
+    dz[1] = 1.0f - (t3 + t3*t2*7.2e+10f);
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void cstr_jacobian(float z1, float z2, float F[4])
+{
+    const float t1 = cstr_clamp(z2, 0.05f, 1.0f);
+    const float t2 = cstr_clamp(z1, 300.0f, 350.0f);
+    const float t3 = -8750.0f/t2;
+    const float t4 = cstr_exp(t3);
+    const float t5 = t3/t2*t4;
+    F[0] = -3.09f - 1.50624e+13f*t5*t1; /* F_11 */
+    F[1] = t1*t5*7.2e+10f; /* F_21 */
+    F[2] = 1.50624e+13f*t4; /* F_12 */
+    F[3] = -(1.0f + 7.2e+10f*t4); /* F_22 */
+}
+
+unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float Tc = in->Tc;
+        const bool Tc_usable = cstr_within(Tc, 1e+15f);
+        const float Tc_taken = Tc_usable ? Tc : s->u;
+        u = cstr_clamp(Tc_taken, 280.0f, 320.0f);
+        if (!Tc_usable) {
+            status |= CSTR_REUSED_TC;
+        }
+        if (Tc_taken < 280.0f || Tc_taken > 320.0f) {
+            status |= CSTR_CLAMPED_TC;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float L21 = s->L;
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float u_before = s->u;
+            float k1_z[2];
+            cstr_flow(z1, z2, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[2];
+            cstr_flow(z1 + 0.0025f*k1_z[0], z2 + 0.0025f*k1_z[1], t1, k2_z);
+            const float t2 = z1 + 0.0025f*k2_z[0];
+            const float t3 = z2 + 0.0025f*k2_z[1];
+            float k3_z[2];
+            cstr_flow(t2, t3, t1, k3_z);
+            float k4_z[2];
+            cstr_flow(z1 + 0.005f*k3_z[0], z2 + 0.005f*k3_z[1], u, k4_z);
+            float F_1[4];
+            cstr_jacobian(t2, t3, F_1);
+            const float Phi_11 = 1.0f + 0.005f*F_1[0] + 1.25e-05f*(F_1[0]*F_1[0] + F_1[2]*F_1[1]);
+            const float Phi_12 = 0.005f*F_1[2] + 1.25e-05f*(F_1[0]*F_1[2] + F_1[2]*F_1[3]);
+            const float Phi_21 = 0.005f*F_1[1] + 1.25e-05f*(F_1[1]*F_1[0] + F_1[3]*F_1[1]);
+            const float Phi_22 = 1.0f + 0.005f*F_1[3] + 1.25e-05f*(F_1[1]*F_1[2] + F_1[3]*F_1[3]);
+            const float w1_1 = Phi_11 + Phi_12*L21;
+            const float t4 = w1_1*D1;
+            const float t5 = Phi_12*D2;
+            const float t6 = 0.005f*p->gain.Q[0];
+            const float d1 = w1_1*t4 + Phi_12*t5 + t6;
+            const float t7 = Phi_21 + Phi_22*L21;
+            const float l21 = (t7*t4 + Phi_22*t5)/d1;
+            const float w2_1 = t7 - l21*w1_1;
+            const float w2_2 = Phi_22 - l21*Phi_12;
+            const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t6*l21 + 0.005f*p->gain.Q[1];
+            s->z[0] = z1 + 0.00083333335f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00083333335f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->L = l21;
+            s->D[0] = d1;
+            s->D[1] = d2;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L;
+            capped = D1 > 8000.0f || L21*L21*D1 + s->D[1] > 2.030625f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L;
+                const float t1 = cstr_min(1.0f, 2.030625f/(L21*L21*D1 + D2));
+                const float t2 = cstr_min(1.0f, 8000.0f/D1);
+                s->L = t1*L21/t2;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                status |= CSTR_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 >= 250.0f && z1 <= 400.0f && z2 >= -0.9f && z2 <= 1.95f
+                && cstr_within(s->L, 1.5931984e+07f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            beyond = !(t1 && D1 >= 2e-15f && D1 <= 8000.0f && D2 >= 4.5e-18f && D2 <= 2.030625f);
+        }
+        if (cstr_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = cstr_within(s->z[0], 1e+30f) && cstr_within(s->z[1], 1e+30f)
+                    && cstr_within(s->L, 1e+30f) && cstr_within(s->D[0], 1e+30f);
+                lost = !(t1 && cstr_within(s->D[1], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 300.0f;
+                s->z[1] = 0.05f;
+                s->L = 0.0f;
+                s->D[0] = 2000.0f;
+                s->D[1] = 0.2f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 239.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 239.0f;
+                s->doubt_sum = 0.0f;
+                status |= CSTR_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = cstr_clamp(z1, 250.0f, 400.0f);
+                s->z[1] = cstr_clamp(z2, -0.9f, 1.95f);
+                if (z1 < 250.0f || z1 > 400.0f || z2 < -0.9f || z2 > 1.95f) {
+                    status |= CSTR_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L;
+                s->L = cstr_limit(L21, 1.5931984e+07f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                s->D[0] = cstr_clamp(D1, 2e-15f, 8000.0f);
+                s->D[1] = cstr_clamp(D2, 4.5e-18f, 2.030625f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = cstr_within(measurement, 3e+38f);
+            const bool t3 = t2 && measurement >= 250.0f && measurement <= 400.0f && cstr_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= CSTR_MISSING_Y;
+            }
+            if (t2 && !t3) {
+                status |= CSTR_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L;
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float t1 = p->gain.R/0.005f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const bool t1 = z1 >= 250.0f && z1 <= 400.0f && z2 >= -0.9f && z2 <= 1.95f && D1 >= 2e-15f
+                    && D1 <= 8000.0f && D2 >= 4.5e-18f && D2 <= 2.030625f;
+                beyond = !t1;
+            }
+            if (cstr_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = cstr_within(s->z[0], 1e+30f) && cstr_within(s->z[1], 1e+30f)
+                        && cstr_within(s->D[0], 1e+30f) && cstr_within(s->D[1], 1e+30f);
+                    lost = !t1;
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 300.0f;
+                    s->z[1] = 0.05f;
+                    s->L = 0.0f;
+                    s->D[0] = 2000.0f;
+                    s->D[1] = 0.2f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 239.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 239.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= CSTR_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    s->z[0] = cstr_clamp(z1, 250.0f, 400.0f);
+                    s->z[1] = cstr_clamp(z2, -0.9f, 1.95f);
+                    if (z1 < 250.0f || z1 > 400.0f || z2 < -0.9f || z2 > 1.95f) {
+                        status |= CSTR_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    s->D[0] = cstr_clamp(D1, 2e-15f, 8000.0f);
+                    s->D[1] = cstr_clamp(D2, 4.5e-18f, 2.030625f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 < 300.0f || z1 > 350.0f || z2 < 0.05f || z2 > 1.0f;
+            if (t1) {
+                status |= CSTR_OUTSIDE_BOX;
+            }
+            doubtful = cstr_abs(output_error) > 5.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (cstr_within(measurement, 3e+38f) && measurement >= 250.0f
+                && measurement <= 400.0f);
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = cstr_abs(patience_y - 239.0f + doubt_y
+                        + (patience_range - 239.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 244736.0f
+                        && patience_y >= 239.0f && patience_y <= 244736.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 244736.0f
+                        && patience_range >= 239.0f && patience_range <= 244736.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 239.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 239.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    shows_y = !cstr_within(output_error, 5.0f);
+                    shows_range = z1 < 297.5f || z1 > 352.5f || z2 < 0.0025f || z2 > 1.0475f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = cstr_min(doubt_y + 1.0f, 244736.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = cstr_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 239.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = cstr_min(doubt_range + 1.0f, 244736.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = cstr_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 239.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = cstr_min(patience_y, 122368.0f);
+                            s->patience_y = cstr_min(2.0f*patience_y, 244736.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = cstr_min(patience_range, 122368.0f);
+                            s->patience_range = cstr_min(2.0f*patience_range, 244736.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 300.0f;
+                    s->z[1] = 0.05f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        s->z[0] = cstr_keep(measurement, 300.0f, 350.0f, z1, 1e+30f);
+                        s->z[1] = cstr_keep(z2, 0.05f, 1.0f, z2, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= CSTR_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L = 0.0f;
+                    s->D[0] = 2000.0f;
+                    s->D[1] = 0.2f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 239.0f + s->doubt_y
+                    + (s->patience_range - 239.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= CSTR_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned cstr_step(cstr_state *s, const cstr_params *p, const cstr_input *in, const cstr_output *out)
+{
+    unsigned status = 0u;
+    status |= cstr_predict(s, p, in);
+    status |= cstr_update_y(s, p, out);
+    return status;
+}
+
+void cstr_estimate(const cstr_state *s, const cstr_params *p, cstr_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->C = s->z[1];
+    x->T = s->z[0];
+}
+
+unsigned cstr_tune(cstr_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float R = p->gain.R;
+        p->gain.Q[0] = cstr_keep(Q1, 9e-10f, 1e+07f, 10.0f, 3e+38f);
+        p->gain.Q[1] = cstr_keep(Q2, 9e-10f, 1e+07f, 0.0009f, 3e+38f);
+        p->gain.R = cstr_keep(R, 1e-11f, 10.0f, 1e-05f, 3e+38f);
+        if (!(Q1 >= 9e-10f && Q1 <= 1e+07f) || !(Q2 >= 9e-10f && Q2 <= 1e+07f)
+            || !(R >= 1e-11f && R <= 10.0f)) {
+            status |= CSTR_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void cstr_reset(cstr_state *s)
+{
+    s->z[0] = 300.0f;
+    s->z[1] = 0.05f;
+    s->L = 0.0f;
+    s->D[0] = 2000.0f;
+    s->D[1] = 0.2f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 239.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 239.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+    s->u = 280.0f;
+}
+
+void cstr_init(cstr_state *s, cstr_params *p)
+{
+    p->gain.Q[0] = 10.0f;
+    p->gain.Q[1] = 0.0009f;
+    p->gain.R = 1e-05f;
+    (void)cstr_tune(p);
+    cstr_reset(s);
+}

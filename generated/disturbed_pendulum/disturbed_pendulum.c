@@ -1,0 +1,439 @@
+/* disturbed_pendulum: see disturbed_pendulum.h, which is the manual. */
+#include "disturbed_pendulum.h"
+
+#include <stdbool.h>
+#if defined(DISTURBED_PENDULUM_USE_LIBM)
+#include <math.h>
+#elif defined(DISTURBED_PENDULUM_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float disturbed_pendulum_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float disturbed_pendulum_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float disturbed_pendulum_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool disturbed_pendulum_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float disturbed_pendulum_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool disturbed_pendulum_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float disturbed_pendulum_limit(float v, float most)
+{
+    return disturbed_pendulum_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float disturbed_pendulum_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return disturbed_pendulum_within(v, limit) ? disturbed_pendulum_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
+ * Define DISTURBED_PENDULUM_USE_LIBM for those of <math.h>, or DISTURBED_PENDULUM_USE_CMSIS for CMSIS-DSP. */
+#if defined(DISTURBED_PENDULUM_USE_LIBM)
+static float disturbed_pendulum_small_sin(float x)
+{
+    return sinf(x);
+}
+
+#elif defined(DISTURBED_PENDULUM_USE_CMSIS)
+static float disturbed_pendulum_small_sin(float x)
+{
+    return arm_sin_f32(x);
+}
+
+#else
+/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
+ * whole numbers */
+static float disturbed_pendulum_nearest(float v)
+{
+#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
+    const volatile float sum = v + 1.2582912e+07f;
+    return sum - 1.2582912e+07f;
+#else
+    return v + 1.2582912e+07f - 1.2582912e+07f;
+#endif
+}
+
+static float disturbed_pendulum_small_sin(float x)
+{
+    const float t1 = disturbed_pendulum_nearest(0.31830987f*x);
+    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
+    const float t3 = t2*t2;
+    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
+        (1.0f - t1*t1*2.0f);
+}
+#endif
+
+/* the right-hand side of the observer's differential equation */
+static void disturbed_pendulum_rate(const disturbed_pendulum_params *p, float w1, float w2, float w3,
+    float gamma, float y, float valid, float dw[3], float dgamma[1])
+{
+    const float t1 = disturbed_pendulum_clamp(gamma, 20.53f, 80.0f);
+    const float t2 = y - w1;
+    const float t3 = valid*t2;
+    const float t4 = t1*t1;
+    const float t5 = 0.5f*disturbed_pendulum_limit(w2, 50.0f)
+        + 0.5f*disturbed_pendulum_small_sin(disturbed_pendulum_limit(w1, 4.0f));
+    dw[0] = w2 + 8.9661f*t1*t3;
+    dw[1] = w3 + 16.5213f*t4*t3 - t5;
+    dw[2] = t4*t1*9.1275f*t3;
+    dgamma[0] = t1*((p->gain.threshold < disturbed_pendulum_abs(t2)) ? p->gain.rise
+        : -(p->gain.sigma*t1))*valid;
+}
+
+unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
+    const disturbed_pendulum_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    bool running = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    /* guard the measurements */
+    {
+        const float measurement = out->y;
+        const bool t1 = disturbed_pendulum_within(measurement, 3e+38f);
+        const float w1 = s->w[0];
+        const bool t2 = t1 && disturbed_pendulum_within(measurement, 12.0f)
+            && disturbed_pendulum_within(measurement - w1, 1e+16f);
+        const float t3 = t2 ? measurement : w1;
+        y = t3;
+        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= DISTURBED_PENDULUM_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= DISTURBED_PENDULUM_REJECTED_Y;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* w, gamma: one step of classical Runge-Kutta */
+        {
+            const float gamma = s->gamma;
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
+            float k1_w[3];
+            float k1_gamma[1];
+            disturbed_pendulum_rate(p, w1, w2, w3, gamma, y_last, valid, k1_w, k1_gamma);
+            float k2_w[3];
+            float k2_gamma[1];
+            disturbed_pendulum_rate(p, w1 + 0.0005f*k1_w[0], w2 + 0.0005f*k1_w[1], w3 + 0.0005f*k1_w[2],
+                gamma + 0.0005f*k1_gamma[0], y_mid, valid, k2_w, k2_gamma);
+            float k3_w[3];
+            float k3_gamma[1];
+            disturbed_pendulum_rate(p, w1 + 0.0005f*k2_w[0], w2 + 0.0005f*k2_w[1], w3 + 0.0005f*k2_w[2],
+                gamma + 0.0005f*k2_gamma[0], y_mid, valid, k3_w, k3_gamma);
+            float k4_w[3];
+            float k4_gamma[1];
+            disturbed_pendulum_rate(p, w1 + 0.001f*k3_w[0], w2 + 0.001f*k3_w[1], w3 + 0.001f*k3_w[2], gamma
+                + 0.001f*k3_gamma[0], y, valid, k4_w, k4_gamma);
+            s->w[0] = w1 + 0.00016666666f*(k1_w[0] + 2.0f*k2_w[0] + 2.0f*k3_w[0] + k4_w[0]);
+            s->w[1] = w2 + 0.00016666666f*(k1_w[1] + 2.0f*k2_w[1] + 2.0f*k3_w[1] + k4_w[1]);
+            s->w[2] = w3 + 0.00016666666f*(k1_w[2] + 2.0f*k2_w[2] + 2.0f*k3_w[2] + k4_w[2]);
+            s->gamma = gamma + 0.00016666666f*(k1_gamma[0] + 2.0f*k2_gamma[0] + 2.0f*k3_gamma[0]
+                + k4_gamma[0]);
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const bool t1 = disturbed_pendulum_within(s->w[0], 12.0f)
+                && disturbed_pendulum_within(s->w[1], 4000.0f) && disturbed_pendulum_within(s->w[2],
+                    32000.0f);
+            const float gamma = s->gamma;
+            beyond = !(t1 && gamma >= 20.53f && gamma <= 80.0f);
+        }
+        if (disturbed_pendulum_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = disturbed_pendulum_within(s->w[0], 1e+30f)
+                    && disturbed_pendulum_within(s->w[1], 1e+30f)
+                        && disturbed_pendulum_within(s->w[2], 1e+30f);
+                lost = !(t1 && disturbed_pendulum_within(s->gamma, 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->w[0] = 1.0f;
+                s->w[1] = 1.0f;
+                s->w[2] = 1.0f;
+                s->gamma = 20.53f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 3499.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 3499.0f;
+                s->doubt_sum = 0.0f;
+                status |= DISTURBED_PENDULUM_RESTARTED;
+            }
+            /* keep w in its box */
+            {
+                const float w1 = s->w[0];
+                const float w2 = s->w[1];
+                const float w3 = s->w[2];
+                s->w[0] = disturbed_pendulum_limit(w1, 12.0f);
+                s->w[1] = disturbed_pendulum_limit(w2, 4000.0f);
+                s->w[2] = disturbed_pendulum_limit(w3, 32000.0f);
+                if (disturbed_pendulum_abs(w1) > 12.0f || disturbed_pendulum_abs(w2) > 4000.0f
+                    || disturbed_pendulum_abs(w3) > 32000.0f) {
+                    status |= DISTURBED_PENDULUM_STATE_LIMITED;
+                }
+            }
+            /* keep gamma in its box */
+            {
+                const float gamma = s->gamma;
+                s->gamma = disturbed_pendulum_clamp(gamma, 20.53f, 80.0f);
+            }
+        }
+    }
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float w1 = s->w[0];
+        const bool t1 = disturbed_pendulum_abs(w1) > 4.0f || disturbed_pendulum_abs(s->w[1]) > 50.0f
+            || disturbed_pendulum_abs(s->w[2]) > 5.0f;
+        if (t1) {
+            status |= DISTURBED_PENDULUM_OUTSIDE_BOX;
+        }
+        doubtful = disturbed_pendulum_abs(out->y - w1) > 0.8f || t1 || !(s->doubt_sum <= 0.0f)
+            || !(valid > 0.0f);
+    }
+    if (doubtful) {
+        /* is there a sample to judge by? */
+        {
+            const float measurement = out->y;
+            const bool t1 = disturbed_pendulum_within(measurement, 3e+38f)
+                && disturbed_pendulum_within(measurement, 12.0f);
+            sampled = valid > 0.0f || t1;
+        }
+        if (sampled) {
+            /* was doubt or patience spoiled? */
+            {
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = disturbed_pendulum_abs(patience_y - 3499.0f + doubt_y
+                    + (patience_range - 3499.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 3582976.0f
+                    && patience_y >= 3499.0f && patience_y <= 3582976.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 3582976.0f
+                    && patience_range >= 3499.0f && patience_range <= 3582976.0f;
+                spoiled = !t3;
+            }
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 3499.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 3499.0f;
+                s->doubt_sum = 0.0f;
+            }
+            /* which signs show? */
+            {
+                const float w1 = s->w[0];
+                shows_y = !disturbed_pendulum_within(out->y - w1, 0.8f);
+                shows_range = disturbed_pendulum_abs(w1) > 4.4f || disturbed_pendulum_abs(s->w[1]) > 55.0f
+                    || disturbed_pendulum_abs(s->w[2]) > 5.5f;
+            }
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = disturbed_pendulum_min(doubt_y + 1.0f, 3582976.0f);
+                }
+                /* is patience at its end? */
+                over_y = s->patience_y <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = disturbed_pendulum_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 3499.0f : patience_y;
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = disturbed_pendulum_min(doubt_range + 1.0f, 3582976.0f);
+                }
+                /* is patience at its end? */
+                over_range = s->patience_range <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = disturbed_pendulum_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 3499.0f : patience_range;
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* patience doubles */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = disturbed_pendulum_min(patience_y, 1791488.0f);
+                        s->patience_y = disturbed_pendulum_min(2.0f*patience_y, 3582976.0f);
+                    }
+                }
+                if (over_range) {
+                    /* patience doubles */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = disturbed_pendulum_min(patience_range, 1791488.0f);
+                        s->patience_range = disturbed_pendulum_min(2.0f*patience_range, 3582976.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->w[0] = 1.0f;
+                s->w[1] = 1.0f;
+                s->w[2] = 1.0f;
+                /* from the sample of y */
+                {
+                    const float w1 = s->w[0];
+                    const float w2 = s->w[1];
+                    const float w3 = s->w[2];
+                    s->w[0] = disturbed_pendulum_keep(out->y, -4.0f, 4.0f, w1, 1e+30f);
+                    s->w[1] = disturbed_pendulum_keep(w2, -50.0f, 50.0f, w2, 1e+30f);
+                    s->w[2] = disturbed_pendulum_keep(w3, -5.0f, 5.0f, w3, 1e+30f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= DISTURBED_PENDULUM_RESTARTED_FROM_SAMPLE;
+                /* as after a reset */
+                s->gamma = 20.53f;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 3499.0f + s->doubt_y
+                + (s->patience_range - 3499.0f + s->doubt_range);
+        }
+    }
+    return status;
+}
+
+void disturbed_pendulum_estimate(const disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
+    disturbed_pendulum_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x1 = s->w[0];
+    x->x2 = s->w[1];
+    x->x3 = s->w[2];
+}
+
+unsigned disturbed_pendulum_tune(disturbed_pendulum_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float rise = p->gain.rise;
+        const float sigma = p->gain.sigma;
+        const float threshold = p->gain.threshold;
+        p->gain.rise = disturbed_pendulum_keep(rise, 0.05f, 50000.0f, 50.0f, 3e+38f);
+        p->gain.threshold = disturbed_pendulum_keep(threshold, 0.0001f, 100.0f, 0.1f, 3e+38f);
+        p->gain.sigma = disturbed_pendulum_keep(sigma, 0.0f, 0.05f, 0.05f, 3e+38f);
+        if (!(rise >= 0.05f && rise <= 50000.0f) || !(threshold >= 0.0001f && threshold <= 100.0f)
+            || !(sigma >= 0.0f && sigma <= 0.05f)) {
+            status |= DISTURBED_PENDULUM_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void disturbed_pendulum_reset(disturbed_pendulum_state *s)
+{
+    s->w[0] = 1.0f;
+    s->w[1] = 1.0f;
+    s->w[2] = 1.0f;
+    s->gamma = 20.53f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 3499.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 3499.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->y = 0.0f;
+    s->y_valid = 0.0f;
+}
+
+void disturbed_pendulum_init(disturbed_pendulum_state *s, disturbed_pendulum_params *p)
+{
+    p->gain.rise = 50.0f;
+    p->gain.threshold = 0.1f;
+    p->gain.sigma = 0.05f;
+    (void)disturbed_pendulum_tune(p);
+    disturbed_pendulum_reset(s);
+}

@@ -1,0 +1,360 @@
+/* duffing: see duffing.h, which is the manual. */
+#include "duffing.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float duffing_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float duffing_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float duffing_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool duffing_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float duffing_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool duffing_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float duffing_limit(float v, float most)
+{
+    return duffing_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float duffing_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return duffing_within(v, limit) ? duffing_clamp(v, low, high) : otherwise;
+}
+
+/* the right-hand side of the observer's differential equation */
+static void duffing_rate(const duffing_params *p, float z1, float z2, float u, float y, float valid,
+    float dz[2])
+{
+    const float t1 = valid*(y - z1);
+    const float t2 = duffing_limit(z1, 2.0f);
+    dz[0] = z2 + p->derived.K[0]*t1;
+    dz[1] = u - t2*t2*t2 + t2 - 0.3f*duffing_limit(z2, 3.0f) + p->derived.K[1]*t1;
+}
+
+unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_input *in,
+    const duffing_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    bool running = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    float u = 0.0f;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = duffing_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = duffing_limit(u_taken, 1.0f);
+        if (!u_usable) {
+            status |= DUFFING_REUSED_U;
+        }
+        if (duffing_abs(u_taken) > 1.0f) {
+            status |= DUFFING_CLAMPED_U;
+        }
+    }
+    /* guard the measurements */
+    {
+        const float measurement = out->y;
+        const bool t1 = duffing_within(measurement, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && duffing_within(measurement, 6.0f) && duffing_within(measurement - z1, 1e+16f);
+        const float t3 = t2 ? measurement : z1;
+        y = t3;
+        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= DUFFING_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= DUFFING_REJECTED_Y;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z: one step of classical Runge-Kutta */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
+            float k1_z[2];
+            duffing_rate(p, z1, z2, u_before, y_last, valid, k1_z);
+            float k2_z[2];
+            duffing_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], u_mid, y_mid, valid, k2_z);
+            float k3_z[2];
+            duffing_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], u_mid, y_mid, valid, k3_z);
+            float k4_z[2];
+            duffing_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], u, y, valid, k4_z);
+            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        }
+        /* is a value beyond its box, or lost? */
+        beyond = !(duffing_within(s->z[0], 6.0f) && duffing_within(s->z[1], 15.0f));
+        if (duffing_acts(beyond)) {
+            /* is a value lost? */
+            lost = !(duffing_within(s->z[0], 1e+30f) && duffing_within(s->z[1], 1e+30f));
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 2486.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 2486.0f;
+                s->doubt_sum = 0.0f;
+                status |= DUFFING_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = duffing_limit(z1, 6.0f);
+                s->z[1] = duffing_limit(z2, 15.0f);
+                if (duffing_abs(z1) > 6.0f || duffing_abs(z2) > 15.0f) {
+                    status |= DUFFING_STATE_LIMITED;
+                }
+            }
+        }
+    }
+    /* remember the input */
+    s->u = u;
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = duffing_abs(z1) > 2.0f || duffing_abs(s->z[1]) > 3.0f;
+        if (t1) {
+            status |= DUFFING_OUTSIDE_BOX;
+        }
+        doubtful = duffing_abs(out->y - z1) > 0.4f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
+    }
+    if (doubtful) {
+        /* is there a sample to judge by? */
+        {
+            const float measurement = out->y;
+            sampled = valid > 0.0f || (duffing_within(measurement, 3e+38f)
+                && duffing_within(measurement, 6.0f));
+        }
+        if (sampled) {
+            /* was doubt or patience spoiled? */
+            {
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = duffing_abs(patience_y - 2486.0f + doubt_y
+                    + (patience_range - 2486.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 2545664.0f
+                    && patience_y >= 2486.0f && patience_y <= 2545664.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 2545664.0f
+                    && patience_range >= 2486.0f && patience_range <= 2545664.0f;
+                spoiled = !t3;
+            }
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 2486.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 2486.0f;
+                s->doubt_sum = 0.0f;
+            }
+            /* which signs show? */
+            {
+                const float z1 = s->z[0];
+                shows_y = !duffing_within(out->y - z1, 0.4f);
+                shows_range = duffing_abs(z1) > 2.2f || duffing_abs(s->z[1]) > 3.3f;
+            }
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = duffing_min(doubt_y + 1.0f, 2545664.0f);
+                }
+                /* is patience at its end? */
+                over_y = s->patience_y <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = duffing_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 2486.0f : patience_y;
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = duffing_min(doubt_range + 1.0f, 2545664.0f);
+                }
+                /* is patience at its end? */
+                over_range = s->patience_range <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = duffing_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 2486.0f : patience_range;
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* patience doubles */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = duffing_min(patience_y, 1272832.0f);
+                        s->patience_y = duffing_min(2.0f*patience_y, 2545664.0f);
+                    }
+                }
+                if (over_range) {
+                    /* patience doubles */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = duffing_min(patience_range, 1272832.0f);
+                        s->patience_range = duffing_min(2.0f*patience_range, 2545664.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                /* from the sample of y */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    s->z[0] = duffing_keep(out->y, -2.0f, 2.0f, z1, 1e+30f);
+                    s->z[1] = duffing_keep(z2, -3.0f, 3.0f, z2, 1e+30f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= DUFFING_RESTARTED_FROM_SAMPLE;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 2486.0f + s->doubt_y
+                + (s->patience_range - 2486.0f + s->doubt_range);
+        }
+    }
+    return status;
+}
+
+void duffing_estimate(const duffing_state *s, const duffing_params *p, duffing_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x = s->z[0];
+    x->v = s->z[1];
+}
+
+unsigned duffing_tune(duffing_params *p)
+{
+    unsigned status = 0u;
+    /* theta in its range */
+    {
+        const float theta = p->gain.theta;
+        p->gain.theta = duffing_keep(theta, 1.0f, 5.0f, 5.0f, 3e+38f);
+        if (!(theta >= 1.0f && theta <= 5.0f)) {
+            status |= DUFFING_PARAMETER_LIMITED;
+        }
+    }
+    /* observer gain */
+    {
+        const float theta = p->gain.theta;
+        p->derived.K[0] = 2.0f*theta;
+        p->derived.K[1] = theta*theta;
+    }
+    return status;
+}
+
+void duffing_reset(duffing_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 2486.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2486.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->u = 0.0f;
+    s->y = 0.0f;
+    s->y_valid = 0.0f;
+}
+
+void duffing_init(duffing_state *s, duffing_params *p)
+{
+    p->gain.theta = 5.0f;
+    (void)duffing_tune(p);
+    duffing_reset(s);
+}

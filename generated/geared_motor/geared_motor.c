@@ -1,0 +1,1549 @@
+/* geared_motor: see geared_motor.h, which is the manual. */
+#include "geared_motor.h"
+
+#include <stdbool.h>
+#if defined(GEARED_MOTOR_USE_LIBM)
+#include <math.h>
+#elif defined(GEARED_MOTOR_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float geared_motor_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float geared_motor_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float geared_motor_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool geared_motor_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float geared_motor_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool geared_motor_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float geared_motor_limit(float v, float most)
+{
+    return geared_motor_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float geared_motor_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return geared_motor_within(v, limit) ? geared_motor_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
+ * Define GEARED_MOTOR_USE_LIBM for those of <math.h>, or GEARED_MOTOR_USE_CMSIS for CMSIS-DSP. */
+#if defined(GEARED_MOTOR_USE_LIBM)
+static float geared_motor_exp(float x)
+{
+    return expf(x);
+}
+
+static float geared_motor_tanh(float x)
+{
+    return tanhf(x);
+}
+
+#elif defined(GEARED_MOTOR_USE_CMSIS)
+static float geared_motor_exp(float x)
+{
+    return expf(x);
+}
+
+static float geared_motor_tanh(float x)
+{
+    return tanhf(x);
+}
+
+#else
+/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
+ * whole numbers */
+static float geared_motor_nearest(float v)
+{
+#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
+    const volatile float sum = v + 1.2582912e+07f;
+    return sum - 1.2582912e+07f;
+#else
+    return v + 1.2582912e+07f - 1.2582912e+07f;
+#endif
+}
+
+static float geared_motor_inf(void)
+{
+    const float large = 3e38f;
+    return large*large;
+}
+
+static float geared_motor_exp(float x)
+{
+    const float t1 = geared_motor_nearest((x*x < 16384.0f) ? 1.442695f*x : 0.0f);
+    const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
+    const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
+        + 0.16666545f));
+    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
+    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
+    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
+    const bool t7 = t6 >= 64.0f;
+    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
+    const bool t9 = t8 >= 32.0f;
+    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
+    const bool t11 = t10 >= 16.0f;
+    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t11 ? 65535.0f : 0.0f));
+    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
+    const bool t14 = t13 >= 8.0f;
+    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
+    const bool t16 = t15 >= 4.0f;
+    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
+    const bool t18 = t17 >= 2.0f;
+    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
+        (1.0f + (t18 ? 3.0f : 0.0f));
+    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
+        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
+    return (x > 88.896126f) ? geared_motor_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+}
+
+static float geared_motor_tanh(float x)
+{
+    const float t1 = 1.0f - ((x < 0.0f) ? 2.0f : 0.0f);
+    const float t2 = t1*x;
+    const float t3 = (2.0f*t2 > 18.714973f) ? 18.714973f : 2.0f*t2;
+    const float t4 = geared_motor_nearest((t3*t3 < 16384.0f) ? 1.442695f*t3 : 0.0f);
+    const bool t5 = t4 >= 16.0f;
+    const float t6 = t4 - (t5 ? 16.0f : 0.0f);
+    const bool t7 = t6 >= 8.0f;
+    const float t8 = t6 - (t7 ? 8.0f : 0.0f);
+    const bool t9 = t8 >= 4.0f;
+    const float t10 = t8 - (t9 ? 4.0f : 0.0f);
+    const bool t11 = t10 >= 2.0f;
+    const float t12 = (1.0f + (t5 ? 65535.0f : 0.0f))*(1.0f + (t7 ? 255.0f : 0.0f))*
+        (1.0f + (t9 ? 15.0f : 0.0f))*(1.0f + (t11 ? 3.0f : 0.0f));
+    const float t13 = t12*(1.0f + ((t10 - (t11 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f));
+    const float t14 = t3 - 0.69314575f*t4 - 1.4286068e-06f*t4;
+    const float t15 = t14*t14*(0.5f + t14*(((0.0013940646f*t14 + 0.008366435f)*t14 + 0.041666403f)*t14
+        + 0.16666545f));
+    const float t16 = t13 - 1.0f + t13*(t14 + t15);
+    return t16/(t16 + 2.0f)*t1;
+}
+#endif
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void geared_motor_flow(float z2, float z3, float z4, float u, float dz[3])
+{
+    const float t1 = geared_motor_limit(z3, 300.0f);
+    const float t2 = geared_motor_limit(z2, 15.0f);
+    dz[0] = -t1;
+    dz[1] = 50.0f*u - 50.0f*t2 + 2.5f*z3;
+    dz[2] = 5000.0f*z4 - (250.0f*t2 + 0.1f*t1 + 50.0f*geared_motor_tanh(0.2f*t1));
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void geared_motor_jacobian(float z3, float F[1])
+{
+    const float t1 = geared_motor_tanh(0.2f*geared_motor_limit(z3, 300.0f));
+    F[0] = -(0.1f + 10.0f*(1.0f - t1*t1)); /* F_33 */
+}
+
+unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *p,
+    const geared_motor_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float v = in->v;
+        const bool v_usable = geared_motor_within(v, 1e+15f);
+        const float v_taken = v_usable ? v : s->u;
+        u = geared_motor_limit(v_taken, 12.0f);
+        if (!v_usable) {
+            status |= GEARED_MOTOR_REUSED_V;
+        }
+        if (geared_motor_abs(v_taken) > 12.0f) {
+            status |= GEARED_MOTOR_CLAMPED_V;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = (calls < 2u) ? calls + 1u : 2u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float D4 = s->D[3];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L41 = s->L[2];
+            const float L32 = s->L[3];
+            const float L42 = s->L[4];
+            const float L43 = s->L[5];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float z4 = s->z[3];
+            const float u_before = s->u;
+            float k1_z[3];
+            geared_motor_flow(z2, z3, z4, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[3];
+            geared_motor_flow(z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], z4, t1, k2_z);
+            const float t2 = z3 + 0.0005f*k2_z[2];
+            float k3_z[3];
+            geared_motor_flow(z2 + 0.0005f*k2_z[1], t2, z4, t1, k3_z);
+            float k4_z[3];
+            geared_motor_flow(z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], z4, u, k4_z);
+            float F_1[1];
+            geared_motor_jacobian(t2, F_1);
+            const float Phi_13 = -0.001f - 5e-07f*F_1[0];
+            const float Phi_23 = 0.0025f + 5e-07f*(2.5f*F_1[0] - 125.0f);
+            const float Phi_32 = 5e-07f*(12500.0f - 250.0f*F_1[0]) - 0.25f;
+            const float Phi_33 = 1.0f + 0.001f*F_1[0] + 5e-07f*(F_1[0]*F_1[0] - 625.0f);
+            const float Phi_34 = 5.0f + 0.0025f*F_1[0];
+            const float w1_1 = 1.0f + 0.000125f*L21 + Phi_13*L31 - 0.0025f*L41;
+            const float w1_2 = 0.000125f + Phi_13*L32 - 0.0025f*L42;
+            const float w1_3 = Phi_13 - 0.0025f*L43;
+            const float theta = s->theta;
+            const float w1_5 = theta*theta;
+            const float t3 = w1_1*D1;
+            const float t4 = w1_2*D2;
+            const float t5 = w1_3*D3;
+            const float t6 = 0.001f*theta;
+            const float t7 = t6*p->gain.Q[0];
+            const float d1 = w1_1*t3 + w1_2*t4 + w1_3*t5 + 6.25e-06f*D4 + w1_5*t7*w1_5;
+            const float t8 = 0.9509375f*L21 + Phi_23*L31 + 0.00625f*L41;
+            const float t9 = 0.9509375f + Phi_23*L32 + 0.00625f*L42;
+            const float t10 = Phi_23 + 0.00625f*L43;
+            const float l21 = (t8*t3 + t9*t4 + t10*t5 - 1.5625e-05f*D4)/d1;
+            const float t11 = Phi_32*L21 + Phi_33*L31 + Phi_34*L41;
+            const float t12 = Phi_32 + Phi_33*L32 + Phi_34*L42;
+            const float t13 = Phi_33 + Phi_34*L43;
+            const float t14 = -0.0025f*D4;
+            const float l31 = (t11*t3 + t12*t4 + t13*t5 + Phi_34*t14)/d1;
+            const float l41 = (L41*t3 + L42*t4 + L43*t5 + t14)/d1;
+            const float w2_1 = t8 - l21*w1_1;
+            const float w2_2 = t9 - l21*w1_2;
+            const float w2_3 = t10 - l21*w1_3;
+            const float w2_4 = 0.00625f + 0.0025f*l21;
+            const float t15 = w2_1*D1;
+            const float t16 = w2_2*D2;
+            const float t17 = w2_3*D3;
+            const float t18 = w2_4*D4;
+            const float t19 = l21*w1_5;
+            const float t20 = t19*t7;
+            const float t21 = t6*p->gain.Q[1];
+            const float d2 = w2_1*t15 + w2_2*t16 + w2_3*t17 + w2_4*t18 + t19*t20 + t21;
+            const float t22 = t11 - l31*w1_1;
+            const float t23 = t12 - l31*w1_2;
+            const float t24 = t13 - l31*w1_3;
+            const float t25 = Phi_34 + 0.0025f*l31;
+            const float t26 = l31*w1_5;
+            const float l32 = (t22*t15 + t23*t16 + t24*t17 + t25*t18 + t26*t20)/d2;
+            const float t27 = L41 - l41*w1_1;
+            const float t28 = L42 - l41*w1_2;
+            const float t29 = L43 - l41*w1_3;
+            const float t30 = 1.0f + 0.0025f*l41;
+            const float t31 = l41*w1_5;
+            const float l42 = (t27*t15 + t28*t16 + t29*t17 + t30*t18 + t31*t20)/d2;
+            const float w3_1 = t22 - l32*w2_1;
+            const float w3_2 = t23 - l32*w2_2;
+            const float w3_3 = t24 - l32*w2_3;
+            const float w3_4 = t25 - l32*w2_4;
+            const float w3_5 = l32*t19 - t26;
+            const float t32 = w3_1*D1;
+            const float t33 = w3_2*D2;
+            const float t34 = w3_3*D3;
+            const float t35 = w3_4*D4;
+            const float t36 = w3_5*t7;
+            const float t37 = l32*t21;
+            const float t38 = t6*p->gain.Q[2];
+            const float d3 = w3_1*t32 + w3_2*t33 + w3_3*t34 + w3_4*t35 + w3_5*t36 + l32*t37 + theta*t38*theta;
+            const float t39 = t27 - l42*w2_1;
+            const float t40 = t28 - l42*w2_2;
+            const float t41 = t29 - l42*w2_3;
+            const float t42 = t30 - l42*w2_4;
+            const float t43 = l42*t19 - t31;
+            const float l43 = (t39*t32 + t40*t33 + t41*t34 + t42*t35 + t43*t36 + l42*t37)/d3;
+            const float w4_1 = t39 - l43*w3_1;
+            const float w4_2 = t40 - l43*w3_2;
+            const float w4_3 = t41 - l43*w3_3;
+            const float w4_4 = t42 - l43*w3_4;
+            const float w4_5 = t43 - l43*w3_5;
+            const float w4_6 = l43*l32 - l42;
+            const float t44 = l43*theta;
+            const float t45 = w4_1*D1*w4_1 + w4_2*D2*w4_2 + w4_3*D3*w4_3 + w4_4*D4*w4_4 + w4_5*t7*w4_5
+                + w4_6*t21*w4_6 + t44*t38*t44;
+            const float d4 = t45 + t6*p->gain.Q[3]*w1_5*w1_5;
+            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            s->L[0] = l21;
+            s->L[1] = l31;
+            s->L[2] = l41;
+            s->L[3] = l32;
+            s->L[4] = l42;
+            s->L[5] = l43;
+            s->D[0] = d1;
+            s->D[1] = d2;
+            s->D[2] = d3;
+            s->D[3] = d4;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float D2 = s->D[1];
+            const float L31 = s->L[1];
+            const float L32 = s->L[3];
+            const float D3 = s->D[2];
+            const float L41 = s->L[2];
+            const float L42 = s->L[4];
+            const float L43 = s->L[5];
+            capped = D1 > 1.024e+07f || L21*L21*D1 + D2 > 2025.0f
+                || L31*L31*D1 + L32*L32*D2 + D3 > 1440000.0f || L41*L41*D1 + L42*L42*D2 + L43*L43*D3
+                    + s->D[3] > 10.24f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float D4 = s->D[3];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L41 = s->L[2];
+                const float L32 = s->L[3];
+                const float L42 = s->L[4];
+                const float L43 = s->L[5];
+                const float t1 = geared_motor_min(1.0f, 2025.0f/(L21*L21*D1 + D2));
+                const float t2 = geared_motor_min(1.0f, 1.024e+07f/D1);
+                const float t3 = geared_motor_min(1.0f, 1440000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+                const float t4 = geared_motor_min(1.0f, 10.24f/(L41*L41*D1 + L42*L42*D2 + L43*L43*D3 + D4));
+                s->L[0] = t1*L21/t2;
+                s->L[1] = t3*L31/t2;
+                s->L[2] = t4*L41/t2;
+                s->L[3] = t3*L32/t1;
+                s->L[4] = t4*L42/t1;
+                s->L[5] = t4*L43/t3;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                s->D[2] = t3*t3*D3;
+                s->D[3] = t4*t4*D4;
+                status |= GEARED_MOTOR_COVARIANCE_LIMITED;
+            }
+        }
+        for (unsigned k = 0u; k < 5u; ++k) {
+            geared_motor_predictor *const predictor = &s->predictor[k];
+            /* each predictor by Heun, without correction */
+            {
+                const float z1 = predictor->z[0];
+                const float z2 = predictor->z[1];
+                const float z3 = predictor->z[2];
+                const float z4 = predictor->z[3];
+                float dz_1[3];
+                geared_motor_flow(z2, z3, z4, s->u, dz_1);
+                float dz_2[3];
+                geared_motor_flow(z2 + 0.001f*dz_1[1], z3 + 0.001f*dz_1[2], z4, u, dz_2);
+                predictor->z[0] = z1 + 0.0005f*(dz_1[0] + dz_2[0]);
+                predictor->z[1] = z2 + 0.0005f*(dz_1[1] + dz_2[1]);
+                predictor->z[2] = z3 + 0.0005f*(dz_1[2] + dz_2[2]);
+            }
+            /* is it beyond its box, or lost? */
+            {
+                const bool t1 = geared_motor_within(predictor->z[0], 3200.0f)
+                    && geared_motor_within(predictor->z[1], 45.0f)
+                        && geared_motor_within(predictor->z[2], 1200.0f);
+                beyond = !(t1 && geared_motor_within(predictor->z[3], 3.2f));
+            }
+            if (geared_motor_acts(beyond)) {
+                /* keep it in its box */
+                {
+                    const float z1 = predictor->z[0];
+                    const float z2 = predictor->z[1];
+                    const float z3 = predictor->z[2];
+                    const float z4 = predictor->z[3];
+                    predictor->z[0] = geared_motor_keep(z1, -3200.0f, 3200.0f, 0.0f, 1e+15f);
+                    predictor->z[1] = geared_motor_keep(z2, -45.0f, 45.0f, 0.0f, 1e+15f);
+                    predictor->z[2] = geared_motor_keep(z3, -1200.0f, 1200.0f, 0.0f, 1e+15f);
+                    predictor->z[3] = geared_motor_keep(z4, -3.2f, 3.2f, 0.0f, 1e+15f);
+                }
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
+                && geared_motor_within(s->z[2], 1200.0f);
+            const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f)
+                && geared_motor_within(s->L[0], 1.40625e+07f) && geared_motor_within(s->L[1], 3.75e+08f);
+            const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f)
+                && geared_motor_within(s->L[3], 2.6666666e+10f);
+            const bool t4 = t3 && geared_motor_within(s->L[4], 7.111111e+07f)
+                && geared_motor_within(s->L[5], 2666666.8f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const bool t5 = t4 && D1 >= 1e-18f && D1 <= 1.024e+07f && D2 >= 1e-15f && D2 <= 2025.0f
+                && D3 >= 1e-14f && D3 <= 1440000.0f;
+            const float D4 = s->D[3];
+            beyond = !(t5 && D4 >= 1e-20f && D4 <= 10.24f);
+        }
+        if (geared_motor_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = geared_motor_within(s->z[0], 1e+30f) && geared_motor_within(s->z[1], 1e+30f)
+                    && geared_motor_within(s->z[2], 1e+30f);
+                const bool t2 = t1 && geared_motor_within(s->z[3], 1e+30f)
+                    && geared_motor_within(s->L[0], 1e+30f) && geared_motor_within(s->L[1], 1e+30f);
+                const bool t3 = t2 && geared_motor_within(s->L[2], 1e+30f)
+                    && geared_motor_within(s->L[3], 1e+30f) && geared_motor_within(s->L[4], 1e+30f);
+                const bool t4 = t3 && geared_motor_within(s->L[5], 1e+30f)
+                    && geared_motor_within(s->D[0], 1e+30f) && geared_motor_within(s->D[1], 1e+30f);
+                lost = !(t4 && geared_motor_within(s->D[2], 1e+30f) && geared_motor_within(s->D[3], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->z[3] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->L[3] = 0.0f;
+                s->L[4] = 0.0f;
+                s->L[5] = 0.0f;
+                s->D[0] = 1.0f;
+                s->D[1] = 1.0f;
+                s->D[2] = 100.0f;
+                s->D[3] = 0.01f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y_y2 = 0.0f;
+                s->patience_y_y2 = 80.0f;
+                s->doubt_y_y1 = 0.0f;
+                s->patience_y_y1 = 80.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 160.0f;
+                s->doubt_sum = 0.0f;
+                status |= GEARED_MOTOR_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    geared_motor_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    predictor->z[2] = s->z[2];
+                    predictor->z[3] = s->z[3];
+                    /* as after a reset */
+                    predictor->sum[0] = 0.0f;
+                    predictor->sum[1] = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples[0] = 0u;
+                    predictor->samples[1] = 0u;
+                }
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float z4 = s->z[3];
+                const bool t1 = geared_motor_abs(z1) > 3200.0f || geared_motor_abs(z2) > 45.0f
+                    || geared_motor_abs(z3) > 1200.0f;
+                s->z[0] = geared_motor_limit(z1, 3200.0f);
+                s->z[1] = geared_motor_limit(z2, 45.0f);
+                s->z[2] = geared_motor_limit(z3, 1200.0f);
+                s->z[3] = geared_motor_limit(z4, 3.2f);
+                if (t1 || geared_motor_abs(z4) > 3.2f) {
+                    status |= GEARED_MOTOR_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L41 = s->L[2];
+                const float L32 = s->L[3];
+                const float L42 = s->L[4];
+                const float L43 = s->L[5];
+                s->L[0] = geared_motor_limit(L21, 1.40625e+07f);
+                s->L[1] = geared_motor_limit(L31, 3.75e+08f);
+                s->L[2] = geared_motor_limit(L41, 1000000.0f);
+                s->L[3] = geared_motor_limit(L32, 2.6666666e+10f);
+                s->L[4] = geared_motor_limit(L42, 7.111111e+07f);
+                s->L[5] = geared_motor_limit(L43, 2666666.8f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float D4 = s->D[3];
+                s->D[0] = geared_motor_clamp(D1, 1e-18f, 1.024e+07f);
+                s->D[1] = geared_motor_clamp(D2, 1e-15f, 2025.0f);
+                s->D[2] = geared_motor_clamp(D3, 1e-14f, 1440000.0f);
+                s->D[3] = geared_motor_clamp(D4, 1e-20f, 10.24f);
+            }
+        }
+    } else {
+        for (unsigned k = 0u; k < 5u; ++k) {
+            geared_motor_predictor *const predictor = &s->predictor[k];
+            /* from the estimate */
+            predictor->z[0] = s->z[0];
+            predictor->z[1] = s->z[1];
+            predictor->z[2] = s->z[2];
+            predictor->z[3] = s->z[3];
+        }
+    }
+    /* samples may come */
+    s->used_y1 = 0u;
+    s->used_y2 = 0u;
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params *p,
+    const geared_motor_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y_y1 = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y_y1 = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y1 awaited? */
+    fresh = s->used_y1 < 1u;
+    if (fresh) {
+        /* the measurement of y1 */
+        measurement = out->y1;
+        /* guard the measurement of y1 */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = geared_motor_within(measurement, 3e+38f);
+            const bool t3 = t2 && geared_motor_within(measurement, 600.0f) && geared_motor_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= GEARED_MOTOR_MISSING_Y1;
+            }
+            if (t2 && !t3) {
+                status |= GEARED_MOTOR_REJECTED_Y1;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L41 = s->L[2];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float z4 = s->z[3];
+                const float theta = s->theta;
+                const float t1 = theta*theta*theta*p->gain.R[0]*1000.0f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                const float K3 = L31*D1/t2;
+                const float K4 = L41*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->z[3] = z4 + K4*e;
+                s->D[0] = D1*t1/t2;
+            }
+            for (unsigned k = 0u; k < 5u; ++k) {
+                geared_motor_predictor *const predictor = &s->predictor[k];
+                /* its squared output error */
+                {
+                    const float sum1 = predictor->sum[0];
+                    const float t1 = measurement - predictor->z[0];
+                    predictor->sum[0] = geared_motor_min(sum1 + 0.001f*t1*t1, 1e+30f);
+                }
+                /* one more sample */
+                {
+                    const unsigned samples1 = predictor->samples[0];
+                    predictor->samples[0] = (samples1 < 26u) ? samples1 + 1u : 26u;
+                }
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
+                    && geared_motor_within(s->z[2], 1200.0f);
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f) && D1 >= 1e-18f && D1 <= 1.024e+07f
+                    && D2 >= 1e-15f && D2 <= 2025.0f;
+                const float D3 = s->D[2];
+                const float D4 = s->D[3];
+                beyond = !(t2 && D3 >= 1e-14f && D3 <= 1440000.0f && D4 >= 1e-20f && D4 <= 10.24f);
+            }
+            if (geared_motor_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = geared_motor_within(s->z[0], 1e+30f)
+                        && geared_motor_within(s->z[1], 1e+30f) && geared_motor_within(s->z[2], 1e+30f);
+                    const bool t2 = t1 && geared_motor_within(s->z[3], 1e+30f)
+                        && geared_motor_within(s->D[0], 1e+30f) && geared_motor_within(s->D[1], 1e+30f);
+                    lost = !(t2 && geared_motor_within(s->D[2], 1e+30f)
+                        && geared_motor_within(s->D[3], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->z[3] = 0.0f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->L[3] = 0.0f;
+                    s->L[4] = 0.0f;
+                    s->L[5] = 0.0f;
+                    s->D[0] = 1.0f;
+                    s->D[1] = 1.0f;
+                    s->D[2] = 100.0f;
+                    s->D[3] = 0.01f;
+                    s->innovation = 0.0f;
+                    s->theta = 1.0f;
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 80.0f;
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 80.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 160.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= GEARED_MOTOR_RESTARTED;
+                    /* counters as after a reset */
+                    s->oldest = 0u;
+                    s->tick = 0u;
+                    for (unsigned k = 0u; k < 5u; ++k) {
+                        geared_motor_predictor *const predictor = &s->predictor[k];
+                        /* from the estimate */
+                        predictor->z[0] = s->z[0];
+                        predictor->z[1] = s->z[1];
+                        predictor->z[2] = s->z[2];
+                        predictor->z[3] = s->z[3];
+                        /* as after a reset */
+                        predictor->sum[0] = 0.0f;
+                        predictor->sum[1] = 0.0f;
+                        /* counters as after a reset */
+                        predictor->samples[0] = 0u;
+                        predictor->samples[1] = 0u;
+                    }
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    const float z4 = s->z[3];
+                    const bool t1 = geared_motor_abs(z1) > 3200.0f || geared_motor_abs(z2) > 45.0f
+                        || geared_motor_abs(z3) > 1200.0f;
+                    s->z[0] = geared_motor_limit(z1, 3200.0f);
+                    s->z[1] = geared_motor_limit(z2, 45.0f);
+                    s->z[2] = geared_motor_limit(z3, 1200.0f);
+                    s->z[3] = geared_motor_limit(z4, 3.2f);
+                    if (t1 || geared_motor_abs(z4) > 3.2f) {
+                        status |= GEARED_MOTOR_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    const float D4 = s->D[3];
+                    s->D[0] = geared_motor_clamp(D1, 1e-18f, 1.024e+07f);
+                    s->D[1] = geared_motor_clamp(D2, 1e-15f, 2025.0f);
+                    s->D[2] = geared_motor_clamp(D3, 1e-14f, 1440000.0f);
+                    s->D[3] = geared_motor_clamp(D4, 1e-20f, 10.24f);
+                }
+            }
+            /* y1 is used */
+            s->used_y1 = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
+                || geared_motor_abs(s->z[2]) > 300.0f;
+            const bool t2 = geared_motor_abs(output_error) > 40.0f || t1 || geared_motor_abs(s->z[3]) > 0.2f
+                || !(s->doubt_sum <= 0.0f);
+            doubtful = t2 || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (geared_motor_within(measurement, 3e+38f)
+                && geared_motor_within(measurement, 600.0f));
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y_y2 = s->doubt_y_y2;
+                    const float patience_y_y2 = s->patience_y_y2;
+                    const float doubt_y_y1 = s->doubt_y_y1;
+                    const float patience_y_y1 = s->patience_y_y1;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = patience_y_y2 - 80.0f + doubt_y_y2
+                        + (patience_y_y1 - 80.0f + doubt_y_y1) + (patience_range - 160.0f + doubt_range);
+                    const bool t2 = geared_motor_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y2 >= 0.0f
+                        && doubt_y_y2 <= 81920.0f && patience_y_y2 >= 80.0f && patience_y_y2 <= 81920.0f;
+                    const bool t3 = t2 && doubt_y_y1 >= 0.0f && doubt_y_y1 <= 81920.0f
+                        && patience_y_y1 >= 80.0f && patience_y_y1 <= 81920.0f;
+                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 163840.0f
+                        && patience_range >= 160.0f && patience_range <= 163840.0f;
+                    spoiled = !t4;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 80.0f;
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 80.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 160.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const bool t1 = geared_motor_abs(s->z[0]) > 220.0f || geared_motor_abs(s->z[1]) > 16.5f
+                        || geared_motor_abs(s->z[2]) > 330.0f;
+                    shows_y_y1 = !geared_motor_within(output_error, 40.0f);
+                    shows_range = t1 || geared_motor_abs(s->z[3]) > 0.22f;
+                }
+                if (shows_y_y1) {
+                    /* more doubt */
+                    {
+                        const float doubt_y_y1 = s->doubt_y_y1;
+                        s->doubt_y_y1 = geared_motor_min(doubt_y_y1 + 1.0f, 81920.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y_y1 = s->doubt_y_y1;
+                        const float patience_y_y1 = s->patience_y_y1;
+                        s->doubt_y_y1 = geared_motor_max(doubt_y_y1 - 1.0f, 0.0f);
+                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 80.0f : patience_y_y1;
+                        over_y_y1 = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = geared_motor_min(doubt_range + 1.0f, 163840.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = geared_motor_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 160.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y_y1 || over_range;
+                if (lost) {
+                    if (over_y_y1) {
+                        /* patience doubles */
+                        {
+                            const float patience_y_y1 = s->patience_y_y1;
+                            s->doubt_y_y1 = geared_motor_min(patience_y_y1, 40960.0f);
+                            s->patience_y_y1 = geared_motor_min(2.0f*patience_y_y1, 81920.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = geared_motor_min(patience_range, 81920.0f);
+                            s->patience_range = geared_motor_min(2.0f*patience_range, 163840.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->z[3] = 0.0f;
+                    /* from the sample of y1 */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        const float z4 = s->z[3];
+                        s->z[0] = geared_motor_keep(measurement, -200.0f, 200.0f, z1, 1e+30f);
+                        s->z[1] = geared_motor_keep(z2, -15.0f, 15.0f, z2, 1e+30f);
+                        s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                        s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->L[3] = 0.0f;
+                    s->L[4] = 0.0f;
+                    s->L[5] = 0.0f;
+                    s->D[0] = 1.0f;
+                    s->D[1] = 1.0f;
+                    s->D[2] = 100.0f;
+                    s->D[3] = 0.01f;
+                    s->innovation = 0.0f;
+                    s->theta = 1.0f;
+                    /* counters as after a reset */
+                    s->oldest = 0u;
+                    s->tick = 0u;
+                    for (unsigned k = 0u; k < 5u; ++k) {
+                        geared_motor_predictor *const predictor = &s->predictor[k];
+                        /* from the estimate */
+                        predictor->z[0] = s->z[0];
+                        predictor->z[1] = s->z[1];
+                        predictor->z[2] = s->z[2];
+                        predictor->z[3] = s->z[3];
+                        /* as after a reset */
+                        predictor->sum[0] = 0.0f;
+                        predictor->sum[1] = 0.0f;
+                        /* counters as after a reset */
+                        predictor->samples[0] = 0u;
+                        predictor->samples[1] = 0u;
+                    }
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y_y2 - 80.0f + s->doubt_y_y2
+                    + (s->patience_y_y1 - 80.0f + s->doubt_y_y1) + (s->patience_range - 160.0f
+                        + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= GEARED_MOTOR_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params *p,
+    const geared_motor_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y_y2 = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y_y2 = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y2 awaited? */
+    fresh = s->used_y2 < 1u;
+    if (fresh) {
+        /* the measurement of y2 */
+        measurement = out->y2;
+        /* guard the measurement of y2 */
+        {
+            const float t1 = measurement - s->z[1];
+            const bool t2 = geared_motor_within(measurement, 3e+38f);
+            const bool t3 = t2 && geared_motor_within(measurement, 45.0f) && geared_motor_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= GEARED_MOTOR_MISSING_Y2;
+            }
+            if (t2 && !t3) {
+                status |= GEARED_MOTOR_REJECTED_Y2;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L41 = s->L[2];
+                const float L32 = s->L[3];
+                const float L42 = s->L[4];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float z4 = s->z[3];
+                const float t1 = D1*L21;
+                const float t2 = p->gain.R[1]/(0.001f*s->theta);
+                const float t3 = t2 + D2;
+                const float t4 = t3 + t1*L21;
+                const float K1 = t1/t4;
+                const float K2 = (D2 + L21*t1)/t4;
+                const float t5 = L32*D2;
+                const float K3 = (t5 + L31*t1)/t4;
+                const float t6 = L42*D2;
+                const float K4 = (t6 + L41*t1)/t4;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->z[3] = z4 + K4*e;
+                s->L[0] = L21 - L21*D2/t3;
+                s->L[1] = L31 - L21*t5/t3;
+                s->L[2] = L41 - L21*t6/t3;
+                s->D[0] = D1*t3/t4;
+                s->D[1] = D2*t2/t3;
+            }
+            for (unsigned k = 0u; k < 5u; ++k) {
+                geared_motor_predictor *const predictor = &s->predictor[k];
+                /* its squared output error */
+                {
+                    const float sum2 = predictor->sum[1];
+                    const float t1 = measurement - predictor->z[1];
+                    predictor->sum[1] = geared_motor_min(sum2 + 0.001f*t1*t1, 1e+30f);
+                }
+                /* one more sample */
+                {
+                    const unsigned samples2 = predictor->samples[1];
+                    predictor->samples[1] = (samples2 < 26u) ? samples2 + 1u : 26u;
+                }
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
+                    && geared_motor_within(s->z[2], 1200.0f);
+                const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f)
+                    && geared_motor_within(s->L[0], 1.40625e+07f) && geared_motor_within(s->L[1], 3.75e+08f);
+                const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f)
+                    && geared_motor_within(s->L[3], 2.6666666e+10f);
+                const bool t4 = t3 && geared_motor_within(s->L[4], 7.111111e+07f)
+                    && geared_motor_within(s->L[5], 2666666.8f);
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const bool t5 = t4 && D1 >= 1e-18f && D1 <= 1.024e+07f && D2 >= 1e-15f && D2 <= 2025.0f
+                    && D3 >= 1e-14f && D3 <= 1440000.0f;
+                const float D4 = s->D[3];
+                beyond = !(t5 && D4 >= 1e-20f && D4 <= 10.24f);
+            }
+            if (geared_motor_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = geared_motor_within(s->z[0], 1e+30f)
+                        && geared_motor_within(s->z[1], 1e+30f) && geared_motor_within(s->z[2], 1e+30f);
+                    const bool t2 = t1 && geared_motor_within(s->z[3], 1e+30f)
+                        && geared_motor_within(s->L[0], 1e+30f) && geared_motor_within(s->L[1], 1e+30f);
+                    const bool t3 = t2 && geared_motor_within(s->L[2], 1e+30f)
+                        && geared_motor_within(s->L[3], 1e+30f) && geared_motor_within(s->L[4], 1e+30f);
+                    const bool t4 = t3 && geared_motor_within(s->L[5], 1e+30f)
+                        && geared_motor_within(s->D[0], 1e+30f) && geared_motor_within(s->D[1], 1e+30f);
+                    lost = !(t4 && geared_motor_within(s->D[2], 1e+30f)
+                        && geared_motor_within(s->D[3], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->z[3] = 0.0f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->L[3] = 0.0f;
+                    s->L[4] = 0.0f;
+                    s->L[5] = 0.0f;
+                    s->D[0] = 1.0f;
+                    s->D[1] = 1.0f;
+                    s->D[2] = 100.0f;
+                    s->D[3] = 0.01f;
+                    s->innovation = 0.0f;
+                    s->theta = 1.0f;
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 80.0f;
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 80.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 160.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= GEARED_MOTOR_RESTARTED;
+                    /* counters as after a reset */
+                    s->oldest = 0u;
+                    s->tick = 0u;
+                    for (unsigned k = 0u; k < 5u; ++k) {
+                        geared_motor_predictor *const predictor = &s->predictor[k];
+                        /* from the estimate */
+                        predictor->z[0] = s->z[0];
+                        predictor->z[1] = s->z[1];
+                        predictor->z[2] = s->z[2];
+                        predictor->z[3] = s->z[3];
+                        /* as after a reset */
+                        predictor->sum[0] = 0.0f;
+                        predictor->sum[1] = 0.0f;
+                        /* counters as after a reset */
+                        predictor->samples[0] = 0u;
+                        predictor->samples[1] = 0u;
+                    }
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    const float z4 = s->z[3];
+                    const bool t1 = geared_motor_abs(z1) > 3200.0f || geared_motor_abs(z2) > 45.0f
+                        || geared_motor_abs(z3) > 1200.0f;
+                    s->z[0] = geared_motor_limit(z1, 3200.0f);
+                    s->z[1] = geared_motor_limit(z2, 45.0f);
+                    s->z[2] = geared_motor_limit(z3, 1200.0f);
+                    s->z[3] = geared_motor_limit(z4, 3.2f);
+                    if (t1 || geared_motor_abs(z4) > 3.2f) {
+                        status |= GEARED_MOTOR_STATE_LIMITED;
+                    }
+                }
+                /* keep L in its box */
+                {
+                    const float L21 = s->L[0];
+                    const float L31 = s->L[1];
+                    const float L41 = s->L[2];
+                    const float L32 = s->L[3];
+                    const float L42 = s->L[4];
+                    const float L43 = s->L[5];
+                    s->L[0] = geared_motor_limit(L21, 1.40625e+07f);
+                    s->L[1] = geared_motor_limit(L31, 3.75e+08f);
+                    s->L[2] = geared_motor_limit(L41, 1000000.0f);
+                    s->L[3] = geared_motor_limit(L32, 2.6666666e+10f);
+                    s->L[4] = geared_motor_limit(L42, 7.111111e+07f);
+                    s->L[5] = geared_motor_limit(L43, 2666666.8f);
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    const float D4 = s->D[3];
+                    s->D[0] = geared_motor_clamp(D1, 1e-18f, 1.024e+07f);
+                    s->D[1] = geared_motor_clamp(D2, 1e-15f, 2025.0f);
+                    s->D[2] = geared_motor_clamp(D3, 1e-14f, 1440000.0f);
+                    s->D[3] = geared_motor_clamp(D4, 1e-20f, 10.24f);
+                }
+            }
+            /* y2 is used */
+            s->used_y2 = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
+                || geared_motor_abs(s->z[2]) > 300.0f;
+            const bool t2 = t1 || geared_motor_abs(s->z[3]) > 0.2f;
+            if (t2) {
+                status |= GEARED_MOTOR_OUTSIDE_BOX;
+            }
+            doubtful = geared_motor_abs(output_error) > 3.0f || t2 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (geared_motor_within(measurement, 3e+38f)
+                && geared_motor_within(measurement, 45.0f));
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y_y2 = s->doubt_y_y2;
+                    const float patience_y_y2 = s->patience_y_y2;
+                    const float doubt_y_y1 = s->doubt_y_y1;
+                    const float patience_y_y1 = s->patience_y_y1;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = patience_y_y2 - 80.0f + doubt_y_y2
+                        + (patience_y_y1 - 80.0f + doubt_y_y1) + (patience_range - 160.0f + doubt_range);
+                    const bool t2 = geared_motor_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y2 >= 0.0f
+                        && doubt_y_y2 <= 81920.0f && patience_y_y2 >= 80.0f && patience_y_y2 <= 81920.0f;
+                    const bool t3 = t2 && doubt_y_y1 >= 0.0f && doubt_y_y1 <= 81920.0f
+                        && patience_y_y1 >= 80.0f && patience_y_y1 <= 81920.0f;
+                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 163840.0f
+                        && patience_range >= 160.0f && patience_range <= 163840.0f;
+                    spoiled = !t4;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 80.0f;
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 80.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 160.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const bool t1 = geared_motor_abs(s->z[0]) > 220.0f || geared_motor_abs(s->z[1]) > 16.5f
+                        || geared_motor_abs(s->z[2]) > 330.0f;
+                    shows_y_y2 = !geared_motor_within(output_error, 3.0f);
+                    shows_range = t1 || geared_motor_abs(s->z[3]) > 0.22f;
+                }
+                if (shows_y_y2) {
+                    /* more doubt */
+                    {
+                        const float doubt_y_y2 = s->doubt_y_y2;
+                        s->doubt_y_y2 = geared_motor_min(doubt_y_y2 + 1.0f, 81920.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y_y2 = s->doubt_y_y2;
+                        const float patience_y_y2 = s->patience_y_y2;
+                        s->doubt_y_y2 = geared_motor_max(doubt_y_y2 - 1.0f, 0.0f);
+                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 80.0f : patience_y_y2;
+                        over_y_y2 = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = geared_motor_min(doubt_range + 1.0f, 163840.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = geared_motor_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 160.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y_y2 || over_range;
+                if (lost) {
+                    if (over_y_y2) {
+                        /* patience doubles */
+                        {
+                            const float patience_y_y2 = s->patience_y_y2;
+                            s->doubt_y_y2 = geared_motor_min(patience_y_y2, 40960.0f);
+                            s->patience_y_y2 = geared_motor_min(2.0f*patience_y_y2, 81920.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = geared_motor_min(patience_range, 81920.0f);
+                            s->patience_range = geared_motor_min(2.0f*patience_range, 163840.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->z[3] = 0.0f;
+                    /* from the sample of y2 */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        const float z4 = s->z[3];
+                        s->z[0] = geared_motor_keep(z1, -200.0f, 200.0f, z1, 1e+30f);
+                        s->z[1] = geared_motor_keep(measurement, -15.0f, 15.0f, z2, 1e+30f);
+                        s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                        s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->L[3] = 0.0f;
+                    s->L[4] = 0.0f;
+                    s->L[5] = 0.0f;
+                    s->D[0] = 1.0f;
+                    s->D[1] = 1.0f;
+                    s->D[2] = 100.0f;
+                    s->D[3] = 0.01f;
+                    s->innovation = 0.0f;
+                    s->theta = 1.0f;
+                    /* counters as after a reset */
+                    s->oldest = 0u;
+                    s->tick = 0u;
+                    for (unsigned k = 0u; k < 5u; ++k) {
+                        geared_motor_predictor *const predictor = &s->predictor[k];
+                        /* from the estimate */
+                        predictor->z[0] = s->z[0];
+                        predictor->z[1] = s->z[1];
+                        predictor->z[2] = s->z[2];
+                        predictor->z[3] = s->z[3];
+                        /* as after a reset */
+                        predictor->sum[0] = 0.0f;
+                        predictor->sum[1] = 0.0f;
+                        /* counters as after a reset */
+                        predictor->samples[0] = 0u;
+                        predictor->samples[1] = 0u;
+                    }
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y_y2 - 80.0f + s->doubt_y_y2
+                    + (s->patience_y_y1 - 80.0f + s->doubt_y_y1) + (s->patience_range - 160.0f
+                        + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= GEARED_MOTOR_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool lost = false;
+    bool moves = false;
+    float mu = 0.0f;
+    bool restart = false;
+    bool running = false;
+    /* no time has passed before the second call */
+    running = s->calls >= 2u;
+    if (running) {
+        {
+            geared_motor_predictor *const predictor = &s->predictor[(s->oldest < 5u) ? s->oldest : 0u];
+            /* innovation: the sum of the oldest predictor, scaled to the window, never scaled up */
+            {
+                const float t1 = 20.0f/geared_motor_max((float)predictor->samples[0],
+                    20.0f)*predictor->sum[0]*1e+08f + 20.0f/geared_motor_max((float)predictor->samples[1],
+                        20.0f)*predictor->sum[1]*1000.0f;
+                s->innovation = geared_motor_min(t1, 1e+30f);
+            }
+        }
+        /* one predictor restarts every 5 samples */
+        {
+            const unsigned tick = s->tick;
+            const unsigned t1 = tick + 1u;
+            const bool t2 = t1 >= 5u;
+            restart = t2;
+            s->tick = t2 ? 0u : t1;
+        }
+        if (restart) {
+            {
+                geared_motor_predictor *const predictor = &s->predictor[(s->oldest < 5u) ? s->oldest : 0u];
+                /* the oldest predictor restarts from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                predictor->z[2] = s->z[2];
+                predictor->z[3] = s->z[3];
+                predictor->sum[0] = 0.0f;
+                predictor->sum[1] = 0.0f;
+                /* no sample yet */
+                predictor->samples[0] = 0u;
+                predictor->samples[1] = 0u;
+            }
+            /* the next one is the oldest */
+            {
+                const unsigned oldest = s->oldest;
+                const unsigned t1 = oldest + 1u;
+                s->oldest = (t1 >= 5u) ? 0u : t1;
+            }
+        }
+        /* how much growth the innovation asks for, 0 to 1 */
+        {
+            const float gamma_0 = p->gain.gamma_0;
+            const float t1 = geared_motor_clamp((s->innovation - gamma_0)/geared_motor_max(p->gain.gamma_1
+                - gamma_0, 0.004f), 0.0f, 1.0f);
+            mu = t1*t1*(3.0f - 2.0f*t1);
+        }
+        /* is theta at rest? */
+        {
+            const float theta = s->theta;
+            moves = !(mu <= 0.0f && theta >= 1.0f && theta <= 1.0f);
+        }
+        if (moves) {
+            /* theta by the exact sub-flows of its law: rise, then decay */
+            {
+                const float theta = s->theta;
+                const float t1 = 0.001f*mu/p->gain.rise_time;
+                const float t2 = 1.0f/theta;
+                const float theta_1 = p->gain.theta_1;
+                const float t3 = 1.0f/theta_1;
+                const float t4 = geared_motor_max(t2 - t3, 0.0f);
+                const float t5 = 2.0f*theta_1;
+                const float t6 = t5 - geared_motor_max(theta, theta_1);
+                const float risen = (t1 <= t4 && theta <= theta_1) ? 1.0f/geared_motor_max(t2 - t1, t3)
+                    : t5 - t6/(1.0f + t6*(t1 - t4));
+                const float decay = geared_motor_exp(-(0.001f*p->gain.rate*(1.0f - mu)));
+                s->theta = geared_motor_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t5);
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float innovation = s->innovation;
+            const float theta = s->theta;
+            beyond = !(innovation >= 0.0f && innovation <= 1e+30f && theta >= 1.0f && theta <= 4.0f);
+        }
+        if (geared_motor_acts(beyond)) {
+            /* is a value lost? */
+            lost = !(geared_motor_within(s->innovation, 1e+30f) && geared_motor_within(s->theta, 1e+30f));
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->z[3] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->L[3] = 0.0f;
+                s->L[4] = 0.0f;
+                s->L[5] = 0.0f;
+                s->D[0] = 1.0f;
+                s->D[1] = 1.0f;
+                s->D[2] = 100.0f;
+                s->D[3] = 0.01f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                s->doubt_y_y2 = 0.0f;
+                s->patience_y_y2 = 80.0f;
+                s->doubt_y_y1 = 0.0f;
+                s->patience_y_y1 = 80.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 160.0f;
+                s->doubt_sum = 0.0f;
+                status |= GEARED_MOTOR_RESTARTED;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    geared_motor_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    predictor->z[2] = s->z[2];
+                    predictor->z[3] = s->z[3];
+                    /* as after a reset */
+                    predictor->sum[0] = 0.0f;
+                    predictor->sum[1] = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples[0] = 0u;
+                    predictor->samples[1] = 0u;
+                }
+            }
+            /* keep innovation in its box */
+            {
+                const float innovation = s->innovation;
+                s->innovation = geared_motor_clamp(innovation, 0.0f, 1e+30f);
+            }
+            /* keep theta in its box */
+            {
+                const float theta = s->theta;
+                s->theta = geared_motor_clamp(theta, 1.0f, 4.0f);
+            }
+        }
+    }
+    return status;
+}
+
+unsigned geared_motor_step(geared_motor_state *s, const geared_motor_params *p, const geared_motor_input *in,
+    const geared_motor_output *out)
+{
+    unsigned status = 0u;
+    status |= geared_motor_predict(s, p, in);
+    status |= geared_motor_update_y1(s, p, out);
+    status |= geared_motor_update_y2(s, p, out);
+    status |= geared_motor_adapt(s, p);
+    return status;
+}
+
+void geared_motor_estimate(const geared_motor_state *s, const geared_motor_params *p, geared_motor_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->phi = s->z[0];
+    x->i = s->z[1];
+    x->w = -s->z[2];
+    x->T = s->z[3];
+}
+
+unsigned geared_motor_tune(geared_motor_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        static const struct {
+            float low;
+            float high;
+            float nominal;
+        } range[11] = {
+            {1e-11f, 1e+07f, 0.001f}, /* p->gain.Q[0] */
+            {1e-11f, 1e+07f, 1.0f}, /* p->gain.Q[1] */
+            {1e-11f, 1e+07f, 10.0f}, /* p->gain.Q[2] */
+            {1e-11f, 1e+07f, 1e-05f}, /* p->gain.Q[3] */
+            {1e-14f, 1.0f, 1e-08f}, /* p->gain.R[0] */
+            {1e-14f, 1.0f, 1e-06f}, /* p->gain.R[1] */
+            {1.0f, 2.0f, 2.0f}, /* p->gain.theta_1 */
+            {2e-05f, 20.0f, 0.02f}, /* p->gain.rise_time */
+            {0.0f, 20000.0f, 20.0f}, /* p->gain.rate */
+            {0.0f, 4e+09f, 400.0f}, /* p->gain.gamma_0 */
+            {0.0f, 4e+09f, 4000.0f}, /* p->gain.gamma_1 */
+        };
+        float *const value[11] = {
+            &p->gain.Q[0],
+            &p->gain.Q[1],
+            &p->gain.Q[2],
+            &p->gain.Q[3],
+            &p->gain.R[0],
+            &p->gain.R[1],
+            &p->gain.theta_1,
+            &p->gain.rise_time,
+            &p->gain.rate,
+            &p->gain.gamma_0,
+            &p->gain.gamma_1
+        };
+        for (unsigned k = 0u; k < 11u; ++k) {
+            const float v = *value[k];
+            *value[k] = geared_motor_keep(v, range[k].low, range[k].high, range[k].nominal, 3e+38f);
+            if (!(v >= range[k].low && v <= range[k].high)) {
+                status |= GEARED_MOTOR_PARAMETER_LIMITED;
+            }
+        }
+    }
+    return status;
+}
+
+void geared_motor_reset(geared_motor_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.0f;
+    s->z[3] = 0.0f;
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->L[3] = 0.0f;
+    s->L[4] = 0.0f;
+    s->L[5] = 0.0f;
+    s->D[0] = 1.0f;
+    s->D[1] = 1.0f;
+    s->D[2] = 100.0f;
+    s->D[3] = 0.01f;
+    s->innovation = 0.0f;
+    s->oldest = 0u;
+    s->tick = 0u;
+    s->theta = 1.0f;
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 80.0f;
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 80.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 160.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y1 = 1u;
+    s->used_y2 = 1u;
+    s->u = 0.0f;
+    for (unsigned k = 0u; k < 5u; ++k) {
+        s->predictor[k].z[0] = 0.0f;
+        s->predictor[k].z[1] = 0.0f;
+        s->predictor[k].z[2] = 0.0f;
+        s->predictor[k].z[3] = 0.0f;
+        s->predictor[k].sum[0] = 0.0f;
+        s->predictor[k].sum[1] = 0.0f;
+        s->predictor[k].samples[0] = 0u;
+        s->predictor[k].samples[1] = 0u;
+    }
+}
+
+void geared_motor_init(geared_motor_state *s, geared_motor_params *p)
+{
+    p->gain.Q[0] = 0.001f;
+    p->gain.Q[1] = 1.0f;
+    p->gain.Q[2] = 10.0f;
+    p->gain.Q[3] = 1e-05f;
+    p->gain.R[0] = 1e-08f;
+    p->gain.R[1] = 1e-06f;
+    p->gain.theta_1 = 2.0f;
+    p->gain.rise_time = 0.02f;
+    p->gain.rate = 20.0f;
+    p->gain.gamma_0 = 400.0f;
+    p->gain.gamma_1 = 4000.0f;
+    (void)geared_motor_tune(p);
+    geared_motor_reset(s);
+}

@@ -1,0 +1,639 @@
+/* glucose_insulin: see glucose_insulin.h, which is the manual. */
+#include "glucose_insulin.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float glucose_insulin_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float glucose_insulin_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float glucose_insulin_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool glucose_insulin_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float glucose_insulin_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool glucose_insulin_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float glucose_insulin_limit(float v, float most)
+{
+    return glucose_insulin_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float glucose_insulin_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return glucose_insulin_within(v, limit) ? glucose_insulin_clamp(v, low, high) : otherwise;
+}
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void glucose_insulin_flow(float z1, float z2, float z3, float u, float dz[3])
+{
+    const float t1 = glucose_insulin_clamp(z1, 40.0f, 400.0f);
+    dz[0] = u - 0.028f*t1 + 2.52f + t1*z2;
+    dz[1] = 0.00013f - 0.025f*glucose_insulin_clamp(z2, -0.05f, 0.0f) + 1.3e-05f*z3;
+    dz[2] = -(0.09f*glucose_insulin_clamp(z3, -200.0f, 0.0f) + 0.9f);
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void glucose_insulin_jacobian(float z1, float z2, float F[2])
+{
+    F[0] = glucose_insulin_clamp(z2, -0.05f, 0.0f) - 0.028f; /* F_11 */
+    F[1] = glucose_insulin_clamp(z1, 40.0f, 400.0f); /* F_12 */
+}
+
+unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
+    const glucose_insulin_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = glucose_insulin_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = glucose_insulin_clamp(u_taken, 0.0f, 10.0f);
+        if (!u_usable) {
+            status |= GLUCOSE_INSULIN_REUSED_U;
+        }
+        if (u_taken < 0.0f || u_taken > 10.0f) {
+            status |= GLUCOSE_INSULIN_CLAMPED_U;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float u_before = s->u;
+            float k1_z[3];
+            glucose_insulin_flow(z1, z2, z3, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[3];
+            glucose_insulin_flow(z1 + 0.05f*k1_z[0], z2 + 0.05f*k1_z[1], z3 + 0.05f*k1_z[2], t1, k2_z);
+            const float t2 = z1 + 0.05f*k2_z[0];
+            const float t3 = z2 + 0.05f*k2_z[1];
+            float k3_z[3];
+            glucose_insulin_flow(t2, t3, z3 + 0.05f*k2_z[2], t1, k3_z);
+            float k4_z[3];
+            glucose_insulin_flow(z1 + 0.1f*k3_z[0], z2 + 0.1f*k3_z[1], z3 + 0.1f*k3_z[2], u, k4_z);
+            float F_1[2];
+            glucose_insulin_jacobian(t2, t3, F_1);
+            const float Phi_11 = 1.0f + 0.1f*F_1[0] + F_1[0]*F_1[0]*0.005f;
+            const float Phi_12 = 0.1f*F_1[1] + 0.005f*(F_1[0]*F_1[1] - 0.025f*F_1[1]);
+            const float Phi_13 = 6.5e-08f*F_1[1];
+            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
+            const float w1_2 = Phi_12 + Phi_13*L32;
+            const float t4 = w1_1*D1;
+            const float t5 = w1_2*D2;
+            const float t6 = Phi_13*D3;
+            const float t7 = 0.1f*p->gain.Q[0];
+            const float d1 = w1_1*t4 + w1_2*t5 + Phi_13*t6 + t7;
+            const float t8 = 0.9975031f*L21 + 1.292525e-06f*L31;
+            const float t9 = 0.9975031f + 1.292525e-06f*L32;
+            const float l21 = (t8*t4 + t9*t5 + 1.292525e-06f*t6)/d1;
+            const float t10 = 0.9910405f*L31;
+            const float t11 = 0.9910405f*L32;
+            const float l31 = (t10*t4 + t11*t5 + 0.9910405f*t6)/d1;
+            const float w2_1 = t8 - l21*w1_1;
+            const float w2_2 = t9 - l21*w1_2;
+            const float w2_3 = 1.292525e-06f - l21*Phi_13;
+            const float t12 = w2_1*D1;
+            const float t13 = w2_2*D2;
+            const float t14 = w2_3*D3;
+            const float t15 = l21*t7;
+            const float t16 = 0.1f*p->gain.Q[1];
+            const float d2 = w2_1*t12 + w2_2*t13 + w2_3*t14 + l21*t15 + t16;
+            const float t17 = t10 - l31*w1_1;
+            const float t18 = t11 - l31*w1_2;
+            const float t19 = 0.9910405f - l31*Phi_13;
+            const float l32 = (t17*t12 + t18*t13 + t19*t14 + l31*t15)/d2;
+            const float w3_1 = t17 - l32*w2_1;
+            const float w3_2 = t18 - l32*w2_2;
+            const float w3_3 = t19 - l32*w2_3;
+            const float w3_4 = l32*l21 - l31;
+            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + l32*t16*l32
+                + 0.1f*p->gain.Q[2];
+            s->z[0] = z1 + 0.016666668f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.016666668f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->z[2] = z3 + 0.016666668f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            s->L[0] = l21;
+            s->L[1] = l31;
+            s->L[2] = l32;
+            s->D[0] = d1;
+            s->D[1] = d2;
+            s->D[2] = d3;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float D2 = s->D[1];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            capped = D1 > 291600.0f || L21*L21*D1 + D2 > 0.005625f
+                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 90000.0f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                const float t1 = glucose_insulin_min(1.0f, 0.005625f/(L21*L21*D1 + D2));
+                const float t2 = glucose_insulin_min(1.0f, 291600.0f/D1);
+                const float t3 = glucose_insulin_min(1.0f, 90000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+                s->L[0] = t1*L21/t2;
+                s->L[1] = t3*L31/t2;
+                s->L[2] = t3*L32/t1;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                s->D[2] = t3*t3*D3;
+                status |= GLUCOSE_INSULIN_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const bool t1 = z1 >= -320.0f && z1 <= 760.0f && z2 >= -0.1f && z2 <= 0.05f && z3 >= -400.0f
+                && z3 <= 200.0f && glucose_insulin_within(s->L[0], 138888.89f);
+            const bool t2 = t1 && glucose_insulin_within(s->L[1], 5.555556e+08f)
+                && glucose_insulin_within(s->L[2], 4e+12f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const bool t3 = t2 && D1 >= 4e-13f && D1 <= 291600.0f && D2 >= 8e-21f && D2 <= 0.005625f
+                && D3 >= 1e-13f && D3 <= 90000.0f;
+            beyond = !t3;
+        }
+        if (glucose_insulin_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = glucose_insulin_within(s->z[0], 1e+30f)
+                    && glucose_insulin_within(s->z[1], 1e+30f) && glucose_insulin_within(s->z[2], 1e+30f);
+                const bool t2 = t1 && glucose_insulin_within(s->L[0], 1e+30f)
+                    && glucose_insulin_within(s->L[1], 1e+30f) && glucose_insulin_within(s->L[2], 1e+30f);
+                const bool t3 = t2 && glucose_insulin_within(s->D[0], 1e+30f)
+                    && glucose_insulin_within(s->D[1], 1e+30f) && glucose_insulin_within(s->D[2], 1e+30f);
+                lost = !t3;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 40.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 30000.0f;
+                s->D[1] = 0.0006f;
+                s->D[2] = 10000.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 450.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 450.0f;
+                s->doubt_sum = 0.0f;
+                status |= GLUCOSE_INSULIN_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = glucose_insulin_clamp(z1, -320.0f, 760.0f);
+                s->z[1] = glucose_insulin_clamp(z2, -0.1f, 0.05f);
+                s->z[2] = glucose_insulin_clamp(z3, -400.0f, 200.0f);
+                if (z1 < -320.0f || z1 > 760.0f || z2 < -0.1f || z2 > 0.05f || z3 < -400.0f || z3 > 200.0f) {
+                    status |= GLUCOSE_INSULIN_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                s->L[0] = glucose_insulin_limit(L21, 138888.89f);
+                s->L[1] = glucose_insulin_limit(L31, 5.555556e+08f);
+                s->L[2] = glucose_insulin_limit(L32, 4e+12f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                s->D[0] = glucose_insulin_clamp(D1, 4e-13f, 291600.0f);
+                s->D[1] = glucose_insulin_clamp(D2, 8e-21f, 0.005625f);
+                s->D[2] = glucose_insulin_clamp(D3, 1e-13f, 90000.0f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
+    const glucose_insulin_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = glucose_insulin_within(measurement, 3e+38f);
+            const bool t3 = t2 && measurement >= -320.0f && measurement <= 760.0f
+                && glucose_insulin_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= GLUCOSE_INSULIN_MISSING_Y;
+            }
+            if (t2 && !t3) {
+                status |= GLUCOSE_INSULIN_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float t1 = p->gain.R/0.1f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                const float K3 = L31*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float D1 = s->D[0];
+                const bool t1 = z1 >= -320.0f && z1 <= 760.0f && z2 >= -0.1f && z2 <= 0.05f && z3 >= -400.0f
+                    && z3 <= 200.0f && D1 >= 4e-13f && D1 <= 291600.0f;
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                beyond = !(t1 && D2 >= 8e-21f && D2 <= 0.005625f && D3 >= 1e-13f && D3 <= 90000.0f);
+            }
+            if (glucose_insulin_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = glucose_insulin_within(s->z[0], 1e+30f)
+                        && glucose_insulin_within(s->z[1], 1e+30f) && glucose_insulin_within(s->z[2], 1e+30f);
+                    const bool t2 = t1 && glucose_insulin_within(s->D[0], 1e+30f)
+                        && glucose_insulin_within(s->D[1], 1e+30f) && glucose_insulin_within(s->D[2], 1e+30f);
+                    lost = !t2;
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 40.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 30000.0f;
+                    s->D[1] = 0.0006f;
+                    s->D[2] = 10000.0f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 450.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 450.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= GLUCOSE_INSULIN_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = glucose_insulin_clamp(z1, -320.0f, 760.0f);
+                    s->z[1] = glucose_insulin_clamp(z2, -0.1f, 0.05f);
+                    s->z[2] = glucose_insulin_clamp(z3, -400.0f, 200.0f);
+                    if (z1 < -320.0f || z1 > 760.0f || z2 < -0.1f || z2 > 0.05f || z3 < -400.0f
+                        || z3 > 200.0f) {
+                        status |= GLUCOSE_INSULIN_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    s->D[0] = glucose_insulin_clamp(D1, 4e-13f, 291600.0f);
+                    s->D[1] = glucose_insulin_clamp(D2, 8e-21f, 0.005625f);
+                    s->D[2] = glucose_insulin_clamp(D3, 1e-13f, 90000.0f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const bool t1 = z1 < 40.0f || z1 > 400.0f || z2 < -0.05f || z2 > 0.0f || z3 < -200.0f
+                || z3 > 0.0f;
+            if (t1) {
+                status |= GLUCOSE_INSULIN_OUTSIDE_BOX;
+            }
+            doubtful = glucose_insulin_abs(output_error) > 36.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            {
+                const bool t1 = glucose_insulin_within(measurement, 3e+38f) && measurement >= -320.0f
+                    && measurement <= 760.0f;
+                sampled = valid || t1;
+            }
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = glucose_insulin_abs(patience_y - 450.0f + doubt_y
+                        + (patience_range - 450.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 460800.0f
+                        && patience_y >= 450.0f && patience_y <= 460800.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 460800.0f
+                        && patience_range >= 450.0f && patience_range <= 460800.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 450.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 450.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    shows_y = !glucose_insulin_within(output_error, 36.0f);
+                    shows_range = z1 < 22.0f || z1 > 418.0f || z2 < -0.0525f || z2 > 0.0025f || z3 < -210.0f
+                        || z3 > 10.0f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = glucose_insulin_min(doubt_y + 1.0f, 460800.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = glucose_insulin_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 450.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = glucose_insulin_min(doubt_range + 1.0f, 460800.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = glucose_insulin_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 450.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = glucose_insulin_min(patience_y, 230400.0f);
+                            s->patience_y = glucose_insulin_min(2.0f*patience_y, 460800.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = glucose_insulin_min(patience_range, 230400.0f);
+                            s->patience_range = glucose_insulin_min(2.0f*patience_range, 460800.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 40.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        s->z[0] = glucose_insulin_keep(measurement, 40.0f, 400.0f, z1, 1e+30f);
+                        s->z[1] = glucose_insulin_keep(z2, -0.05f, 0.0f, z2, 1e+30f);
+                        s->z[2] = glucose_insulin_keep(z3, -200.0f, 0.0f, z3, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= GLUCOSE_INSULIN_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 30000.0f;
+                    s->D[1] = 0.0006f;
+                    s->D[2] = 10000.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 450.0f + s->doubt_y
+                    + (s->patience_range - 450.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= GLUCOSE_INSULIN_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned glucose_insulin_step(glucose_insulin_state *s, const glucose_insulin_params *p,
+    const glucose_insulin_input *in, const glucose_insulin_output *out)
+{
+    unsigned status = 0u;
+    status |= glucose_insulin_predict(s, p, in);
+    status |= glucose_insulin_update_y(s, p, out);
+    return status;
+}
+
+void glucose_insulin_estimate(const glucose_insulin_state *s, const glucose_insulin_params *p,
+    glucose_insulin_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->G = s->z[0];
+    x->X = -s->z[1];
+    x->I_ = -s->z[2];
+}
+
+unsigned glucose_insulin_tune(glucose_insulin_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float Q3 = p->gain.Q[2];
+        const float R = p->gain.R;
+        const bool t1 = !(Q1 >= 8e-14f && Q1 <= 4000000.0f) || !(Q2 >= 8e-14f && Q2 <= 4000000.0f)
+            || !(Q3 >= 8e-14f && Q3 <= 4000000.0f);
+        p->gain.Q[0] = glucose_insulin_keep(Q1, 8e-14f, 4000000.0f, 4.0f, 3e+38f);
+        p->gain.Q[1] = glucose_insulin_keep(Q2, 8e-14f, 4000000.0f, 8e-08f, 3e+38f);
+        p->gain.Q[2] = glucose_insulin_keep(Q3, 8e-14f, 4000000.0f, 1.0f, 3e+38f);
+        p->gain.R = glucose_insulin_keep(R, 1e-07f, 100000.0f, 0.1f, 3e+38f);
+        if (t1 || !(R >= 1e-07f && R <= 100000.0f)) {
+            status |= GLUCOSE_INSULIN_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void glucose_insulin_reset(glucose_insulin_state *s)
+{
+    s->z[0] = 40.0f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.0f;
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 30000.0f;
+    s->D[1] = 0.0006f;
+    s->D[2] = 10000.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 450.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 450.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+    s->u = 0.0f;
+}
+
+void glucose_insulin_init(glucose_insulin_state *s, glucose_insulin_params *p)
+{
+    p->gain.Q[0] = 4.0f;
+    p->gain.Q[1] = 8e-08f;
+    p->gain.Q[2] = 1.0f;
+    p->gain.R = 0.1f;
+    (void)glucose_insulin_tune(p);
+    glucose_insulin_reset(s);
+}

@@ -1,0 +1,541 @@
+/* haldane: see haldane.h, which is the manual. */
+#include "haldane.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float haldane_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float haldane_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float haldane_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool haldane_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float haldane_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool haldane_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float haldane_limit(float v, float most)
+{
+    return haldane_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float haldane_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return haldane_within(v, limit) ? haldane_clamp(v, low, high) : otherwise;
+}
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void haldane_flow(float z1, float z2, float u, float dz[2])
+{
+    const float t1 = haldane_clamp(z2, 0.0f, 20.0f);
+    const float t2 = haldane_clamp(z1, 0.5f, 10.0f)*t1/(t1*t1*0.0625f + t1 + 1.0f);
+    dz[0] = 0.5f*t2 - u*z1;
+    dz[1] = 20.0f*u - t2 - u*z2;
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void haldane_jacobian(float z1, float z2, float u, float F[4])
+{
+    const float t1 = haldane_clamp(z2, 0.0f, 20.0f);
+    const float t2 = t1*t1*0.0625f + t1 + 1.0f;
+    const float t3 = t1/t2;
+    const float t4 = haldane_clamp(z1, 0.5f, 10.0f);
+    const float t5 = t4/t2 - t4*t1/t2/t2*(0.125f*t1 + 1.0f);
+    F[0] = 0.5f*t3 - u; /* F_11 */
+    F[1] = -t3; /* F_21 */
+    F[2] = 0.5f*t5; /* F_12 */
+    F[3] = -(u + t5); /* F_22 */
+}
+
+unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldane_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float D = in->D;
+        const bool D_usable = haldane_within(D, 1e+15f);
+        const float D_taken = D_usable ? D : s->u;
+        u = haldane_clamp(D_taken, 0.0f, 0.5f);
+        if (!D_usable) {
+            status |= HALDANE_REUSED_D;
+        }
+        if (D_taken < 0.0f || D_taken > 0.5f) {
+            status |= HALDANE_CLAMPED_D;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float L21 = s->L;
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float u_before = s->u;
+            float k1_z[2];
+            haldane_flow(z1, z2, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[2];
+            haldane_flow(z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1], t1, k2_z);
+            const float t2 = z1 + 0.005f*k2_z[0];
+            const float t3 = z2 + 0.005f*k2_z[1];
+            float k3_z[2];
+            haldane_flow(t2, t3, t1, k3_z);
+            float k4_z[2];
+            haldane_flow(z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1], u, k4_z);
+            float F_1[4];
+            haldane_jacobian(t2, t3, t1, F_1);
+            const float Phi_11 = 1.0f + 0.01f*F_1[0] + 5e-05f*(F_1[0]*F_1[0] + F_1[2]*F_1[1]);
+            const float Phi_12 = 0.01f*F_1[2] + 5e-05f*(F_1[0]*F_1[2] + F_1[2]*F_1[3]);
+            const float Phi_21 = 0.01f*F_1[1] + 5e-05f*(F_1[1]*F_1[0] + F_1[3]*F_1[1]);
+            const float Phi_22 = 1.0f + 0.01f*F_1[3] + 5e-05f*(F_1[1]*F_1[2] + F_1[3]*F_1[3]);
+            const float w1_1 = Phi_11 + Phi_12*L21;
+            const float t4 = w1_1*D1;
+            const float t5 = Phi_12*D2;
+            const float t6 = 0.01f*p->gain.Q[0];
+            const float d1 = w1_1*t4 + Phi_12*t5 + t6;
+            const float t7 = Phi_21 + Phi_22*L21;
+            const float l21 = (t7*t4 + Phi_22*t5)/d1;
+            const float w2_1 = t7 - l21*w1_1;
+            const float w2_2 = Phi_22 - l21*Phi_12;
+            const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t6*l21 + 0.01f*p->gain.Q[1];
+            s->z[0] = z1 + 0.0016666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.0016666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->L = l21;
+            s->D[0] = d1;
+            s->D[1] = d2;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L;
+            capped = D1 > 203.0625f || L21*L21*D1 + s->D[1] > 3527.023f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L;
+                const float t1 = haldane_min(1.0f, 3527.023f/(L21*L21*D1 + D2));
+                const float t2 = haldane_min(1.0f, 203.0625f/D1);
+                s->L = t1*L21/t2;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                status |= HALDANE_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 >= -9.0f && z1 <= 19.5f && z2 >= -20.0f && z2 <= 40.0f
+                && haldane_within(s->L, 4.167631e+09f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            beyond = !(t1 && D1 >= 1e-16f && D1 <= 203.0625f && D2 >= 1e-15f && D2 <= 3527.023f);
+        }
+        if (haldane_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = haldane_within(s->z[0], 1e+30f) && haldane_within(s->z[1], 1e+30f)
+                    && haldane_within(s->L, 1e+30f);
+                lost = !(t1 && haldane_within(s->D[0], 1e+30f) && haldane_within(s->D[1], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.5f;
+                s->z[1] = 0.0f;
+                s->L = 0.0f;
+                s->D[0] = 20.0f;
+                s->D[1] = 100.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 897.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 897.0f;
+                s->doubt_sum = 0.0f;
+                status |= HALDANE_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = haldane_clamp(z1, -9.0f, 19.5f);
+                s->z[1] = haldane_clamp(z2, -20.0f, 40.0f);
+                if (z1 < -9.0f || z1 > 19.5f || z2 < -20.0f || z2 > 40.0f) {
+                    status |= HALDANE_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L;
+                s->L = haldane_limit(L21, 4.167631e+09f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                s->D[0] = haldane_clamp(D1, 1e-16f, 203.0625f);
+                s->D[1] = haldane_clamp(D2, 1e-15f, 3527.023f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = haldane_within(measurement, 3e+38f);
+            const bool t3 = t2 && measurement >= -9.0f && measurement <= 19.5f && haldane_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= HALDANE_MISSING_Y;
+            }
+            if (t2 && !t3) {
+                status |= HALDANE_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L;
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float t1 = p->gain.R/0.01f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const bool t1 = z1 >= -9.0f && z1 <= 19.5f && z2 >= -20.0f && z2 <= 40.0f && D1 >= 1e-16f
+                    && D1 <= 203.0625f && D2 >= 1e-15f && D2 <= 3527.023f;
+                beyond = !t1;
+            }
+            if (haldane_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = haldane_within(s->z[0], 1e+30f) && haldane_within(s->z[1], 1e+30f)
+                        && haldane_within(s->D[0], 1e+30f);
+                    lost = !(t1 && haldane_within(s->D[1], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.5f;
+                    s->z[1] = 0.0f;
+                    s->L = 0.0f;
+                    s->D[0] = 20.0f;
+                    s->D[1] = 100.0f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 897.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 897.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= HALDANE_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    s->z[0] = haldane_clamp(z1, -9.0f, 19.5f);
+                    s->z[1] = haldane_clamp(z2, -20.0f, 40.0f);
+                    if (z1 < -9.0f || z1 > 19.5f || z2 < -20.0f || z2 > 40.0f) {
+                        status |= HALDANE_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    s->D[0] = haldane_clamp(D1, 1e-16f, 203.0625f);
+                    s->D[1] = haldane_clamp(D2, 1e-15f, 3527.023f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 < 0.5f || z1 > 10.0f || z2 < 0.0f || z2 > 20.0f;
+            if (t1) {
+                status |= HALDANE_OUTSIDE_BOX;
+            }
+            doubtful = haldane_abs(output_error) > 0.95f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (haldane_within(measurement, 3e+38f) && measurement >= -9.0f
+                && measurement <= 19.5f);
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = haldane_abs(patience_y - 897.0f + doubt_y
+                        + (patience_range - 897.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 918528.0f
+                        && patience_y >= 897.0f && patience_y <= 918528.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 918528.0f
+                        && patience_range >= 897.0f && patience_range <= 918528.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 897.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 897.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    shows_y = !haldane_within(output_error, 0.95f);
+                    shows_range = z1 < 0.025f || z1 > 10.475f || z2 < -1.0f || z2 > 21.0f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = haldane_min(doubt_y + 1.0f, 918528.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = haldane_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 897.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = haldane_min(doubt_range + 1.0f, 918528.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = haldane_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 897.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = haldane_min(patience_y, 459264.0f);
+                            s->patience_y = haldane_min(2.0f*patience_y, 918528.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = haldane_min(patience_range, 459264.0f);
+                            s->patience_range = haldane_min(2.0f*patience_range, 918528.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.5f;
+                    s->z[1] = 0.0f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        s->z[0] = haldane_keep(measurement, 0.5f, 10.0f, z1, 1e+30f);
+                        s->z[1] = haldane_keep(z2, 0.0f, 20.0f, z2, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= HALDANE_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L = 0.0f;
+                    s->D[0] = 20.0f;
+                    s->D[1] = 100.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 897.0f + s->doubt_y
+                    + (s->patience_range - 897.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= HALDANE_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned haldane_step(haldane_state *s, const haldane_params *p, const haldane_input *in,
+    const haldane_output *out)
+{
+    unsigned status = 0u;
+    status |= haldane_predict(s, p, in);
+    status |= haldane_update_y(s, p, out);
+    return status;
+}
+
+void haldane_estimate(const haldane_state *s, const haldane_params *p, haldane_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->X = s->z[0];
+    x->S = s->z[1];
+}
+
+unsigned haldane_tune(haldane_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float R = p->gain.R;
+        p->gain.Q[0] = haldane_keep(Q1, 2e-08f, 100000.0f, 0.02f, 3e+38f);
+        p->gain.Q[1] = haldane_keep(Q2, 2e-08f, 100000.0f, 0.1f, 3e+38f);
+        p->gain.R = haldane_keep(R, 1e-12f, 1.0f, 1e-06f, 3e+38f);
+        if (!(Q1 >= 2e-08f && Q1 <= 100000.0f) || !(Q2 >= 2e-08f && Q2 <= 100000.0f)
+            || !(R >= 1e-12f && R <= 1.0f)) {
+            status |= HALDANE_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void haldane_reset(haldane_state *s)
+{
+    s->z[0] = 0.5f;
+    s->z[1] = 0.0f;
+    s->L = 0.0f;
+    s->D[0] = 20.0f;
+    s->D[1] = 100.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 897.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 897.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+    s->u = 0.0f;
+}
+
+void haldane_init(haldane_state *s, haldane_params *p)
+{
+    p->gain.Q[0] = 0.02f;
+    p->gain.Q[1] = 0.1f;
+    p->gain.R = 1e-06f;
+    (void)haldane_tune(p);
+    haldane_reset(s);
+}

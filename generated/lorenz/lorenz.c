@@ -1,0 +1,614 @@
+/* lorenz: see lorenz.h, which is the manual. */
+#include "lorenz.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float lorenz_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float lorenz_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float lorenz_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool lorenz_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float lorenz_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool lorenz_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float lorenz_limit(float v, float most)
+{
+    return lorenz_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float lorenz_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return lorenz_within(v, limit) ? lorenz_clamp(v, low, high) : otherwise;
+}
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void lorenz_flow(float z1, float z2, float z3, float dz[3])
+{
+    const float t1 = lorenz_limit(z1, 20.0f);
+    const float t2 = lorenz_limit(z2, 30.0f);
+    dz[0] = 10.0f*z2 - 10.0f*t1;
+    dz[1] = 28.0f*t1 - t2 - t1*z3;
+    dz[2] = t1*t2 - 2.6666667f*lorenz_clamp(z3, 0.0f, 50.0f);
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void lorenz_jacobian(float z1, float z2, float z3, float F[4])
+{
+    const float t1 = lorenz_limit(z1, 20.0f);
+    F[0] = 28.0f - lorenz_clamp(z3, 0.0f, 50.0f); /* F_21 */
+    F[1] = lorenz_limit(z2, 30.0f); /* F_31 */
+    F[2] = t1; /* F_32 */
+    F[3] = -t1; /* F_23 */
+}
+
+unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            float k1_z[3];
+            lorenz_flow(z1, z2, z3, k1_z);
+            float k2_z[3];
+            lorenz_flow(z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], k2_z);
+            const float t1 = z1 + 0.0005f*k2_z[0];
+            const float t2 = z2 + 0.0005f*k2_z[1];
+            const float t3 = z3 + 0.0005f*k2_z[2];
+            float k3_z[3];
+            lorenz_flow(t1, t2, t3, k3_z);
+            float k4_z[3];
+            lorenz_flow(z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], k4_z);
+            float F_1[4];
+            lorenz_jacobian(t1, t2, t3, F_1);
+            const float t4 = 10.0f*F_1[0];
+            const float Phi_11 = 0.99f + 5e-07f*(100.0f + t4);
+            const float Phi_13 = 5e-06f*F_1[3];
+            const float Phi_21 = 0.001f*F_1[0] + 5e-07f*(-10.0f*F_1[0] - F_1[0] + F_1[3]*F_1[1]);
+            const float Phi_22 = 0.999f + 5e-07f*(t4 + 1.0f + F_1[3]*F_1[2]);
+            const float Phi_23 = 0.001f*F_1[3] + 5e-07f*(-2.6666667f*F_1[3] - F_1[3]);
+            const float Phi_31 = 0.001f*F_1[1] + 5e-07f*(F_1[2]*F_1[0] - 10.0f*F_1[1] - 2.6666667f*F_1[1]);
+            const float Phi_32 = 0.001f*F_1[2] + 5e-07f*(10.0f*F_1[1] - F_1[2] - 2.6666667f*F_1[2]);
+            const float Phi_33 = 0.99733335f + 5e-07f*(F_1[2]*F_1[3] + 7.111111f);
+            const float w1_1 = Phi_11 + 0.009945f*L21 + Phi_13*L31;
+            const float w1_2 = 0.009945f + Phi_13*L32;
+            const float t5 = w1_1*D1;
+            const float t6 = w1_2*D2;
+            const float t7 = Phi_13*D3;
+            const float t8 = 0.001f*p->gain.Q[0];
+            const float d1 = w1_1*t5 + w1_2*t6 + Phi_13*t7 + t8;
+            const float t9 = Phi_21 + Phi_22*L21 + Phi_23*L31;
+            const float t10 = Phi_22 + Phi_23*L32;
+            const float l21 = (t9*t5 + t10*t6 + Phi_23*t7)/d1;
+            const float t11 = Phi_31 + Phi_32*L21 + Phi_33*L31;
+            const float t12 = Phi_32 + Phi_33*L32;
+            const float l31 = (t11*t5 + t12*t6 + Phi_33*t7)/d1;
+            const float w2_1 = t9 - l21*w1_1;
+            const float w2_2 = t10 - l21*w1_2;
+            const float w2_3 = Phi_23 - l21*Phi_13;
+            const float t13 = w2_1*D1;
+            const float t14 = w2_2*D2;
+            const float t15 = w2_3*D3;
+            const float t16 = l21*t8;
+            const float t17 = 0.001f*p->gain.Q[1];
+            const float d2 = w2_1*t13 + w2_2*t14 + w2_3*t15 + l21*t16 + t17;
+            const float t18 = t11 - l31*w1_1;
+            const float t19 = t12 - l31*w1_2;
+            const float t20 = Phi_33 - l31*Phi_13;
+            const float l32 = (t18*t13 + t19*t14 + t20*t15 + l31*t16)/d2;
+            const float w3_1 = t18 - l32*w2_1;
+            const float w3_2 = t19 - l32*w2_2;
+            const float w3_3 = t20 - l32*w2_3;
+            const float w3_4 = l32*l21 - l31;
+            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t8*w3_4 + l32*t17*l32
+                + 0.001f*p->gain.Q[2];
+            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            s->L[0] = l21;
+            s->L[1] = l31;
+            s->L[2] = l32;
+            s->D[0] = d1;
+            s->D[1] = d2;
+            s->D[2] = d3;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float D2 = s->D[1];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            capped = D1 > 3600.0f || L21*L21*D1 + D2 > 8100.0f || L31*L31*D1 + L32*L32*D2 + s->D[2] > 5625.0f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                const float t1 = lorenz_min(1.0f, 8100.0f/(L21*L21*D1 + D2));
+                const float t2 = lorenz_min(1.0f, 3600.0f/D1);
+                const float t3 = lorenz_min(1.0f, 5625.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+                s->L[0] = t1*L21/t2;
+                s->L[1] = t3*L31/t2;
+                s->L[2] = t3*L32/t1;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                s->D[2] = t3*t3*D3;
+                status |= LORENZ_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z3 = s->z[2];
+            const bool t1 = lorenz_within(s->z[0], 60.0f) && lorenz_within(s->z[1], 90.0f) && z3 >= -50.0f
+                && z3 <= 100.0f;
+            const bool t2 = t1 && lorenz_within(s->L[0], 1.5e+09f) && lorenz_within(s->L[1], 1.25e+09f)
+                && lorenz_within(s->L[2], 8.333333e+08f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const bool t3 = t2 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 2e-15f && D2 <= 8100.0f
+                && D3 >= 1e-15f && D3 <= 5625.0f;
+            beyond = !t3;
+        }
+        if (lorenz_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = lorenz_within(s->z[0], 1e+30f) && lorenz_within(s->z[1], 1e+30f)
+                    && lorenz_within(s->z[2], 1e+30f);
+                const bool t2 = t1 && lorenz_within(s->L[0], 1e+30f) && lorenz_within(s->L[1], 1e+30f)
+                    && lorenz_within(s->L[2], 1e+30f);
+                const bool t3 = t2 && lorenz_within(s->D[0], 1e+30f) && lorenz_within(s->D[1], 1e+30f)
+                    && lorenz_within(s->D[2], 1e+30f);
+                lost = !t3;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 400.0f;
+                s->D[1] = 900.0f;
+                s->D[2] = 600.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 178.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 178.0f;
+                s->doubt_sum = 0.0f;
+                status |= LORENZ_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = lorenz_limit(z1, 60.0f);
+                s->z[1] = lorenz_limit(z2, 90.0f);
+                s->z[2] = lorenz_clamp(z3, -50.0f, 100.0f);
+                if (lorenz_abs(z1) > 60.0f || lorenz_abs(z2) > 90.0f || z3 < -50.0f || z3 > 100.0f) {
+                    status |= LORENZ_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                s->L[0] = lorenz_limit(L21, 1.5e+09f);
+                s->L[1] = lorenz_limit(L31, 1.25e+09f);
+                s->L[2] = lorenz_limit(L32, 8.333333e+08f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                s->D[0] = lorenz_clamp(D1, 1e-16f, 3600.0f);
+                s->D[1] = lorenz_clamp(D2, 2e-15f, 8100.0f);
+                s->D[2] = lorenz_clamp(D3, 1e-15f, 5625.0f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    return status;
+}
+
+unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = lorenz_within(measurement, 3e+38f);
+            const bool t3 = t2 && lorenz_within(measurement, 60.0f) && lorenz_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= LORENZ_MISSING_Y;
+            }
+            if (t2 && !t3) {
+                status |= LORENZ_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float t1 = p->gain.R/0.001f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                const float K3 = L31*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z3 = s->z[2];
+                const bool t1 = lorenz_within(s->z[0], 60.0f) && lorenz_within(s->z[1], 90.0f)
+                    && z3 >= -50.0f && z3 <= 100.0f;
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const bool t2 = t1 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 2e-15f && D2 <= 8100.0f
+                    && D3 >= 1e-15f && D3 <= 5625.0f;
+                beyond = !t2;
+            }
+            if (lorenz_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = lorenz_within(s->z[0], 1e+30f) && lorenz_within(s->z[1], 1e+30f)
+                        && lorenz_within(s->z[2], 1e+30f);
+                    const bool t2 = t1 && lorenz_within(s->D[0], 1e+30f) && lorenz_within(s->D[1], 1e+30f)
+                        && lorenz_within(s->D[2], 1e+30f);
+                    lost = !t2;
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 400.0f;
+                    s->D[1] = 900.0f;
+                    s->D[2] = 600.0f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 178.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 178.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= LORENZ_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = lorenz_limit(z1, 60.0f);
+                    s->z[1] = lorenz_limit(z2, 90.0f);
+                    s->z[2] = lorenz_clamp(z3, -50.0f, 100.0f);
+                    if (lorenz_abs(z1) > 60.0f || lorenz_abs(z2) > 90.0f || z3 < -50.0f || z3 > 100.0f) {
+                        status |= LORENZ_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    s->D[0] = lorenz_clamp(D1, 1e-16f, 3600.0f);
+                    s->D[1] = lorenz_clamp(D2, 2e-15f, 8100.0f);
+                    s->D[2] = lorenz_clamp(D3, 1e-15f, 5625.0f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z3 = s->z[2];
+            const bool t1 = lorenz_abs(s->z[0]) > 20.0f || lorenz_abs(s->z[1]) > 30.0f || z3 < 0.0f
+                || z3 > 50.0f;
+            if (t1) {
+                status |= LORENZ_OUTSIDE_BOX;
+            }
+            doubtful = lorenz_abs(output_error) > 4.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (lorenz_within(measurement, 3e+38f) && lorenz_within(measurement, 60.0f));
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = lorenz_abs(patience_y - 178.0f + doubt_y
+                        + (patience_range - 178.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 182272.0f
+                        && patience_y >= 178.0f && patience_y <= 182272.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 182272.0f
+                        && patience_range >= 178.0f && patience_range <= 182272.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 178.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 178.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z3 = s->z[2];
+                    shows_y = !lorenz_within(output_error, 4.0f);
+                    shows_range = lorenz_abs(s->z[0]) > 22.0f || lorenz_abs(s->z[1]) > 33.0f || z3 < -2.5f
+                        || z3 > 52.5f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = lorenz_min(doubt_y + 1.0f, 182272.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = lorenz_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 178.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = lorenz_min(doubt_range + 1.0f, 182272.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = lorenz_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 178.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = lorenz_min(patience_y, 91136.0f);
+                            s->patience_y = lorenz_min(2.0f*patience_y, 182272.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = lorenz_min(patience_range, 91136.0f);
+                            s->patience_range = lorenz_min(2.0f*patience_range, 182272.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        s->z[0] = lorenz_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
+                        s->z[1] = lorenz_keep(z2, -30.0f, 30.0f, z2, 1e+30f);
+                        s->z[2] = lorenz_keep(z3, 0.0f, 50.0f, z3, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= LORENZ_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 400.0f;
+                    s->D[1] = 900.0f;
+                    s->D[2] = 600.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 178.0f + s->doubt_y
+                    + (s->patience_range - 178.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= LORENZ_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned lorenz_step(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
+{
+    unsigned status = 0u;
+    status |= lorenz_predict(s, p);
+    status |= lorenz_update_y(s, p, out);
+    return status;
+}
+
+void lorenz_estimate(const lorenz_state *s, const lorenz_params *p, lorenz_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x = s->z[0];
+    x->y_ = s->z[1];
+    x->z = s->z[2];
+}
+
+unsigned lorenz_tune(lorenz_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float Q3 = p->gain.Q[2];
+        const float R = p->gain.R;
+        const bool t1 = !(Q1 >= 8e-07f && Q1 <= 2000000.0f) || !(Q2 >= 8e-07f && Q2 <= 2000000.0f)
+            || !(Q3 >= 8e-07f && Q3 <= 2000000.0f);
+        p->gain.Q[0] = lorenz_keep(Q1, 8e-07f, 2000000.0f, 0.8f, 3e+38f);
+        p->gain.Q[1] = lorenz_keep(Q2, 8e-07f, 2000000.0f, 2.0f, 3e+38f);
+        p->gain.Q[2] = lorenz_keep(Q3, 8e-07f, 2000000.0f, 1.0f, 3e+38f);
+        p->gain.R = lorenz_keep(R, 1e-13f, 0.1f, 1e-07f, 3e+38f);
+        if (t1 || !(R >= 1e-13f && R <= 0.1f)) {
+            status |= LORENZ_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void lorenz_reset(lorenz_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.0f;
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 400.0f;
+    s->D[1] = 900.0f;
+    s->D[2] = 600.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 178.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 178.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+}
+
+void lorenz_init(lorenz_state *s, lorenz_params *p)
+{
+    p->gain.Q[0] = 0.8f;
+    p->gain.Q[1] = 2.0f;
+    p->gain.Q[2] = 1.0f;
+    p->gain.R = 1e-07f;
+    (void)lorenz_tune(p);
+    lorenz_reset(s);
+}

@@ -1,0 +1,523 @@
+/* lotka_volterra: see lotka_volterra.h, which is the manual. */
+#include "lotka_volterra.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float lotka_volterra_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float lotka_volterra_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float lotka_volterra_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool lotka_volterra_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float lotka_volterra_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool lotka_volterra_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float lotka_volterra_limit(float v, float most)
+{
+    return lotka_volterra_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float lotka_volterra_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return lotka_volterra_within(v, limit) ? lotka_volterra_clamp(v, low, high) : otherwise;
+}
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void lotka_volterra_flow(float z1, float z2, float dz[2])
+{
+    const float t1 = lotka_volterra_clamp(z1, 1.0f, 80.0f);
+    const float t2 = lotka_volterra_clamp(z2, -40.0f, -1.0f);
+    dz[0] = 0.02f*t1*z2 + 0.5f*t1;
+    dz[1] = t1*t2*0.01f - 0.3f*t2;
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void lotka_volterra_jacobian(float z1, float z2, float F[4])
+{
+    const float t1 = lotka_volterra_clamp(z2, -40.0f, -1.0f);
+    const float t2 = lotka_volterra_clamp(z1, 1.0f, 80.0f);
+    F[0] = 0.5f + 0.02f*t1; /* F_11 */
+    F[1] = 0.01f*t1; /* F_21 */
+    F[2] = 0.02f*t2; /* F_12 */
+    F[3] = 0.01f*t2 - 0.3f; /* F_22 */
+}
+
+unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_params *p)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float L21 = s->L;
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            float k1_z[2];
+            lotka_volterra_flow(z1, z2, k1_z);
+            float k2_z[2];
+            lotka_volterra_flow(z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1], k2_z);
+            const float t1 = z1 + 0.005f*k2_z[0];
+            const float t2 = z2 + 0.005f*k2_z[1];
+            float k3_z[2];
+            lotka_volterra_flow(t1, t2, k3_z);
+            float k4_z[2];
+            lotka_volterra_flow(z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1], k4_z);
+            float F_1[4];
+            lotka_volterra_jacobian(t1, t2, F_1);
+            const float Phi_11 = 1.0f + 0.01f*F_1[0] + 5e-05f*(F_1[0]*F_1[0] + F_1[2]*F_1[1]);
+            const float Phi_12 = 0.01f*F_1[2] + 5e-05f*(F_1[0]*F_1[2] + F_1[2]*F_1[3]);
+            const float Phi_21 = 0.01f*F_1[1] + 5e-05f*(F_1[1]*F_1[0] + F_1[3]*F_1[1]);
+            const float Phi_22 = 1.0f + 0.01f*F_1[3] + 5e-05f*(F_1[1]*F_1[2] + F_1[3]*F_1[3]);
+            const float w1_1 = Phi_11 + Phi_12*L21;
+            const float t3 = w1_1*D1;
+            const float t4 = Phi_12*D2;
+            const float t5 = 0.01f*p->gain.Q[0];
+            const float d1 = w1_1*t3 + Phi_12*t4 + t5;
+            const float t6 = Phi_21 + Phi_22*L21;
+            const float l21 = (t6*t3 + Phi_22*t4)/d1;
+            const float w2_1 = t6 - l21*w1_1;
+            const float w2_2 = Phi_22 - l21*Phi_12;
+            const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t5*l21 + 0.01f*p->gain.Q[1];
+            s->z[0] = z1 + 0.0016666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.0016666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->L = l21;
+            s->D[0] = d1;
+            s->D[1] = d2;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L;
+            capped = D1 > 14042.25f || L21*L21*D1 + s->D[1] > 3422.25f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L;
+                const float t1 = lotka_volterra_min(1.0f, 3422.25f/(L21*L21*D1 + D2));
+                const float t2 = lotka_volterra_min(1.0f, 14042.25f/D1);
+                s->L = t1*L21/t2;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                status |= LOTKA_VOLTERRA_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 >= -78.0f && z1 <= 159.0f && z2 >= -79.0f && z2 <= 38.0f
+                && lotka_volterra_within(s->L, 4.9367088e+08f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            beyond = !(t1 && D1 >= 1e-14f && D1 <= 14042.25f && D2 >= 3e-15f && D2 <= 3422.25f);
+        }
+        if (lotka_volterra_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = lotka_volterra_within(s->z[0], 1e+30f)
+                    && lotka_volterra_within(s->z[1], 1e+30f) && lotka_volterra_within(s->L, 1e+30f);
+                lost = !(t1 && lotka_volterra_within(s->D[0], 1e+30f)
+                    && lotka_volterra_within(s->D[1], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 1.0f;
+                s->z[1] = -1.0f;
+                s->L = 0.0f;
+                s->D[0] = 2000.0f;
+                s->D[1] = 400.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 478.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 478.0f;
+                s->doubt_sum = 0.0f;
+                status |= LOTKA_VOLTERRA_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = lotka_volterra_clamp(z1, -78.0f, 159.0f);
+                s->z[1] = lotka_volterra_clamp(z2, -79.0f, 38.0f);
+                if (z1 < -78.0f || z1 > 159.0f || z2 < -79.0f || z2 > 38.0f) {
+                    status |= LOTKA_VOLTERRA_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L;
+                s->L = lotka_volterra_limit(L21, 4.9367088e+08f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                s->D[0] = lotka_volterra_clamp(D1, 1e-14f, 14042.25f);
+                s->D[1] = lotka_volterra_clamp(D2, 3e-15f, 3422.25f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    return status;
+}
+
+unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
+    const lotka_volterra_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = lotka_volterra_within(measurement, 3e+38f);
+            const bool t3 = t2 && measurement >= -78.0f && measurement <= 159.0f
+                && lotka_volterra_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= LOTKA_VOLTERRA_MISSING_Y;
+            }
+            if (t2 && !t3) {
+                status |= LOTKA_VOLTERRA_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L;
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float t1 = p->gain.R/0.01f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float D1 = s->D[0];
+                const bool t1 = z1 >= -78.0f && z1 <= 159.0f && z2 >= -79.0f && z2 <= 38.0f && D1 >= 1e-14f
+                    && D1 <= 14042.25f;
+                const float D2 = s->D[1];
+                beyond = !(t1 && D2 >= 3e-15f && D2 <= 3422.25f);
+            }
+            if (lotka_volterra_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = lotka_volterra_within(s->z[0], 1e+30f)
+                        && lotka_volterra_within(s->z[1], 1e+30f) && lotka_volterra_within(s->D[0], 1e+30f);
+                    lost = !(t1 && lotka_volterra_within(s->D[1], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 1.0f;
+                    s->z[1] = -1.0f;
+                    s->L = 0.0f;
+                    s->D[0] = 2000.0f;
+                    s->D[1] = 400.0f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 478.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 478.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= LOTKA_VOLTERRA_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    s->z[0] = lotka_volterra_clamp(z1, -78.0f, 159.0f);
+                    s->z[1] = lotka_volterra_clamp(z2, -79.0f, 38.0f);
+                    if (z1 < -78.0f || z1 > 159.0f || z2 < -79.0f || z2 > 38.0f) {
+                        status |= LOTKA_VOLTERRA_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    s->D[0] = lotka_volterra_clamp(D1, 1e-14f, 14042.25f);
+                    s->D[1] = lotka_volterra_clamp(D2, 3e-15f, 3422.25f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 < 1.0f || z1 > 80.0f || z2 < -40.0f || z2 > -1.0f;
+            if (t1) {
+                status |= LOTKA_VOLTERRA_OUTSIDE_BOX;
+            }
+            doubtful = lotka_volterra_abs(output_error) > 7.9f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (lotka_volterra_within(measurement, 3e+38f) && measurement >= -78.0f
+                && measurement <= 159.0f);
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = lotka_volterra_abs(patience_y - 478.0f + doubt_y
+                        + (patience_range - 478.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 489472.0f
+                        && patience_y >= 478.0f && patience_y <= 489472.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 489472.0f
+                        && patience_range >= 478.0f && patience_range <= 489472.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 478.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 478.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    shows_y = !lotka_volterra_within(output_error, 7.9f);
+                    shows_range = z1 < -2.95f || z1 > 83.95f || z2 < -41.95f || z2 > 0.95f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = lotka_volterra_min(doubt_y + 1.0f, 489472.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = lotka_volterra_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 478.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = lotka_volterra_min(doubt_range + 1.0f, 489472.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = lotka_volterra_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 478.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = lotka_volterra_min(patience_y, 244736.0f);
+                            s->patience_y = lotka_volterra_min(2.0f*patience_y, 489472.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = lotka_volterra_min(patience_range, 244736.0f);
+                            s->patience_range = lotka_volterra_min(2.0f*patience_range, 489472.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 1.0f;
+                    s->z[1] = -1.0f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        s->z[0] = lotka_volterra_keep(measurement, 1.0f, 80.0f, z1, 1e+30f);
+                        s->z[1] = lotka_volterra_keep(z2, -40.0f, -1.0f, z2, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= LOTKA_VOLTERRA_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L = 0.0f;
+                    s->D[0] = 2000.0f;
+                    s->D[1] = 400.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 478.0f + s->doubt_y
+                    + (s->patience_range - 478.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= LOTKA_VOLTERRA_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned lotka_volterra_step(lotka_volterra_state *s, const lotka_volterra_params *p,
+    const lotka_volterra_output *out)
+{
+    unsigned status = 0u;
+    status |= lotka_volterra_predict(s, p);
+    status |= lotka_volterra_update_y(s, p, out);
+    return status;
+}
+
+void lotka_volterra_estimate(const lotka_volterra_state *s, const lotka_volterra_params *p,
+    lotka_volterra_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->N = s->z[0];
+    x->P = -s->z[1];
+}
+
+unsigned lotka_volterra_tune(lotka_volterra_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float R = p->gain.R;
+        p->gain.Q[0] = lotka_volterra_keep(Q1, 3e-07f, 1000000.0f, 1.0f, 3e+38f);
+        p->gain.Q[1] = lotka_volterra_keep(Q2, 3e-07f, 1000000.0f, 0.3f, 3e+38f);
+        p->gain.R = lotka_volterra_keep(R, 1e-10f, 100.0f, 0.0001f, 3e+38f);
+        if (!(Q1 >= 3e-07f && Q1 <= 1000000.0f) || !(Q2 >= 3e-07f && Q2 <= 1000000.0f)
+            || !(R >= 1e-10f && R <= 100.0f)) {
+            status |= LOTKA_VOLTERRA_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void lotka_volterra_reset(lotka_volterra_state *s)
+{
+    s->z[0] = 1.0f;
+    s->z[1] = -1.0f;
+    s->L = 0.0f;
+    s->D[0] = 2000.0f;
+    s->D[1] = 400.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 478.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 478.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+}
+
+void lotka_volterra_init(lotka_volterra_state *s, lotka_volterra_params *p)
+{
+    p->gain.Q[0] = 1.0f;
+    p->gain.Q[1] = 0.3f;
+    p->gain.R = 0.0001f;
+    (void)lotka_volterra_tune(p);
+    lotka_volterra_reset(s);
+}

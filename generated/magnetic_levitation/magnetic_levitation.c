@@ -1,0 +1,649 @@
+/* magnetic_levitation: see magnetic_levitation.h, which is the manual. */
+#include "magnetic_levitation.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float magnetic_levitation_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float magnetic_levitation_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float magnetic_levitation_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool magnetic_levitation_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float magnetic_levitation_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool magnetic_levitation_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float magnetic_levitation_limit(float v, float most)
+{
+    return magnetic_levitation_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float magnetic_levitation_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return magnetic_levitation_within(v, limit) ? magnetic_levitation_clamp(v, low, high) : otherwise;
+}
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void magnetic_levitation_flow(float z1, float z2, float z3, float u, float dz[3])
+{
+    const float t1 = magnetic_levitation_clamp(z3, 0.1f, 3.0f);
+    const float t2 = magnetic_levitation_clamp(z1, 0.005f, 0.03f);
+    dz[0] = z2;
+    dz[1] = 9.81f - t1*t1/(t2*t2)*0.001f;
+    dz[2] = u - 20.0f*z3;
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void magnetic_levitation_jacobian(float z1, float z3, float F[2])
+{
+    const float t1 = magnetic_levitation_clamp(z3, 0.1f, 3.0f);
+    const float t2 = magnetic_levitation_clamp(z1, 0.005f, 0.03f);
+    const float t3 = t2*t2;
+    F[0] = t1*t1/t3/t3*(2.0f*t2)*0.001f; /* F_21 */
+    F[1] = -(2.0f*t1/t3*0.001f); /* F_23 */
+}
+
+unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magnetic_levitation_params *p,
+    const magnetic_levitation_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = magnetic_levitation_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = magnetic_levitation_clamp(u_taken, 0.0f, 100.0f);
+        if (!u_usable) {
+            status |= MAGNETIC_LEVITATION_REUSED_U;
+        }
+        if (u_taken < 0.0f || u_taken > 100.0f) {
+            status |= MAGNETIC_LEVITATION_CLAMPED_U;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float u_before = s->u;
+            float k1_z[3];
+            magnetic_levitation_flow(z1, z2, z3, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[3];
+            magnetic_levitation_flow(z1 + 2.5e-05f*k1_z[0], z2 + 2.5e-05f*k1_z[1], z3 + 2.5e-05f*k1_z[2], t1,
+                k2_z);
+            const float t2 = z1 + 2.5e-05f*k2_z[0];
+            const float t3 = z3 + 2.5e-05f*k2_z[2];
+            float k3_z[3];
+            magnetic_levitation_flow(t2, z2 + 2.5e-05f*k2_z[1], t3, t1, k3_z);
+            float k4_z[3];
+            magnetic_levitation_flow(z1 + 5e-05f*k3_z[0], z2 + 5e-05f*k3_z[1], z3 + 5e-05f*k3_z[2], u, k4_z);
+            float F_1[2];
+            magnetic_levitation_jacobian(t2, t3, F_1);
+            const float Phi_11 = 1.0f + 1.25e-09f*F_1[0];
+            const float Phi_13 = 1.25e-09f*F_1[1];
+            const float Phi_21 = 5e-05f*F_1[0];
+            const float Phi_23 = 5e-05f*F_1[1] - 2.5e-08f*F_1[1];
+            const float w1_1 = Phi_11 + 5e-05f*L21 + Phi_13*L31;
+            const float w1_2 = 5e-05f + Phi_13*L32;
+            const float t4 = w1_1*D1;
+            const float t5 = w1_2*D2;
+            const float t6 = Phi_13*D3;
+            const float t7 = 5e-05f*p->gain.Q[0];
+            const float d1 = w1_1*t4 + w1_2*t5 + Phi_13*t6 + t7;
+            const float t8 = Phi_21 + Phi_11*L21 + Phi_23*L31;
+            const float t9 = Phi_11 + Phi_23*L32;
+            const float l21 = (t8*t4 + t9*t5 + Phi_23*t6)/d1;
+            const float t10 = 0.9990005f*L31;
+            const float t11 = 0.9990005f*L32;
+            const float l31 = (t10*t4 + t11*t5 + 0.9990005f*t6)/d1;
+            const float w2_1 = t8 - l21*w1_1;
+            const float w2_2 = t9 - l21*w1_2;
+            const float w2_3 = Phi_23 - l21*Phi_13;
+            const float t12 = w2_1*D1;
+            const float t13 = w2_2*D2;
+            const float t14 = w2_3*D3;
+            const float t15 = l21*t7;
+            const float t16 = 5e-05f*p->gain.Q[1];
+            const float d2 = w2_1*t12 + w2_2*t13 + w2_3*t14 + l21*t15 + t16;
+            const float t17 = t10 - l31*w1_1;
+            const float t18 = t11 - l31*w1_2;
+            const float t19 = 0.9990005f - l31*Phi_13;
+            const float l32 = (t17*t12 + t18*t13 + t19*t14 + l31*t15)/d2;
+            const float w3_1 = t17 - l32*w2_1;
+            const float w3_2 = t18 - l32*w2_2;
+            const float w3_3 = t19 - l32*w2_3;
+            const float w3_4 = l32*l21 - l31;
+            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + l32*t16*l32
+                + 5e-05f*p->gain.Q[2];
+            s->z[0] = z1 + 8.333333e-06f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 8.333333e-06f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->z[2] = z3 + 8.333333e-06f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            s->L[0] = l21;
+            s->L[1] = l31;
+            s->L[2] = l32;
+            s->D[0] = d1;
+            s->D[1] = d2;
+            s->D[2] = d3;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float D2 = s->D[1];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            capped = D1 > 0.00140625f || L21*L21*D1 + D2 > 9.0f
+                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 18.9225f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                const float t1 = magnetic_levitation_min(1.0f, 9.0f/(L21*L21*D1 + D2));
+                const float t2 = magnetic_levitation_min(1.0f, 0.00140625f/D1);
+                const float t3 = magnetic_levitation_min(1.0f, 18.9225f/(L31*L31*D1 + L32*L32*D2 + D3));
+                s->L[0] = t1*L21/t2;
+                s->L[1] = t3*L31/t2;
+                s->L[2] = t3*L32/t1;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                s->D[2] = t3*t3*D3;
+                status |= MAGNETIC_LEVITATION_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const float z3 = s->z[2];
+            const bool t1 = z1 >= -0.02f && z1 <= 0.055f && magnetic_levitation_within(s->z[1], 3.0f)
+                && z3 >= -2.8f && z3 <= 5.9f;
+            const bool t2 = t1 && magnetic_levitation_within(s->L[0], 8e+10f)
+                && magnetic_levitation_within(s->L[1], 1.16e+11f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const bool t3 = t2 && magnetic_levitation_within(s->L[2], 1.45e+09f) && D1 >= 1e-24f
+                && D1 <= 0.00140625f && D2 >= 1.5e-17f && D2 <= 9.0f;
+            const float D3 = s->D[2];
+            beyond = !(t3 && D3 >= 3.5e-17f && D3 <= 18.9225f);
+        }
+        if (magnetic_levitation_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = magnetic_levitation_within(s->z[0], 1e+30f)
+                    && magnetic_levitation_within(s->z[1], 1e+30f)
+                        && magnetic_levitation_within(s->z[2], 1e+30f);
+                const bool t2 = t1 && magnetic_levitation_within(s->L[0], 1e+30f)
+                    && magnetic_levitation_within(s->L[1], 1e+30f);
+                const bool t3 = t2 && magnetic_levitation_within(s->L[2], 1e+30f)
+                    && magnetic_levitation_within(s->D[0], 1e+30f);
+                const bool t4 = t3 && magnetic_levitation_within(s->D[1], 1e+30f)
+                    && magnetic_levitation_within(s->D[2], 1e+30f);
+                lost = !t4;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.005f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.1f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 0.0002f;
+                s->D[1] = 1.0f;
+                s->D[2] = 2.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 1571.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 1571.0f;
+                s->doubt_sum = 0.0f;
+                status |= MAGNETIC_LEVITATION_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = magnetic_levitation_clamp(z1, -0.02f, 0.055f);
+                s->z[1] = magnetic_levitation_limit(z2, 3.0f);
+                s->z[2] = magnetic_levitation_clamp(z3, -2.8f, 5.9f);
+                if (z1 < -0.02f || z1 > 0.055f || magnetic_levitation_abs(z2) > 3.0f || z3 < -2.8f
+                    || z3 > 5.9f) {
+                    status |= MAGNETIC_LEVITATION_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                s->L[0] = magnetic_levitation_limit(L21, 8e+10f);
+                s->L[1] = magnetic_levitation_limit(L31, 1.16e+11f);
+                s->L[2] = magnetic_levitation_limit(L32, 1.45e+09f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                s->D[0] = magnetic_levitation_clamp(D1, 1e-24f, 0.00140625f);
+                s->D[1] = magnetic_levitation_clamp(D2, 1.5e-17f, 9.0f);
+                s->D[2] = magnetic_levitation_clamp(D3, 3.5e-17f, 18.9225f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnetic_levitation_params *p,
+    const magnetic_levitation_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = magnetic_levitation_within(measurement, 3e+38f);
+            const bool t3 = t2 && measurement >= -0.02f && measurement <= 0.055f
+                && magnetic_levitation_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= MAGNETIC_LEVITATION_MISSING_Y;
+            }
+            if (t2 && !t3) {
+                status |= MAGNETIC_LEVITATION_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float t1 = p->gain.R/5e-05f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                const float K3 = L31*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z3 = s->z[2];
+                const bool t1 = z1 >= -0.02f && z1 <= 0.055f && magnetic_levitation_within(s->z[1], 3.0f)
+                    && z3 >= -2.8f && z3 <= 5.9f;
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const bool t2 = t1 && D1 >= 1e-24f && D1 <= 0.00140625f && D2 >= 1.5e-17f && D2 <= 9.0f
+                    && D3 >= 3.5e-17f && D3 <= 18.9225f;
+                beyond = !t2;
+            }
+            if (magnetic_levitation_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = magnetic_levitation_within(s->z[0], 1e+30f)
+                        && magnetic_levitation_within(s->z[1], 1e+30f)
+                            && magnetic_levitation_within(s->z[2], 1e+30f);
+                    const bool t2 = t1 && magnetic_levitation_within(s->D[0], 1e+30f)
+                        && magnetic_levitation_within(s->D[1], 1e+30f);
+                    lost = !(t2 && magnetic_levitation_within(s->D[2], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.005f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.1f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 0.0002f;
+                    s->D[1] = 1.0f;
+                    s->D[2] = 2.0f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 1571.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 1571.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= MAGNETIC_LEVITATION_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = magnetic_levitation_clamp(z1, -0.02f, 0.055f);
+                    s->z[1] = magnetic_levitation_limit(z2, 3.0f);
+                    s->z[2] = magnetic_levitation_clamp(z3, -2.8f, 5.9f);
+                    if (z1 < -0.02f || z1 > 0.055f || magnetic_levitation_abs(z2) > 3.0f || z3 < -2.8f
+                        || z3 > 5.9f) {
+                        status |= MAGNETIC_LEVITATION_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    s->D[0] = magnetic_levitation_clamp(D1, 1e-24f, 0.00140625f);
+                    s->D[1] = magnetic_levitation_clamp(D2, 1.5e-17f, 9.0f);
+                    s->D[2] = magnetic_levitation_clamp(D3, 3.5e-17f, 18.9225f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z3 = s->z[2];
+            const bool t1 = z1 < 0.005f || z1 > 0.03f || magnetic_levitation_abs(s->z[1]) > 1.0f || z3 < 0.1f
+                || z3 > 3.0f;
+            if (t1) {
+                status |= MAGNETIC_LEVITATION_OUTSIDE_BOX;
+            }
+            doubtful = magnetic_levitation_abs(output_error) > 0.0025f || t1 || !(s->doubt_sum <= 0.0f)
+                || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            {
+                const bool t1 = magnetic_levitation_within(measurement, 3e+38f) && measurement >= -0.02f
+                    && measurement <= 0.055f;
+                sampled = valid || t1;
+            }
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = magnetic_levitation_abs(patience_y - 1571.0f + doubt_y
+                        + (patience_range - 1571.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 1608704.0f
+                        && patience_y >= 1571.0f && patience_y <= 1608704.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 1608704.0f
+                        && patience_range >= 1571.0f && patience_range <= 1608704.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 1571.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 1571.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z1 = s->z[0];
+                    const float z3 = s->z[2];
+                    shows_y = !magnetic_levitation_within(output_error, 0.0025f);
+                    shows_range = z1 < 0.00375f || z1 > 0.03125f || magnetic_levitation_abs(s->z[1]) > 1.1f
+                        || z3 < -0.045f || z3 > 3.145f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = magnetic_levitation_min(doubt_y + 1.0f, 1608704.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = magnetic_levitation_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 1571.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = magnetic_levitation_min(doubt_range + 1.0f, 1608704.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = magnetic_levitation_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 1571.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = magnetic_levitation_min(patience_y, 804352.0f);
+                            s->patience_y = magnetic_levitation_min(2.0f*patience_y, 1608704.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = magnetic_levitation_min(patience_range, 804352.0f);
+                            s->patience_range = magnetic_levitation_min(2.0f*patience_range, 1608704.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.005f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.1f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        s->z[0] = magnetic_levitation_keep(measurement, 0.005f, 0.03f, z1, 1e+30f);
+                        s->z[1] = magnetic_levitation_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
+                        s->z[2] = magnetic_levitation_keep(z3, 0.1f, 3.0f, z3, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= MAGNETIC_LEVITATION_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 0.0002f;
+                    s->D[1] = 1.0f;
+                    s->D[2] = 2.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 1571.0f + s->doubt_y
+                    + (s->patience_range - 1571.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= MAGNETIC_LEVITATION_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned magnetic_levitation_step(magnetic_levitation_state *s, const magnetic_levitation_params *p,
+    const magnetic_levitation_input *in, const magnetic_levitation_output *out)
+{
+    unsigned status = 0u;
+    status |= magnetic_levitation_predict(s, p, in);
+    status |= magnetic_levitation_update_y(s, p, out);
+    return status;
+}
+
+void magnetic_levitation_estimate(const magnetic_levitation_state *s, const magnetic_levitation_params *p,
+    magnetic_levitation_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x = s->z[0];
+    x->v = s->z[1];
+    x->i = s->z[2];
+}
+
+unsigned magnetic_levitation_tune(magnetic_levitation_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float Q3 = p->gain.Q[2];
+        const float R = p->gain.R;
+        const bool t1 = !(Q1 >= 5e-11f && Q1 <= 700000.0f) || !(Q2 >= 5e-11f && Q2 <= 700000.0f)
+            || !(Q3 >= 5e-11f && Q3 <= 700000.0f);
+        p->gain.Q[0] = magnetic_levitation_keep(Q1, 5e-11f, 700000.0f, 5e-05f, 3e+38f);
+        p->gain.Q[1] = magnetic_levitation_keep(Q2, 5e-11f, 700000.0f, 0.3f, 3e+38f);
+        p->gain.Q[2] = magnetic_levitation_keep(Q3, 5e-11f, 700000.0f, 0.7f, 3e+38f);
+        p->gain.R = magnetic_levitation_keep(R, 5e-23f, 5e-11f, 5e-17f, 3e+38f);
+        if (t1 || !(R >= 5e-23f && R <= 5e-11f)) {
+            status |= MAGNETIC_LEVITATION_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void magnetic_levitation_reset(magnetic_levitation_state *s)
+{
+    s->z[0] = 0.005f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.1f;
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 0.0002f;
+    s->D[1] = 1.0f;
+    s->D[2] = 2.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 1571.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 1571.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+    s->u = 0.0f;
+}
+
+void magnetic_levitation_init(magnetic_levitation_state *s, magnetic_levitation_params *p)
+{
+    p->gain.Q[0] = 5e-05f;
+    p->gain.Q[1] = 0.3f;
+    p->gain.Q[2] = 0.7f;
+    p->gain.R = 5e-17f;
+    (void)magnetic_levitation_tune(p);
+    magnetic_levitation_reset(s);
+}

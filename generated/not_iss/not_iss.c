@@ -1,0 +1,742 @@
+/* not_iss: see not_iss.h, which is the manual. */
+#include "not_iss.h"
+
+#include <stdbool.h>
+#if defined(NOT_ISS_USE_LIBM)
+#include <math.h>
+#elif defined(NOT_ISS_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float not_iss_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float not_iss_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float not_iss_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool not_iss_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float not_iss_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool not_iss_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether two numbers are one, and meant to be */
+static bool not_iss_equal(float a, float b)
+{
+    return a == b;
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float not_iss_limit(float v, float most)
+{
+    return not_iss_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float not_iss_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return not_iss_within(v, limit) ? not_iss_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
+ * Define NOT_ISS_USE_LIBM for those of <math.h>, or NOT_ISS_USE_CMSIS for CMSIS-DSP. */
+#if defined(NOT_ISS_USE_LIBM)
+static float not_iss_sqrt(float x)
+{
+    return sqrtf(x);
+}
+
+#elif defined(NOT_ISS_USE_CMSIS)
+static float not_iss_sqrt(float x)
+{
+    return sqrtf(x);
+}
+
+#else
+static float not_iss_inf(void)
+{
+    const float large = 3e38f;
+    return large*large;
+}
+
+static float not_iss_nan(void)
+{
+    const float large = not_iss_inf();
+    return large - large;
+}
+
+static float not_iss_sqrt(float x)
+{
+    const float t1 = x*(1.0f + ((x < 1.0f) ? 8.507059e+37f : 0.0f));
+    const bool t2 = t1 < 1.8446744e+19f;
+    const float t3 = t1*(5.421011e-20f + (t2 ? 1.0f : 0.0f));
+    const bool t4 = t3 < 4.2949673e+09f;
+    const float t5 = t3*(2.3283064e-10f + (t4 ? 1.0f : 0.0f));
+    const bool t6 = t5 < 65536.0f;
+    const float t7 = t5*(1.5258789e-05f + (t6 ? 0.99998474f : 0.0f));
+    const bool t8 = t7 < 256.0f;
+    const float t9 = t7*(0.00390625f + (t8 ? 0.99609375f : 0.0f));
+    const bool t10 = t9 < 16.0f;
+    const float t11 = t9*(0.0625f + (t10 ? 0.9375f : 0.0f));
+    const float t12 = 0.22222222f*t11 + 0.8888889f;
+    const float t13 = 0.5f*(t12 + t11/t12);
+    const float t14 = 0.5f*(t13 + t11/t13);
+    const float t15 = (2.3283064e-10f + (t2 ? 1.0f : 0.0f))*(1.5258789e-05f + (t4 ? 0.99998474f : 0.0f))*
+        (0.00390625f + (t6 ? 0.99609375f : 0.0f));
+    const float t16 = 0.5f*(t14 + t11/t14)/(t15*(0.0625f + (t8 ? 0.9375f : 0.0f))*
+        (0.25f + (t10 ? 0.75f : 0.0f)))*(1.0842022e-19f + ((x >= 1.0f) ? 1.0f : 0.0f));
+    return (x < 1.1754944e-38f) ? ((x < 0.0f) ? not_iss_nan() : 0.0f) : ((x > 3.4028235e+38f) ? x : t16);
+}
+#endif
+
+/* the right-hand side of the observer's differential equation */
+static void not_iss_rate(const not_iss_params *p, const float z[2], const float P[3], float u,
+    const float y[2], const float valid[2], float dz[2], float dP[3])
+{
+    const float z1 = z[0];
+    const float z2 = z[1];
+    const float P1 = P[0];
+    const float P2 = P[1];
+    const float P3 = P[2];
+    const float y1 = y[0];
+    const float y2 = y[1];
+    const float valid1 = valid[0];
+    const float valid2 = valid[1];
+    const float t1 = not_iss_clamp(z2, 0.0f, 4.0f);
+    const float t2 = (t1 + 1.0f)*u;
+    const float t3 = not_iss_clamp(z1, 0.0f, 2.0f);
+    const float t4 = t3*u;
+    const float R1 = p->gain.R[0];
+    const float t5 = (P1*t2 + P2*t4)*R1;
+    const float t6 = u*t3;
+    const float t7 = t6*t1;
+    const float t8 = y1 - (u*z1 + t7);
+    const float R2 = p->gain.R[1];
+    const float t9 = P2*R2;
+    const float t10 = y2 - z2;
+    const float t11 = ((!not_iss_equal(valid1, 0.0f)) ? t5*t8 : 0.0f)
+        + ((!not_iss_equal(valid2, 0.0f)) ? t9*t10 : 0.0f);
+    const float t12 = 2.0f*u;
+    const float t13 = (P2*t2 + P3*t4)*R1;
+    const float t14 = P3*R2;
+    const float t15 = ((!not_iss_equal(valid1, 0.0f)) ? t13*t8 : 0.0f)
+        + ((!not_iss_equal(valid2, 0.0f)) ? t14*t10 : 0.0f);
+    const float t16 = ((!not_iss_equal(valid1, 0.0f)) ? t5*t4 : 0.0f)
+        + ((!not_iss_equal(valid2, 0.0f)) ? t9 : 0.0f);
+    const float t17 = u*P2 - P1 + (P2*u - P1) + p->derived.Q_inverse[0]
+        - (((!not_iss_equal(valid1, 0.0f)) ? t5*t2*P1 : 0.0f) + t16*P2);
+    const float curvature = p->gain.curvature;
+    const float t18 = valid1*t8*R1*u;
+    const float t19 = P2*t18;
+    const float t20 = t19*t19;
+    const float t21 = P1*t18;
+    const float t22 = P3*t18;
+    const float t23 = curvature/not_iss_sqrt(not_iss_max(curvature*curvature, t20 + t21*t22
+        + (t22*t21 + t20)));
+    const float t24 = t1*u*2.0f - 4.0f*t3 + t12;
+    const float t25 = 2.0f*t6;
+    const float t26 = t13*t2;
+    const float t27 = ((!not_iss_equal(valid1, 0.0f)) ? t13*t4 : 0.0f)
+        + ((!not_iss_equal(valid2, 0.0f)) ? t14 : 0.0f);
+    const float t28 = t24*P2 + t25*P3 + (P2*t24 + P3*t25) + p->derived.Q_inverse[1]
+        - (((!not_iss_equal(valid1, 0.0f)) ? t26*P2 : 0.0f) + t27*P3);
+    dz[0] = u*z2 - z1 + u + t11;
+    dz[1] = 2.0f*t7 - t3*t3*2.0f + t12*z1 + t15;
+    dP[0] = t17 + t23*(t19*P1 + t21*P2);
+    dP[1] = t24*P1 + t25*P2 + (P3*u - P2) - (((!not_iss_equal(valid1, 0.0f)) ? t26*P1 : 0.0f) + t27*P2)
+        + t23*(t22*P1 + t19*P2);
+    dP[2] = t28 + t23*(t22*P2 + t19*P3);
+}
+
+unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_input *in,
+    const not_iss_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool broken = false;
+    bool counts_y_y1 = false;
+    bool counts_y_y2 = false;
+    bool doubtful = false;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y_y1 = false;
+    bool over_y_y2 = false;
+    bool running = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y_y1 = false;
+    bool shows_y_y2 = false;
+    bool spoiled = false;
+    float u = 0.0f;
+    float valid[2];
+    float y[2];
+    float y_last[2];
+    /* guard the input */
+    {
+        const float w = in->w;
+        const bool w_usable = not_iss_within(w, 1e+15f);
+        const float w_taken = w_usable ? w : s->u;
+        u = not_iss_clamp(w_taken, 0.0f, 1.0f);
+        if (!w_usable) {
+            status |= NOT_ISS_REUSED_W;
+        }
+        if (w_taken < 0.0f || w_taken > 1.0f) {
+            status |= NOT_ISS_CLAMPED_W;
+        }
+    }
+    /* guard the measurements */
+    {
+        const float measurement_y1 = out->y1;
+        const bool t1 = not_iss_within(measurement_y1, 3e+38f);
+        const float u_before = s->u;
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float t2 = u_before*z1 + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2, 0.0f, 4.0f);
+        const bool t3 = t1 && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f
+            && not_iss_within(measurement_y1 - t2, 1e+16f);
+        const float t4 = t3 ? measurement_y1 : t2;
+        const float measurement_y2 = out->y2;
+        const bool t5 = not_iss_within(measurement_y2, 3e+38f);
+        const bool t6 = t5 && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f
+            && not_iss_within(measurement_y2 - z2, 1e+16f);
+        const float t7 = t6 ? measurement_y2 : z2;
+        y[0] = t4;
+        y[1] = t7;
+        y_last[0] = (t3 && s->y_valid[0] > 0.0f) ? s->y[0] : t4;
+        y_last[1] = (t6 && s->y_valid[1] > 0.0f) ? s->y[1] : t7;
+        valid[0] = t3 ? 1.0f : 0.0f;
+        valid[1] = t6 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= NOT_ISS_MISSING_Y1;
+        }
+        if (t1 && !t3) {
+            status |= NOT_ISS_REJECTED_Y1;
+        }
+        if (!t5) {
+            status |= NOT_ISS_MISSING_Y2;
+        }
+        if (t5 && !t6) {
+            status |= NOT_ISS_REJECTED_Y2;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z, P: one step of classical Runge-Kutta */
+        {
+            const float P11 = s->P[0];
+            const float P21 = s->P[1];
+            const float P22 = s->P[2];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_last1 = y_last[0];
+            const float y_mid1 = y_last1 + 0.5f*(y[0] - y_last1);
+            const float y_last2 = y_last[1];
+            const float y_mid2 = y_last2 + 0.5f*(y[1] - y_last2);
+            float k1_z[2];
+            float k1_P[3];
+            not_iss_rate(p, s->z, s->P, u_before, y_last, valid, k1_z, k1_P);
+            const float z_2[2] = {z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1]};
+            const float P_2[3] = {P11 + 0.005f*k1_P[0], P21 + 0.005f*k1_P[1], P22 + 0.005f*k1_P[2]};
+            const float y_2[2] = {y_mid1, y_mid2};
+            float k2_z[2];
+            float k2_P[3];
+            not_iss_rate(p, z_2, P_2, u_mid, y_2, valid, k2_z, k2_P);
+            const float z_3[2] = {z1 + 0.005f*k2_z[0], z2 + 0.005f*k2_z[1]};
+            const float P_3[3] = {P11 + 0.005f*k2_P[0], P21 + 0.005f*k2_P[1], P22 + 0.005f*k2_P[2]};
+            const float y_3[2] = {y_mid1, y_mid2};
+            float k3_z[2];
+            float k3_P[3];
+            not_iss_rate(p, z_3, P_3, u_mid, y_3, valid, k3_z, k3_P);
+            const float z_4[2] = {z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1]};
+            const float P_4[3] = {P11 + 0.01f*k3_P[0], P21 + 0.01f*k3_P[1], P22 + 0.01f*k3_P[2]};
+            float k4_z[2];
+            float k4_P[3];
+            not_iss_rate(p, z_4, P_4, u, y, valid, k4_z, k4_P);
+            s->z[0] = z1 + 0.0016666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.0016666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->P[0] = P11 + 0.0016666667f*(k1_P[0] + 2.0f*k2_P[0] + 2.0f*k3_P[0] + k4_P[0]);
+            s->P[1] = P21 + 0.0016666667f*(k1_P[1] + 2.0f*k2_P[1] + 2.0f*k3_P[1] + k4_P[1]);
+            s->P[2] = P22 + 0.0016666667f*(k1_P[2] + 2.0f*k2_P[2] + 2.0f*k3_P[2] + k4_P[2]);
+        }
+        /* is it positive definite? */
+        {
+            const float P11 = s->P[0];
+            const float t1 = s->P[1]/P11;
+            broken = !(P11 > 0.0f && s->P[2] - t1*t1*P11 > 0.0f);
+        }
+        if (broken) {
+            /* a covariance that is none restarts */
+            s->P[0] = 0.01f;
+            s->P[1] = 0.0f;
+            s->P[2] = 0.01f;
+            status |= NOT_ISS_COVARIANCE_RESTARTED;
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 >= -2.0f && z1 <= 4.0f && z2 >= -4.0f && z2 <= 8.0f
+                && not_iss_within(s->P[0], 1e+30f) && not_iss_within(s->P[1], 1e+30f);
+            beyond = !(t1 && not_iss_within(s->P[2], 1e+30f));
+        }
+        if (not_iss_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = not_iss_within(s->z[0], 1e+30f) && not_iss_within(s->z[1], 1e+30f)
+                    && not_iss_within(s->P[0], 1e+30f);
+                lost = !(t1 && not_iss_within(s->P[1], 1e+30f) && not_iss_within(s->P[2], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->P[0] = 0.01f;
+                s->P[1] = 0.0f;
+                s->P[2] = 0.01f;
+                s->doubt_y_y2 = 0.0f;
+                s->patience_y_y2 = 276.0f;
+                s->doubt_y_y1 = 0.0f;
+                s->patience_y_y1 = 276.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 551.0f;
+                s->doubt_sum = 0.0f;
+                status |= NOT_ISS_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = not_iss_clamp(z1, -2.0f, 4.0f);
+                s->z[1] = not_iss_clamp(z2, -4.0f, 8.0f);
+                if (z1 < -2.0f || z1 > 4.0f || z2 < -4.0f || z2 > 8.0f) {
+                    status |= NOT_ISS_STATE_LIMITED;
+                }
+            }
+            /* keep P in its box */
+            {
+                const float P11 = s->P[0];
+                const float P21 = s->P[1];
+                const float P22 = s->P[2];
+                s->P[0] = not_iss_limit(P11, 1e+30f);
+                s->P[1] = not_iss_limit(P21, 1e+30f);
+                s->P[2] = not_iss_limit(P22, 1e+30f);
+            }
+        }
+    }
+    /* remember the input */
+    s->u = u;
+    /* remember the sample */
+    s->y[0] = y[0];
+    s->y[1] = y[1];
+    s->y_valid[0] = valid[0];
+    s->y_valid[1] = valid[1];
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const bool t1 = z1 < 0.0f || z1 > 2.0f || z2 < 0.0f || z2 > 4.0f;
+        const float u_before = s->u;
+        const float t2 = out->y1 - (u_before*z1 + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2,
+            0.0f, 4.0f));
+        if (t1) {
+            status |= NOT_ISS_OUTSIDE_BOX;
+        }
+        doubtful = not_iss_abs(out->y2 - z2) > 0.4f || not_iss_abs(t2) > 1.0f || t1
+            || !(s->doubt_sum <= 0.0f) || !(valid[1] > 0.0f) || !(valid[0] > 0.0f);
+    }
+    if (doubtful) {
+        /* is there a sample to judge by? */
+        {
+            const float measurement_y2 = out->y2;
+            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+            const float measurement_y1 = out->y1;
+            const bool t2 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
+                && measurement_y1 <= 20.0f;
+            sampled = t1 || valid[0] > 0.0f || t2;
+        }
+        if (sampled) {
+            /* was doubt or patience spoiled? */
+            {
+                const float doubt_y_y2 = s->doubt_y_y2;
+                const float patience_y_y2 = s->patience_y_y2;
+                const float doubt_y_y1 = s->doubt_y_y1;
+                const float patience_y_y1 = s->patience_y_y1;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = patience_y_y2 - 276.0f + doubt_y_y2 + (patience_y_y1 - 276.0f + doubt_y_y1)
+                    + (patience_range - 551.0f + doubt_range);
+                const bool t2 = not_iss_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y2 >= 0.0f
+                    && doubt_y_y2 <= 282624.0f && patience_y_y2 >= 276.0f && patience_y_y2 <= 282624.0f;
+                const bool t3 = t2 && doubt_y_y1 >= 0.0f && doubt_y_y1 <= 282624.0f
+                    && patience_y_y1 >= 276.0f && patience_y_y1 <= 282624.0f;
+                const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 564224.0f
+                    && patience_range >= 551.0f && patience_range <= 564224.0f;
+                spoiled = !t4;
+            }
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y_y2 = 0.0f;
+                s->patience_y_y2 = 276.0f;
+                s->doubt_y_y1 = 0.0f;
+                s->patience_y_y1 = 276.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 551.0f;
+                s->doubt_sum = 0.0f;
+            }
+            /* which signs show? */
+            {
+                const float z2 = s->z[1];
+                const float u_before = s->u;
+                const float z1 = s->z[0];
+                const float t1 = out->y1 - (u_before*z1 + u_before*not_iss_clamp(z1, 0.0f,
+                    2.0f)*not_iss_clamp(z2, 0.0f, 4.0f));
+                shows_y_y2 = !not_iss_within(out->y2 - z2, 0.4f);
+                shows_y_y1 = !not_iss_within(t1, 1.0f);
+                shows_range = z1 < -0.1f || z1 > 2.1f || z2 < -0.2f || z2 > 4.2f;
+            }
+            /* is there a sample to judge by? */
+            {
+                const float measurement_y2 = out->y2;
+                counts_y_y2 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                    && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                over_y_y2 = false;
+            }
+            if (counts_y_y2) {
+                if (shows_y_y2) {
+                    /* more doubt */
+                    {
+                        const float doubt_y_y2 = s->doubt_y_y2;
+                        s->doubt_y_y2 = not_iss_min(doubt_y_y2 + 1.0f, 282624.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y_y2 = s->doubt_y_y2;
+                        const float patience_y_y2 = s->patience_y_y2;
+                        s->doubt_y_y2 = not_iss_max(doubt_y_y2 - 1.0f, 0.0f);
+                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 276.0f : patience_y_y2;
+                        over_y_y2 = false;
+                    }
+                }
+            }
+            /* is there a sample to judge by? */
+            {
+                const float measurement_y1 = out->y1;
+                const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
+                    && measurement_y1 <= 20.0f;
+                counts_y_y1 = valid[0] > 0.0f || t1;
+                over_y_y1 = false;
+            }
+            if (counts_y_y1) {
+                if (shows_y_y1) {
+                    /* more doubt */
+                    {
+                        const float doubt_y_y1 = s->doubt_y_y1;
+                        s->doubt_y_y1 = not_iss_min(doubt_y_y1 + 1.0f, 282624.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y_y1 = s->doubt_y_y1;
+                        const float patience_y_y1 = s->patience_y_y1;
+                        s->doubt_y_y1 = not_iss_max(doubt_y_y1 - 1.0f, 0.0f);
+                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 276.0f : patience_y_y1;
+                        over_y_y1 = false;
+                    }
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = not_iss_min(doubt_range + 2.0f, 564224.0f);
+                }
+                /* is patience at its end? */
+                over_range = s->patience_range <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = not_iss_max(doubt_range - 2.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 2.0f) ? 551.0f : patience_range;
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y_y2 || over_y_y1 || over_range;
+            if (lost) {
+                if (over_y_y2) {
+                    /* patience doubles */
+                    {
+                        const float patience_y_y2 = s->patience_y_y2;
+                        s->doubt_y_y2 = not_iss_min(patience_y_y2, 141312.0f);
+                        s->patience_y_y2 = not_iss_min(2.0f*patience_y_y2, 282624.0f);
+                    }
+                }
+                if (over_y_y1) {
+                    /* patience doubles */
+                    {
+                        const float patience_y_y1 = s->patience_y_y1;
+                        s->doubt_y_y1 = not_iss_min(patience_y_y1, 141312.0f);
+                        s->patience_y_y1 = not_iss_min(2.0f*patience_y_y1, 282624.0f);
+                    }
+                }
+                if (over_range) {
+                    /* patience doubles */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = not_iss_min(patience_range, 282112.0f);
+                        s->patience_range = not_iss_min(2.0f*patience_range, 564224.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                /* from the sample of y2 */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float measurement_y2 = out->y2;
+                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                    s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                    s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                }
+                /* from the sample of y1 */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float measurement_y1 = out->y1;
+                    const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
+                        && measurement_y1 <= 20.0f;
+                    const bool t2 = valid[0] > 0.0f || t1;
+                    const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
+                    const float u_before = s->u;
+                    const float t4 = (t3 + 1.0f)*u_before;
+                    const float t5 = 36.0f*t4;
+                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
+                    const float t7 = t6*u_before;
+                    const float t8 = 144.0f*t7;
+                    const float t9 = (measurement_y1 - (u_before*z1 + u_before*t6*t3))/not_iss_max(t4*t5
+                        + t7*t8, 1e-10f);
+                    s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                    s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                }
+                /* from the sample of y2 */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float measurement_y2 = out->y2;
+                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                    s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                    s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                }
+                /* from the sample of y1 */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float measurement_y1 = out->y1;
+                    const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
+                        && measurement_y1 <= 20.0f;
+                    const bool t2 = valid[0] > 0.0f || t1;
+                    const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
+                    const float u_before = s->u;
+                    const float t4 = (t3 + 1.0f)*u_before;
+                    const float t5 = 36.0f*t4;
+                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
+                    const float t7 = t6*u_before;
+                    const float t8 = 144.0f*t7;
+                    const float t9 = (measurement_y1 - (u_before*z1 + u_before*t6*t3))/not_iss_max(t4*t5
+                        + t7*t8, 1e-10f);
+                    s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                    s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                }
+                /* from the sample of y2 */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float measurement_y2 = out->y2;
+                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                    s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                    s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                }
+                /* from the sample of y1 */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float measurement_y1 = out->y1;
+                    const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
+                        && measurement_y1 <= 20.0f;
+                    const bool t2 = valid[0] > 0.0f || t1;
+                    const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
+                    const float u_before = s->u;
+                    const float t4 = (t3 + 1.0f)*u_before;
+                    const float t5 = 36.0f*t4;
+                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
+                    const float t7 = t6*u_before;
+                    const float t8 = 144.0f*t7;
+                    const float t9 = (measurement_y1 - (u_before*z1 + u_before*t6*t3))/not_iss_max(t4*t5
+                        + t7*t8, 1e-10f);
+                    s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                    s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                }
+                /* the estimate has restarted from the sample */
+                status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
+                /* as after a reset */
+                s->P[0] = 0.01f;
+                s->P[1] = 0.0f;
+                s->P[2] = 0.01f;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y_y2 - 276.0f + s->doubt_y_y2
+                + (s->patience_y_y1 - 276.0f + s->doubt_y_y1) + (s->patience_range - 551.0f + s->doubt_range);
+        }
+    }
+    return status;
+}
+
+void not_iss_estimate(const not_iss_state *s, const not_iss_params *p, not_iss_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x1 = s->z[0];
+    x->x2 = s->z[1];
+}
+
+unsigned not_iss_tune(not_iss_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        static const struct {
+            float low;
+            float high;
+            float nominal;
+        } range[5] = {
+            {1e-05f, 1e+07f, 10.0f}, /* p->gain.Q[0] */
+            {1e-05f, 1e+07f, 10.0f}, /* p->gain.Q[1] */
+            {0.0001f, 1e+08f, 100.0f}, /* p->gain.R[0] */
+            {0.0001f, 1e+08f, 100.0f}, /* p->gain.R[1] */
+            {5e-06f, 5.0f, 5.0f}, /* p->gain.curvature */
+        };
+        float *const value[5] = {
+            &p->gain.Q[0],
+            &p->gain.Q[1],
+            &p->gain.R[0],
+            &p->gain.R[1],
+            &p->gain.curvature
+        };
+        for (unsigned k = 0u; k < 5u; ++k) {
+            const float v = *value[k];
+            *value[k] = not_iss_keep(v, range[k].low, range[k].high, range[k].nominal, 3e+38f);
+            if (!(v >= range[k].low && v <= range[k].high)) {
+                status |= NOT_ISS_PARAMETER_LIMITED;
+            }
+        }
+    }
+    /* inverse weights */
+    p->derived.Q_inverse[0] = 1.0f/p->gain.Q[0];
+    p->derived.Q_inverse[1] = 1.0f/p->gain.Q[1];
+    return status;
+}
+
+void not_iss_reset(not_iss_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->P[0] = 0.01f;
+    s->P[1] = 0.0f;
+    s->P[2] = 0.01f;
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 276.0f;
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 276.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 551.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->u = 0.0f;
+    s->y[0] = 0.0f;
+    s->y[1] = 0.0f;
+    s->y_valid[0] = 0.0f;
+    s->y_valid[1] = 0.0f;
+}
+
+void not_iss_init(not_iss_state *s, not_iss_params *p)
+{
+    p->gain.Q[0] = 10.0f;
+    p->gain.Q[1] = 10.0f;
+    p->gain.R[0] = 100.0f;
+    p->gain.R[1] = 100.0f;
+    p->gain.curvature = 5.0f;
+    (void)not_iss_tune(p);
+    not_iss_reset(s);
+}

@@ -1,0 +1,925 @@
+/* pmsm: see pmsm.h, which is the manual. */
+#include "pmsm.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float pmsm_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float pmsm_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float pmsm_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool pmsm_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float pmsm_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool pmsm_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float pmsm_limit(float v, float most)
+{
+    return pmsm_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float pmsm_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return pmsm_within(v, limit) ? pmsm_clamp(v, low, high) : otherwise;
+}
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void pmsm_flow(float z1, float z2, float z3, float u1, float u2, float dz[3])
+{
+    const float t1 = pmsm_limit(z3, 300.0f);
+    dz[0] = u1 + pmsm_limit(z2, 20.0f)*t1 - 200.0f*z1;
+    dz[1] = -200.0f*z2 - 30.0f*z3 + (u2 - pmsm_limit(z1, 20.0f)*t1);
+    dz[2] = 500.0f*z2 - 0.5f*z3;
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void pmsm_jacobian(float z1, float z2, float z3, float F[4])
+{
+    const float t1 = pmsm_limit(z3, 300.0f);
+    F[0] = -t1; /* F_21 */
+    F[1] = t1; /* F_12 */
+    F[2] = pmsm_limit(z2, 20.0f); /* F_13 */
+    F[3] = -30.0f - pmsm_limit(z1, 20.0f); /* F_23 */
+}
+
+unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u[2];
+    /* guard the input */
+    {
+        const float vd = in->vd;
+        const bool vd_usable = pmsm_within(vd, 1e+15f);
+        const float vd_taken = vd_usable ? vd : s->u[0];
+        const float vq = in->vq;
+        const bool vq_usable = pmsm_within(vq, 1e+15f);
+        const float vq_taken = vq_usable ? vq : s->u[1];
+        u[0] = pmsm_limit(vd_taken, 5000.0f);
+        u[1] = pmsm_limit(vq_taken, 5000.0f);
+        if (!vd_usable) {
+            status |= PMSM_REUSED_VD;
+        }
+        if (pmsm_abs(vd_taken) > 5000.0f) {
+            status |= PMSM_CLAMPED_VD;
+        }
+        if (!vq_usable) {
+            status |= PMSM_REUSED_VQ;
+        }
+        if (pmsm_abs(vq_taken) > 5000.0f) {
+            status |= PMSM_CLAMPED_VQ;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float u_before1 = s->u[0];
+            const float u_before2 = s->u[1];
+            float k1_z[3];
+            pmsm_flow(z1, z2, z3, u_before1, u_before2, k1_z);
+            const float u1 = u[0];
+            const float t1 = u_before1 + 0.5f*(u1 - u_before1);
+            const float u2 = u[1];
+            const float t2 = u_before2 + 0.5f*(u2 - u_before2);
+            float k2_z[3];
+            pmsm_flow(z1 + 5e-05f*k1_z[0], z2 + 5e-05f*k1_z[1], z3 + 5e-05f*k1_z[2], t1, t2, k2_z);
+            const float t3 = z1 + 5e-05f*k2_z[0];
+            const float t4 = z2 + 5e-05f*k2_z[1];
+            const float t5 = z3 + 5e-05f*k2_z[2];
+            float k3_z[3];
+            pmsm_flow(t3, t4, t5, t1, t2, k3_z);
+            float k4_z[3];
+            pmsm_flow(z1 + 0.0001f*k3_z[0], z2 + 0.0001f*k3_z[1], z3 + 0.0001f*k3_z[2], u1, u2, k4_z);
+            float F_1[4];
+            pmsm_jacobian(t3, t4, t5, F_1);
+            const float Phi_11 = 0.98f + 5e-09f*(40000.0f + F_1[1]*F_1[0]);
+            const float Phi_12 = 0.0001f*F_1[1] + 5e-09f*(500.0f*F_1[2] - 400.0f*F_1[1]);
+            const float Phi_13 = 0.0001f*F_1[2] + 5e-09f*(F_1[1]*F_1[3] - 200.0f*F_1[2] - 0.5f*F_1[2]);
+            const float Phi_21 = 0.0001f*F_1[0] - 2e-06f*F_1[0];
+            const float t6 = 500.0f*F_1[3];
+            const float Phi_22 = 0.98f + 5e-09f*(F_1[0]*F_1[1] + 40000.0f + t6);
+            const float Phi_23 = 0.0001f*F_1[3] + 5e-09f*(F_1[0]*F_1[2] - 200.0f*F_1[3] - 0.5f*F_1[3]);
+            const float Phi_31 = 2.5e-06f*F_1[0];
+            const float Phi_33 = 0.99995f + 5e-09f*(t6 + 0.25f);
+            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
+            const float w1_2 = Phi_12 + Phi_13*L32;
+            const float t7 = w1_1*D1;
+            const float t8 = w1_2*D2;
+            const float t9 = Phi_13*D3;
+            const float t10 = 0.0001f*p->gain.Q[0];
+            const float d1 = w1_1*t7 + w1_2*t8 + Phi_13*t9 + t10;
+            const float t11 = Phi_21 + Phi_22*L21 + Phi_23*L31;
+            const float t12 = Phi_22 + Phi_23*L32;
+            const float l21 = (t11*t7 + t12*t8 + Phi_23*t9)/d1;
+            const float t13 = Phi_31 + 0.04949875f*L21 + Phi_33*L31;
+            const float t14 = 0.04949875f + Phi_33*L32;
+            const float l31 = (t13*t7 + t14*t8 + Phi_33*t9)/d1;
+            const float w2_1 = t11 - l21*w1_1;
+            const float w2_2 = t12 - l21*w1_2;
+            const float w2_3 = Phi_23 - l21*Phi_13;
+            const float t15 = w2_1*D1;
+            const float t16 = w2_2*D2;
+            const float t17 = w2_3*D3;
+            const float t18 = l21*t10;
+            const float t19 = 0.0001f*p->gain.Q[1];
+            const float d2 = w2_1*t15 + w2_2*t16 + w2_3*t17 + l21*t18 + t19;
+            const float t20 = t13 - l31*w1_1;
+            const float t21 = t14 - l31*w1_2;
+            const float t22 = Phi_33 - l31*Phi_13;
+            const float l32 = (t20*t15 + t21*t16 + t22*t17 + l31*t18)/d2;
+            const float w3_1 = t20 - l32*w2_1;
+            const float w3_2 = t21 - l32*w2_2;
+            const float w3_3 = t22 - l32*w2_3;
+            const float w3_4 = l32*l21 - l31;
+            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t10*w3_4 + l32*t19*l32
+                + 0.0001f*p->gain.Q[2];
+            s->z[0] = z1 + 1.6666667e-05f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 1.6666667e-05f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->z[2] = z3 + 1.6666667e-05f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            s->L[0] = l21;
+            s->L[1] = l31;
+            s->L[2] = l32;
+            s->D[0] = d1;
+            s->D[1] = d2;
+            s->D[2] = d3;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float D2 = s->D[1];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            capped = D1 > 3600.0f || L21*L21*D1 + D2 > 3600.0f
+                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 810000.0f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                const float t1 = pmsm_min(1.0f, 3600.0f/(L21*L21*D1 + D2));
+                const float t2 = pmsm_min(1.0f, 3600.0f/D1);
+                const float t3 = pmsm_min(1.0f, 810000.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+                s->L[0] = t1*L21/t2;
+                s->L[1] = t3*L31/t2;
+                s->L[2] = t3*L32/t1;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                s->D[2] = t3*t3*D3;
+                status |= PMSM_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
+                && pmsm_within(s->z[2], 900.0f) && pmsm_within(s->L[0], 1e+09f);
+            const float D1 = s->D[0];
+            const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && pmsm_within(s->L[2], 1.5e+10f)
+                && D1 >= 1e-16f && D1 <= 3600.0f;
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            beyond = !(t2 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
+        }
+        if (pmsm_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = pmsm_within(s->z[0], 1e+30f) && pmsm_within(s->z[1], 1e+30f)
+                    && pmsm_within(s->z[2], 1e+30f) && pmsm_within(s->L[0], 1e+30f);
+                const bool t2 = t1 && pmsm_within(s->L[1], 1e+30f) && pmsm_within(s->L[2], 1e+30f)
+                    && pmsm_within(s->D[0], 1e+30f);
+                lost = !(t2 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 400.0f;
+                s->D[1] = 400.0f;
+                s->D[2] = 90000.0f;
+                s->doubt_y_y1 = 0.0f;
+                s->patience_y_y1 = 126.0f;
+                s->doubt_y_y2 = 0.0f;
+                s->patience_y_y2 = 126.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 251.0f;
+                s->doubt_sum = 0.0f;
+                status |= PMSM_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = pmsm_limit(z1, 60.0f);
+                s->z[1] = pmsm_limit(z2, 60.0f);
+                s->z[2] = pmsm_limit(z3, 900.0f);
+                if (pmsm_abs(z1) > 60.0f || pmsm_abs(z2) > 60.0f || pmsm_abs(z3) > 900.0f) {
+                    status |= PMSM_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                s->L[0] = pmsm_limit(L21, 1e+09f);
+                s->L[1] = pmsm_limit(L31, 1.5e+10f);
+                s->L[2] = pmsm_limit(L32, 1.5e+10f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                s->D[0] = pmsm_clamp(D1, 1e-16f, 3600.0f);
+                s->D[1] = pmsm_clamp(D2, 8e-16f, 3600.0f);
+                s->D[2] = pmsm_clamp(D3, 2e-13f, 810000.0f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y1 = 0u;
+    s->used_y2 = 0u;
+    /* remember the input */
+    s->u[0] = u[0];
+    s->u[1] = u[1];
+    return status;
+}
+
+unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y_y1 = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y_y1 = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y1 awaited? */
+    fresh = s->used_y1 < 1u;
+    if (fresh) {
+        /* the measurement of y1 */
+        measurement = out->y1;
+        /* guard the measurement of y1 */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = pmsm_within(measurement, 3e+38f);
+            const bool t3 = t2 && pmsm_within(measurement, 60.0f) && pmsm_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= PMSM_MISSING_Y1;
+            }
+            if (t2 && !t3) {
+                status |= PMSM_REJECTED_Y1;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float t1 = p->gain.R[0]/0.0001f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                const float K3 = L31*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float D1 = s->D[0];
+                const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
+                    && pmsm_within(s->z[2], 900.0f) && D1 >= 1e-16f && D1 <= 3600.0f;
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                beyond = !(t1 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
+            }
+            if (pmsm_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = pmsm_within(s->z[0], 1e+30f) && pmsm_within(s->z[1], 1e+30f)
+                        && pmsm_within(s->z[2], 1e+30f) && pmsm_within(s->D[0], 1e+30f);
+                    lost = !(t1 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 400.0f;
+                    s->D[1] = 400.0f;
+                    s->D[2] = 90000.0f;
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 126.0f;
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 126.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 251.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= PMSM_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = pmsm_limit(z1, 60.0f);
+                    s->z[1] = pmsm_limit(z2, 60.0f);
+                    s->z[2] = pmsm_limit(z3, 900.0f);
+                    if (pmsm_abs(z1) > 60.0f || pmsm_abs(z2) > 60.0f || pmsm_abs(z3) > 900.0f) {
+                        status |= PMSM_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    s->D[0] = pmsm_clamp(D1, 1e-16f, 3600.0f);
+                    s->D[1] = pmsm_clamp(D2, 8e-16f, 3600.0f);
+                    s->D[2] = pmsm_clamp(D3, 2e-13f, 810000.0f);
+                }
+            }
+            /* y1 is used */
+            s->used_y1 = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const bool t1 = pmsm_abs(output_error) > 4.0f || pmsm_abs(s->z[0]) > 20.0f
+                || pmsm_abs(s->z[1]) > 20.0f || pmsm_abs(s->z[2]) > 300.0f;
+            doubtful = t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (pmsm_within(measurement, 3e+38f) && pmsm_within(measurement, 60.0f));
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y_y1 = s->doubt_y_y1;
+                    const float patience_y_y1 = s->patience_y_y1;
+                    const float doubt_y_y2 = s->doubt_y_y2;
+                    const float patience_y_y2 = s->patience_y_y2;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = patience_y_y1 - 126.0f + doubt_y_y1
+                        + (patience_y_y2 - 126.0f + doubt_y_y2) + (patience_range - 251.0f + doubt_range);
+                    const bool t2 = pmsm_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
+                        && doubt_y_y1 <= 129024.0f && patience_y_y1 >= 126.0f && patience_y_y1 <= 129024.0f;
+                    const bool t3 = t2 && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 129024.0f
+                        && patience_y_y2 >= 126.0f && patience_y_y2 <= 129024.0f;
+                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 257024.0f
+                        && patience_range >= 251.0f && patience_range <= 257024.0f;
+                    spoiled = !t4;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 126.0f;
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 126.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 251.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                shows_y_y1 = !pmsm_within(output_error, 4.0f);
+                shows_range = pmsm_abs(s->z[0]) > 22.0f || pmsm_abs(s->z[1]) > 22.0f
+                    || pmsm_abs(s->z[2]) > 330.0f;
+                if (shows_y_y1) {
+                    /* more doubt */
+                    {
+                        const float doubt_y_y1 = s->doubt_y_y1;
+                        s->doubt_y_y1 = pmsm_min(doubt_y_y1 + 1.0f, 129024.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y_y1 = s->doubt_y_y1;
+                        const float patience_y_y1 = s->patience_y_y1;
+                        s->doubt_y_y1 = pmsm_max(doubt_y_y1 - 1.0f, 0.0f);
+                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 126.0f : patience_y_y1;
+                        over_y_y1 = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = pmsm_min(doubt_range + 1.0f, 257024.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = pmsm_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 251.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y_y1 || over_range;
+                if (lost) {
+                    if (over_y_y1) {
+                        /* patience doubles */
+                        {
+                            const float patience_y_y1 = s->patience_y_y1;
+                            s->doubt_y_y1 = pmsm_min(patience_y_y1, 64512.0f);
+                            s->patience_y_y1 = pmsm_min(2.0f*patience_y_y1, 129024.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = pmsm_min(patience_range, 128512.0f);
+                            s->patience_range = pmsm_min(2.0f*patience_range, 257024.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    /* from the sample of y1 */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        s->z[0] = pmsm_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
+                        s->z[1] = pmsm_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
+                        s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= PMSM_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 400.0f;
+                    s->D[1] = 400.0f;
+                    s->D[2] = 90000.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y_y1 - 126.0f + s->doubt_y_y1
+                    + (s->patience_y_y2 - 126.0f + s->doubt_y_y2)
+                        + (s->patience_range - 251.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= PMSM_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y_y2 = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y_y2 = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y2 awaited? */
+    fresh = s->used_y2 < 1u;
+    if (fresh) {
+        /* the measurement of y2 */
+        measurement = out->y2;
+        /* guard the measurement of y2 */
+        {
+            const float t1 = measurement - s->z[1];
+            const bool t2 = pmsm_within(measurement, 3e+38f);
+            const bool t3 = t2 && pmsm_within(measurement, 60.0f) && pmsm_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= PMSM_MISSING_Y2;
+            }
+            if (t2 && !t3) {
+                status |= PMSM_REJECTED_Y2;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float t1 = D1*L21;
+                const float t2 = p->gain.R[1]/0.0001f;
+                const float t3 = t2 + D2;
+                const float t4 = t3 + t1*L21;
+                const float K1 = t1/t4;
+                const float K2 = (D2 + L21*t1)/t4;
+                const float t5 = L32*D2;
+                const float K3 = (t5 + L31*t1)/t4;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->L[0] = L21 - L21*D2/t3;
+                s->L[1] = L31 - L21*t5/t3;
+                s->D[0] = D1*t3/t4;
+                s->D[1] = D2*t2/t3;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
+                    && pmsm_within(s->z[2], 900.0f) && pmsm_within(s->L[0], 1e+09f);
+                const float D1 = s->D[0];
+                const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && pmsm_within(s->L[2], 1.5e+10f)
+                    && D1 >= 1e-16f && D1 <= 3600.0f;
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                beyond = !(t2 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
+            }
+            if (pmsm_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = pmsm_within(s->z[0], 1e+30f) && pmsm_within(s->z[1], 1e+30f)
+                        && pmsm_within(s->z[2], 1e+30f) && pmsm_within(s->L[0], 1e+30f);
+                    const bool t2 = t1 && pmsm_within(s->L[1], 1e+30f) && pmsm_within(s->L[2], 1e+30f)
+                        && pmsm_within(s->D[0], 1e+30f);
+                    lost = !(t2 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 400.0f;
+                    s->D[1] = 400.0f;
+                    s->D[2] = 90000.0f;
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 126.0f;
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 126.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 251.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= PMSM_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = pmsm_limit(z1, 60.0f);
+                    s->z[1] = pmsm_limit(z2, 60.0f);
+                    s->z[2] = pmsm_limit(z3, 900.0f);
+                    if (pmsm_abs(z1) > 60.0f || pmsm_abs(z2) > 60.0f || pmsm_abs(z3) > 900.0f) {
+                        status |= PMSM_STATE_LIMITED;
+                    }
+                }
+                /* keep L in its box */
+                {
+                    const float L21 = s->L[0];
+                    const float L31 = s->L[1];
+                    const float L32 = s->L[2];
+                    s->L[0] = pmsm_limit(L21, 1e+09f);
+                    s->L[1] = pmsm_limit(L31, 1.5e+10f);
+                    s->L[2] = pmsm_limit(L32, 1.5e+10f);
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    s->D[0] = pmsm_clamp(D1, 1e-16f, 3600.0f);
+                    s->D[1] = pmsm_clamp(D2, 8e-16f, 3600.0f);
+                    s->D[2] = pmsm_clamp(D3, 2e-13f, 810000.0f);
+                }
+            }
+            /* y2 is used */
+            s->used_y2 = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const bool t1 = pmsm_abs(s->z[0]) > 20.0f || pmsm_abs(s->z[1]) > 20.0f
+                || pmsm_abs(s->z[2]) > 300.0f;
+            if (t1) {
+                status |= PMSM_OUTSIDE_BOX;
+            }
+            doubtful = pmsm_abs(output_error) > 4.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (pmsm_within(measurement, 3e+38f) && pmsm_within(measurement, 60.0f));
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y_y1 = s->doubt_y_y1;
+                    const float patience_y_y1 = s->patience_y_y1;
+                    const float doubt_y_y2 = s->doubt_y_y2;
+                    const float patience_y_y2 = s->patience_y_y2;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = patience_y_y1 - 126.0f + doubt_y_y1
+                        + (patience_y_y2 - 126.0f + doubt_y_y2) + (patience_range - 251.0f + doubt_range);
+                    const bool t2 = pmsm_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
+                        && doubt_y_y1 <= 129024.0f && patience_y_y1 >= 126.0f && patience_y_y1 <= 129024.0f;
+                    const bool t3 = t2 && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 129024.0f
+                        && patience_y_y2 >= 126.0f && patience_y_y2 <= 129024.0f;
+                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 257024.0f
+                        && patience_range >= 251.0f && patience_range <= 257024.0f;
+                    spoiled = !t4;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y_y1 = 0.0f;
+                    s->patience_y_y1 = 126.0f;
+                    s->doubt_y_y2 = 0.0f;
+                    s->patience_y_y2 = 126.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 251.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                shows_y_y2 = !pmsm_within(output_error, 4.0f);
+                shows_range = pmsm_abs(s->z[0]) > 22.0f || pmsm_abs(s->z[1]) > 22.0f
+                    || pmsm_abs(s->z[2]) > 330.0f;
+                if (shows_y_y2) {
+                    /* more doubt */
+                    {
+                        const float doubt_y_y2 = s->doubt_y_y2;
+                        s->doubt_y_y2 = pmsm_min(doubt_y_y2 + 1.0f, 129024.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y_y2 = s->doubt_y_y2;
+                        const float patience_y_y2 = s->patience_y_y2;
+                        s->doubt_y_y2 = pmsm_max(doubt_y_y2 - 1.0f, 0.0f);
+                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 126.0f : patience_y_y2;
+                        over_y_y2 = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = pmsm_min(doubt_range + 1.0f, 257024.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = pmsm_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 251.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y_y2 || over_range;
+                if (lost) {
+                    if (over_y_y2) {
+                        /* patience doubles */
+                        {
+                            const float patience_y_y2 = s->patience_y_y2;
+                            s->doubt_y_y2 = pmsm_min(patience_y_y2, 64512.0f);
+                            s->patience_y_y2 = pmsm_min(2.0f*patience_y_y2, 129024.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = pmsm_min(patience_range, 128512.0f);
+                            s->patience_range = pmsm_min(2.0f*patience_range, 257024.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 0.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    /* from the sample of y2 */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        s->z[0] = pmsm_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
+                        s->z[1] = pmsm_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
+                        s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= PMSM_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 400.0f;
+                    s->D[1] = 400.0f;
+                    s->D[2] = 90000.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y_y1 - 126.0f + s->doubt_y_y1
+                    + (s->patience_y_y2 - 126.0f + s->doubt_y_y2)
+                        + (s->patience_range - 251.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= PMSM_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned pmsm_step(pmsm_state *s, const pmsm_params *p, const pmsm_input *in, const pmsm_output *out)
+{
+    unsigned status = 0u;
+    status |= pmsm_predict(s, p, in);
+    status |= pmsm_update_y1(s, p, out);
+    status |= pmsm_update_y2(s, p, out);
+    return status;
+}
+
+void pmsm_estimate(const pmsm_state *s, const pmsm_params *p, pmsm_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->i_d = s->z[0];
+    x->i_q = s->z[1];
+    x->w = s->z[2];
+}
+
+unsigned pmsm_tune(pmsm_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float Q3 = p->gain.Q[2];
+        const float R1 = p->gain.R[0];
+        const float R2 = p->gain.R[1];
+        const bool t1 = !(Q1 >= 8e-06f && Q1 <= 2e+09f) || !(Q2 >= 8e-06f && Q2 <= 2e+09f)
+            || !(Q3 >= 8e-06f && Q3 <= 2e+09f);
+        p->gain.Q[0] = pmsm_keep(Q1, 8e-06f, 2e+09f, 8.0f, 3e+38f);
+        p->gain.Q[1] = pmsm_keep(Q2, 8e-06f, 2e+09f, 8.0f, 3e+38f);
+        p->gain.Q[2] = pmsm_keep(Q3, 8e-06f, 2e+09f, 2000.0f, 3e+38f);
+        p->gain.R[0] = pmsm_keep(R1, 1e-14f, 0.01f, 1e-08f, 3e+38f);
+        p->gain.R[1] = pmsm_keep(R2, 1e-14f, 0.01f, 1e-08f, 3e+38f);
+        if (t1 || !(R1 >= 1e-14f && R1 <= 0.01f) || !(R2 >= 1e-14f && R2 <= 0.01f)) {
+            status |= PMSM_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void pmsm_reset(pmsm_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.0f;
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 400.0f;
+    s->D[1] = 400.0f;
+    s->D[2] = 90000.0f;
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 126.0f;
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 126.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 251.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y1 = 1u;
+    s->used_y2 = 1u;
+    s->u[0] = 0.0f;
+    s->u[1] = 0.0f;
+}
+
+void pmsm_init(pmsm_state *s, pmsm_params *p)
+{
+    p->gain.Q[0] = 8.0f;
+    p->gain.Q[1] = 8.0f;
+    p->gain.Q[2] = 2000.0f;
+    p->gain.R[0] = 1e-08f;
+    p->gain.R[1] = 1e-08f;
+    (void)pmsm_tune(p);
+    pmsm_reset(s);
+}

@@ -1,0 +1,368 @@
+/* roessler: see roessler.h, which is the manual. */
+#include "roessler.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float roessler_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float roessler_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float roessler_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool roessler_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float roessler_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool roessler_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float roessler_limit(float v, float most)
+{
+    return roessler_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float roessler_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return roessler_within(v, limit) ? roessler_clamp(v, low, high) : otherwise;
+}
+
+/* the right-hand side of the observer's differential equation */
+static void roessler_rate(const roessler_params *p, float z1, float z2, float z3, float y, float valid,
+    float dz[3])
+{
+    const float t1 = valid*(y - z1);
+    const float t2 = roessler_limit(z1, 12.0f);
+    dz[0] = z2 + p->derived.K[0]*t1 + 0.2f*t2;
+    dz[1] = z3 + p->derived.K[1]*t1 - t2;
+    dz[2] = (roessler_limit(z2, 12.0f) - 5.7f)*roessler_clamp(z3, -25.0f, 0.0f) - 0.2f + p->derived.K[2]*t1;
+}
+
+unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessler_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    bool running = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    /* guard the measurements */
+    {
+        const float measurement = out->y;
+        const bool t1 = roessler_within(measurement, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && roessler_within(measurement, 36.0f)
+            && roessler_within(measurement - z1, 1e+16f);
+        const float t3 = t2 ? measurement : z1;
+        y = t3;
+        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= ROESSLER_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= ROESSLER_REJECTED_Y;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z: one step of classical Runge-Kutta */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
+            float k1_z[3];
+            roessler_rate(p, z1, z2, z3, y_last, valid, k1_z);
+            float k2_z[3];
+            roessler_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], y_mid, valid,
+                k2_z);
+            float k3_z[3];
+            roessler_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], z3 + 0.0005f*k2_z[2], y_mid, valid,
+                k3_z);
+            float k4_z[3];
+            roessler_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], y, valid, k4_z);
+            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z3 = s->z[2];
+            const bool t1 = roessler_within(s->z[0], 36.0f) && roessler_within(s->z[1], 60.0f)
+                && z3 >= -325.0f && z3 <= 300.0f;
+            beyond = !t1;
+        }
+        if (roessler_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = roessler_within(s->z[0], 1e+30f) && roessler_within(s->z[1], 1e+30f)
+                    && roessler_within(s->z[2], 1e+30f);
+                lost = !t1;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 3130.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 3130.0f;
+                s->doubt_sum = 0.0f;
+                status |= ROESSLER_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = roessler_limit(z1, 36.0f);
+                s->z[1] = roessler_limit(z2, 60.0f);
+                s->z[2] = roessler_clamp(z3, -325.0f, 300.0f);
+                if (roessler_abs(z1) > 36.0f || roessler_abs(z2) > 60.0f || z3 < -325.0f || z3 > 300.0f) {
+                    status |= ROESSLER_STATE_LIMITED;
+                }
+            }
+        }
+    }
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const float z3 = s->z[2];
+        const bool t1 = roessler_abs(z1) > 12.0f || roessler_abs(s->z[1]) > 12.0f || z3 < -25.0f || z3 > 0.0f;
+        if (t1) {
+            status |= ROESSLER_OUTSIDE_BOX;
+        }
+        doubtful = roessler_abs(out->y - z1) > 2.4f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
+    }
+    if (doubtful) {
+        /* is there a sample to judge by? */
+        {
+            const float measurement = out->y;
+            sampled = valid > 0.0f || (roessler_within(measurement, 3e+38f)
+                && roessler_within(measurement, 36.0f));
+        }
+        if (sampled) {
+            /* was doubt or patience spoiled? */
+            {
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = roessler_abs(patience_y - 3130.0f + doubt_y
+                    + (patience_range - 3130.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 3205120.0f
+                    && patience_y >= 3130.0f && patience_y <= 3205120.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 3205120.0f
+                    && patience_range >= 3130.0f && patience_range <= 3205120.0f;
+                spoiled = !t3;
+            }
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 3130.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 3130.0f;
+                s->doubt_sum = 0.0f;
+            }
+            /* which signs show? */
+            {
+                const float z1 = s->z[0];
+                const float z3 = s->z[2];
+                shows_y = !roessler_within(out->y - z1, 2.4f);
+                shows_range = roessler_abs(z1) > 13.2f || roessler_abs(s->z[1]) > 13.2f || z3 < -26.25f
+                    || z3 > 1.25f;
+            }
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = roessler_min(doubt_y + 1.0f, 3205120.0f);
+                }
+                /* is patience at its end? */
+                over_y = s->patience_y <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = roessler_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 3130.0f : patience_y;
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = roessler_min(doubt_range + 1.0f, 3205120.0f);
+                }
+                /* is patience at its end? */
+                over_range = s->patience_range <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = roessler_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 3130.0f : patience_range;
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* patience doubles */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = roessler_min(patience_y, 1602560.0f);
+                        s->patience_y = roessler_min(2.0f*patience_y, 3205120.0f);
+                    }
+                }
+                if (over_range) {
+                    /* patience doubles */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = roessler_min(patience_range, 1602560.0f);
+                        s->patience_range = roessler_min(2.0f*patience_range, 3205120.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                /* from the sample of y */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = roessler_keep(out->y, -12.0f, 12.0f, z1, 1e+30f);
+                    s->z[1] = roessler_keep(z2, -12.0f, 12.0f, z2, 1e+30f);
+                    s->z[2] = roessler_keep(z3, -25.0f, 0.0f, z3, 1e+30f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= ROESSLER_RESTARTED_FROM_SAMPLE;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 3130.0f + s->doubt_y
+                + (s->patience_range - 3130.0f + s->doubt_range);
+        }
+    }
+    return status;
+}
+
+void roessler_estimate(const roessler_state *s, const roessler_params *p, roessler_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x1 = s->z[1];
+    x->x2 = s->z[0];
+    x->x3 = -s->z[2];
+}
+
+unsigned roessler_tune(roessler_params *p)
+{
+    unsigned status = 0u;
+    /* theta in its range */
+    {
+        const float theta = p->gain.theta;
+        p->gain.theta = roessler_keep(theta, 1.0f, 5.0f, 5.0f, 3e+38f);
+        if (!(theta >= 1.0f && theta <= 5.0f)) {
+            status |= ROESSLER_PARAMETER_LIMITED;
+        }
+    }
+    /* observer gain */
+    {
+        const float theta = p->gain.theta;
+        const float t1 = theta*theta;
+        p->derived.K[0] = 3.0f*theta;
+        p->derived.K[1] = 3.0f*t1;
+        p->derived.K[2] = t1*theta;
+    }
+    return status;
+}
+
+void roessler_reset(roessler_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 3130.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 3130.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->y = 0.0f;
+    s->y_valid = 0.0f;
+}
+
+void roessler_init(roessler_state *s, roessler_params *p)
+{
+    p->gain.theta = 5.0f;
+    (void)roessler_tune(p);
+    roessler_reset(s);
+}

@@ -1,0 +1,635 @@
+/* series_dc_motor: see series_dc_motor.h, which is the manual. */
+#include "series_dc_motor.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float series_dc_motor_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float series_dc_motor_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float series_dc_motor_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool series_dc_motor_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float series_dc_motor_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool series_dc_motor_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float series_dc_motor_limit(float v, float most)
+{
+    return series_dc_motor_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float series_dc_motor_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return series_dc_motor_within(v, limit) ? series_dc_motor_clamp(v, low, high) : otherwise;
+}
+
+/* the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant */
+static void series_dc_motor_flow(float z1, float z2, float z3, float u, float dz[2])
+{
+    const float t1 = series_dc_motor_clamp(z1, 1.0f, 50.0f);
+    dz[0] = u - 20.0f*t1 + 0.03f*t1*z2;
+    dz[1] = z3 - (t1*t1*0.5f + 0.1f*series_dc_motor_clamp(z2, -300.0f, 0.0f));
+}
+
+/* the entries of the flow's Jacobian that are not constant, by columns */
+static void series_dc_motor_jacobian(float z1, float z2, float F[3])
+{
+    const float t1 = series_dc_motor_clamp(z1, 1.0f, 50.0f);
+    F[0] = 0.03f*series_dc_motor_clamp(z2, -300.0f, 0.0f) - 20.0f; /* F_11 */
+    F[1] = -t1; /* F_21 */
+    F[2] = 0.03f*t1; /* F_12 */
+}
+
+unsigned series_dc_motor_predict(series_dc_motor_state *s, const series_dc_motor_params *p,
+    const series_dc_motor_input *in)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool capped = false;
+    bool lost = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = series_dc_motor_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = series_dc_motor_clamp(u_taken, 0.0f, 5000.0f);
+        if (!u_usable) {
+            status |= SERIES_DC_MOTOR_REUSED_U;
+        }
+        if (u_taken < 0.0f || u_taken > 5000.0f) {
+            status |= SERIES_DC_MOTOR_CLAMPED_U;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float u_before = s->u;
+            float k1_z[2];
+            series_dc_motor_flow(z1, z2, z3, u_before, k1_z);
+            const float t1 = u_before + 0.5f*(u - u_before);
+            float k2_z[2];
+            series_dc_motor_flow(z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], z3, t1, k2_z);
+            const float t2 = z1 + 0.0005f*k2_z[0];
+            const float t3 = z2 + 0.0005f*k2_z[1];
+            float k3_z[2];
+            series_dc_motor_flow(t2, t3, z3, t1, k3_z);
+            float k4_z[2];
+            series_dc_motor_flow(z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], z3, u, k4_z);
+            float F_1[3];
+            series_dc_motor_jacobian(t2, t3, F_1);
+            const float Phi_11 = 1.0f + 0.001f*F_1[0] + 5e-07f*(F_1[0]*F_1[0] + F_1[2]*F_1[1]);
+            const float Phi_12 = 0.001f*F_1[2] + 5e-07f*(F_1[0]*F_1[2] - 0.1f*F_1[2]);
+            const float Phi_13 = 5e-07f*F_1[2];
+            const float Phi_21 = 0.001f*F_1[1] + 5e-07f*(F_1[1]*F_1[0] - 0.1f*F_1[1]);
+            const float Phi_22 = 0.9999f + 5e-07f*(F_1[1]*F_1[2] + 0.01f);
+            const float w1_1 = Phi_11 + Phi_12*L21 + Phi_13*L31;
+            const float w1_2 = Phi_12 + Phi_13*L32;
+            const float t4 = w1_1*D1;
+            const float t5 = w1_2*D2;
+            const float t6 = Phi_13*D3;
+            const float t7 = 0.001f*p->gain.Q[0];
+            const float d1 = w1_1*t4 + w1_2*t5 + Phi_13*t6 + t7;
+            const float t8 = Phi_21 + Phi_22*L21 + 0.00099995f*L31;
+            const float t9 = Phi_22 + 0.00099995f*L32;
+            const float l21 = (t8*t4 + t9*t5 + 0.00099995f*t6)/d1;
+            const float l31 = (L31*t4 + L32*t5 + t6)/d1;
+            const float w2_1 = t8 - l21*w1_1;
+            const float w2_2 = t9 - l21*w1_2;
+            const float w2_3 = 0.00099995f - l21*Phi_13;
+            const float t10 = w2_1*D1;
+            const float t11 = w2_2*D2;
+            const float t12 = w2_3*D3;
+            const float t13 = l21*t7;
+            const float t14 = 0.001f*p->gain.Q[1];
+            const float d2 = w2_1*t10 + w2_2*t11 + w2_3*t12 + l21*t13 + t14;
+            const float t15 = L31 - l31*w1_1;
+            const float t16 = L32 - l31*w1_2;
+            const float t17 = 1.0f - l31*Phi_13;
+            const float l32 = (t15*t10 + t16*t11 + t17*t12 + l31*t13)/d2;
+            const float w3_1 = t15 - l32*w2_1;
+            const float w3_2 = t16 - l32*w2_2;
+            const float w3_3 = t17 - l32*w2_3;
+            const float w3_4 = l32*l21 - l31;
+            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t7*w3_4 + l32*t14*l32
+                + 0.001f*p->gain.Q[2];
+            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            s->L[0] = l21;
+            s->L[1] = l31;
+            s->L[2] = l32;
+            s->D[0] = d1;
+            s->D[1] = d2;
+            s->D[2] = d3;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float D2 = s->D[1];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            capped = D1 > 5402.25f || L21*L21*D1 + D2 > 202500.0f
+                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 22500.0f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                const float t1 = series_dc_motor_min(1.0f, 202500.0f/(L21*L21*D1 + D2));
+                const float t2 = series_dc_motor_min(1.0f, 5402.25f/D1);
+                const float t3 = series_dc_motor_min(1.0f, 22500.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+                s->L[0] = t1*L21/t2;
+                s->L[1] = t3*L31/t2;
+                s->L[2] = t3*L32/t1;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                s->D[2] = t3*t3*D3;
+                status |= SERIES_DC_MOTOR_COVARIANCE_LIMITED;
+            }
+        }
+        /* is a value beyond its box, or lost? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 >= -48.0f && z1 <= 99.0f && z2 >= -600.0f && z2 <= 300.0f
+                && series_dc_motor_within(s->z[2], 150.0f);
+            const bool t2 = t1 && series_dc_motor_within(s->L[0], 6.122449e+09f)
+                && series_dc_motor_within(s->L[1], 2.0408164e+09f);
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const bool t3 = t2 && series_dc_motor_within(s->L[2], 3.3333334e+08f) && D1 >= 1e-18f
+                && D1 <= 5402.25f && D2 >= 9e-14f && D2 <= 202500.0f;
+            const float D3 = s->D[2];
+            beyond = !(t3 && D3 >= 1e-14f && D3 <= 22500.0f);
+        }
+        if (series_dc_motor_acts(beyond)) {
+            /* is a value lost? */
+            {
+                const bool t1 = series_dc_motor_within(s->z[0], 1e+30f)
+                    && series_dc_motor_within(s->z[1], 1e+30f) && series_dc_motor_within(s->z[2], 1e+30f);
+                const bool t2 = t1 && series_dc_motor_within(s->L[0], 1e+30f)
+                    && series_dc_motor_within(s->L[1], 1e+30f) && series_dc_motor_within(s->L[2], 1e+30f);
+                const bool t3 = t2 && series_dc_motor_within(s->D[0], 1e+30f)
+                    && series_dc_motor_within(s->D[1], 1e+30f) && series_dc_motor_within(s->D[2], 1e+30f);
+                lost = !t3;
+            }
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 1.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 600.0f;
+                s->D[1] = 20000.0f;
+                s->D[2] = 2000.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 603.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 603.0f;
+                s->doubt_sum = 0.0f;
+                status |= SERIES_DC_MOTOR_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = series_dc_motor_clamp(z1, -48.0f, 99.0f);
+                s->z[1] = series_dc_motor_clamp(z2, -600.0f, 300.0f);
+                s->z[2] = series_dc_motor_limit(z3, 150.0f);
+                if (z1 < -48.0f || z1 > 99.0f || z2 < -600.0f || z2 > 300.0f
+                    || series_dc_motor_abs(z3) > 150.0f) {
+                    status |= SERIES_DC_MOTOR_STATE_LIMITED;
+                }
+            }
+            /* keep L in its box */
+            {
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                s->L[0] = series_dc_motor_limit(L21, 6.122449e+09f);
+                s->L[1] = series_dc_motor_limit(L31, 2.0408164e+09f);
+                s->L[2] = series_dc_motor_limit(L32, 3.3333334e+08f);
+            }
+            /* keep D in its box */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                s->D[0] = series_dc_motor_clamp(D1, 1e-18f, 5402.25f);
+                s->D[1] = series_dc_motor_clamp(D2, 9e-14f, 202500.0f);
+                s->D[2] = series_dc_motor_clamp(D3, 1e-14f, 22500.0f);
+            }
+        }
+    }
+    /* samples may come */
+    s->used_y = 0u;
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_motor_params *p,
+    const series_dc_motor_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    float e = 0.0f;
+    bool fresh = false;
+    bool lost = false;
+    float measurement = 0.0f;
+    float output_error = 0.0f;
+    bool over_range = false;
+    bool over_y = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    bool valid = false;
+    /* is a sample of y awaited? */
+    fresh = s->used_y < 1u;
+    if (fresh) {
+        /* the measurement of y */
+        measurement = out->y;
+        /* guard the measurement of y */
+        {
+            const float t1 = measurement - s->z[0];
+            const bool t2 = series_dc_motor_within(measurement, 3e+38f);
+            const bool t3 = t2 && measurement >= -48.0f && measurement <= 99.0f
+                && series_dc_motor_within(t1, 1e+16f);
+            e = t1;
+            output_error = t1;
+            valid = t3;
+            if (!t2) {
+                status |= SERIES_DC_MOTOR_MISSING_Y;
+            }
+            if (t2 && !t3) {
+                status |= SERIES_DC_MOTOR_REJECTED_Y;
+            }
+        }
+        if (valid) {
+            /* correct by the scalar update */
+            {
+                const float D1 = s->D[0];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const float t1 = p->gain.R/0.001f;
+                const float t2 = t1 + D1;
+                const float K1 = D1/t2;
+                const float K2 = L21*D1/t2;
+                const float K3 = L31*D1/t2;
+                s->z[0] = z1 + K1*e;
+                s->z[1] = z2 + K2*e;
+                s->z[2] = z3 + K3*e;
+                s->D[0] = D1*t1/t2;
+            }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const bool t1 = z1 >= -48.0f && z1 <= 99.0f && z2 >= -600.0f && z2 <= 300.0f
+                    && series_dc_motor_within(s->z[2], 150.0f);
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const bool t2 = t1 && D1 >= 1e-18f && D1 <= 5402.25f && D2 >= 9e-14f && D2 <= 202500.0f
+                    && D3 >= 1e-14f && D3 <= 22500.0f;
+                beyond = !t2;
+            }
+            if (series_dc_motor_acts(beyond)) {
+                /* is a value lost? */
+                {
+                    const bool t1 = series_dc_motor_within(s->z[0], 1e+30f)
+                        && series_dc_motor_within(s->z[1], 1e+30f) && series_dc_motor_within(s->z[2], 1e+30f);
+                    const bool t2 = t1 && series_dc_motor_within(s->D[0], 1e+30f)
+                        && series_dc_motor_within(s->D[1], 1e+30f) && series_dc_motor_within(s->D[2], 1e+30f);
+                    lost = !t2;
+                }
+                if (lost) {
+                    /* a value is lost: all restart */
+                    s->z[0] = 1.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 600.0f;
+                    s->D[1] = 20000.0f;
+                    s->D[2] = 2000.0f;
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 603.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 603.0f;
+                    s->doubt_sum = 0.0f;
+                    status |= SERIES_DC_MOTOR_RESTARTED;
+                }
+                /* keep z in its box */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = series_dc_motor_clamp(z1, -48.0f, 99.0f);
+                    s->z[1] = series_dc_motor_clamp(z2, -600.0f, 300.0f);
+                    s->z[2] = series_dc_motor_limit(z3, 150.0f);
+                    if (z1 < -48.0f || z1 > 99.0f || z2 < -600.0f || z2 > 300.0f
+                        || series_dc_motor_abs(z3) > 150.0f) {
+                        status |= SERIES_DC_MOTOR_STATE_LIMITED;
+                    }
+                }
+                /* keep D in its box */
+                {
+                    const float D1 = s->D[0];
+                    const float D2 = s->D[1];
+                    const float D3 = s->D[2];
+                    s->D[0] = series_dc_motor_clamp(D1, 1e-18f, 5402.25f);
+                    s->D[1] = series_dc_motor_clamp(D2, 9e-14f, 202500.0f);
+                    s->D[2] = series_dc_motor_clamp(D3, 1e-14f, 22500.0f);
+                }
+            }
+            /* y is used */
+            s->used_y = 1u;
+        }
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 < 1.0f || z1 > 50.0f || z2 < -300.0f || z2 > 0.0f
+                || series_dc_motor_abs(s->z[2]) > 50.0f;
+            if (t1) {
+                status |= SERIES_DC_MOTOR_OUTSIDE_BOX;
+            }
+            doubtful = series_dc_motor_abs(output_error) > 4.9f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+        }
+        if (doubtful) {
+            /* is there a sample to judge by? */
+            sampled = valid || (series_dc_motor_within(measurement, 3e+38f) && measurement >= -48.0f
+                && measurement <= 99.0f);
+            if (sampled) {
+                /* was doubt or patience spoiled? */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    const float t1 = series_dc_motor_abs(patience_y - 603.0f + doubt_y
+                        + (patience_range - 603.0f + doubt_range) - s->doubt_sum);
+                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 617472.0f
+                        && patience_y >= 603.0f && patience_y <= 617472.0f;
+                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 617472.0f
+                        && patience_range >= 603.0f && patience_range <= 617472.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    /* as after a reset */
+                    s->doubt_y = 0.0f;
+                    s->patience_y = 603.0f;
+                    s->doubt_range = 0.0f;
+                    s->patience_range = 603.0f;
+                    s->doubt_sum = 0.0f;
+                }
+                /* which signs show? */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    shows_y = !series_dc_motor_within(output_error, 4.9f);
+                    shows_range = z1 < -1.45f || z1 > 52.45f || z2 < -315.0f || z2 > 15.0f
+                        || series_dc_motor_abs(s->z[2]) > 55.0f;
+                }
+                if (shows_y) {
+                    /* more doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        s->doubt_y = series_dc_motor_min(doubt_y + 1.0f, 617472.0f);
+                    }
+                    /* is patience at its end? */
+                    over_y = s->patience_y <= s->doubt_y;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_y = s->doubt_y;
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = series_dc_motor_max(doubt_y - 1.0f, 0.0f);
+                        s->patience_y = (doubt_y <= 1.0f) ? 603.0f : patience_y;
+                        over_y = false;
+                    }
+                }
+                if (shows_range) {
+                    /* more doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        s->doubt_range = series_dc_motor_min(doubt_range + 1.0f, 617472.0f);
+                    }
+                    /* is patience at its end? */
+                    over_range = s->patience_range <= s->doubt_range;
+                } else {
+                    /* less doubt */
+                    {
+                        const float doubt_range = s->doubt_range;
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = series_dc_motor_max(doubt_range - 1.0f, 0.0f);
+                        s->patience_range = (doubt_range <= 1.0f) ? 603.0f : patience_range;
+                        over_range = false;
+                    }
+                }
+                /* is it lost? */
+                lost = over_y || over_range;
+                if (lost) {
+                    if (over_y) {
+                        /* patience doubles */
+                        {
+                            const float patience_y = s->patience_y;
+                            s->doubt_y = series_dc_motor_min(patience_y, 308736.0f);
+                            s->patience_y = series_dc_motor_min(2.0f*patience_y, 617472.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* patience doubles */
+                        {
+                            const float patience_range = s->patience_range;
+                            s->doubt_range = series_dc_motor_min(patience_range, 308736.0f);
+                            s->patience_range = series_dc_motor_min(2.0f*patience_range, 617472.0f);
+                        }
+                    }
+                    /* the estimate restarts */
+                    s->z[0] = 1.0f;
+                    s->z[1] = 0.0f;
+                    s->z[2] = 0.0f;
+                    /* from the sample of y */
+                    {
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        s->z[0] = series_dc_motor_keep(measurement, 1.0f, 50.0f, z1, 1e+30f);
+                        s->z[1] = series_dc_motor_keep(z2, -300.0f, 0.0f, z2, 1e+30f);
+                        s->z[2] = series_dc_motor_keep(z3, -50.0f, 50.0f, z3, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= SERIES_DC_MOTOR_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->L[0] = 0.0f;
+                    s->L[1] = 0.0f;
+                    s->L[2] = 0.0f;
+                    s->D[0] = 600.0f;
+                    s->D[1] = 20000.0f;
+                    s->D[2] = 2000.0f;
+                }
+                /* remember what doubt and patience add up to */
+                s->doubt_sum = s->patience_y - 603.0f + s->doubt_y
+                    + (s->patience_range - 603.0f + s->doubt_range);
+            }
+        }
+    } else {
+        /* there was no predict since the last */
+        status |= SERIES_DC_MOTOR_OUT_OF_ORDER;
+    }
+    return status;
+}
+
+unsigned series_dc_motor_step(series_dc_motor_state *s, const series_dc_motor_params *p,
+    const series_dc_motor_input *in, const series_dc_motor_output *out)
+{
+    unsigned status = 0u;
+    status |= series_dc_motor_predict(s, p, in);
+    status |= series_dc_motor_update_y(s, p, out);
+    return status;
+}
+
+void series_dc_motor_estimate(const series_dc_motor_state *s, const series_dc_motor_params *p,
+    series_dc_motor_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->i = s->z[0];
+    x->w = -s->z[1];
+    x->TL = s->z[2];
+}
+
+unsigned series_dc_motor_tune(series_dc_motor_params *p)
+{
+    unsigned status = 0u;
+    /* each parameter in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float Q3 = p->gain.Q[2];
+        const float R = p->gain.R;
+        const bool t1 = !(Q1 >= 2e-06f && Q1 <= 9e+07f) || !(Q2 >= 2e-06f && Q2 <= 9e+07f)
+            || !(Q3 >= 2e-06f && Q3 <= 9e+07f);
+        p->gain.Q[0] = series_dc_motor_keep(Q1, 2e-06f, 9e+07f, 2.0f, 3e+38f);
+        p->gain.Q[1] = series_dc_motor_keep(Q2, 2e-06f, 9e+07f, 90.0f, 3e+38f);
+        p->gain.Q[2] = series_dc_motor_keep(Q3, 2e-06f, 9e+07f, 10.0f, 3e+38f);
+        p->gain.R = series_dc_motor_keep(R, 1e-15f, 0.001f, 1e-09f, 3e+38f);
+        if (t1 || !(R >= 1e-15f && R <= 0.001f)) {
+            status |= SERIES_DC_MOTOR_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void series_dc_motor_reset(series_dc_motor_state *s)
+{
+    s->z[0] = 1.0f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.0f;
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 600.0f;
+    s->D[1] = 20000.0f;
+    s->D[2] = 2000.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 603.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 603.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->used_y = 1u;
+    s->u = 0.0f;
+}
+
+void series_dc_motor_init(series_dc_motor_state *s, series_dc_motor_params *p)
+{
+    p->gain.Q[0] = 2.0f;
+    p->gain.Q[1] = 90.0f;
+    p->gain.Q[2] = 10.0f;
+    p->gain.R = 1e-09f;
+    (void)series_dc_motor_tune(p);
+    series_dc_motor_reset(s);
+}

@@ -1,0 +1,383 @@
+/* stribeck: see stribeck.h, which is the manual. */
+#include "stribeck.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float stribeck_abs(float v)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v);
+#else
+    return (v <= 0.0f) ? 0.0f - v : v;
+#endif
+}
+
+static float stribeck_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float stribeck_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+/* whether statements run that are left out for their cost alone; to a static analyser they always do */
+static bool stribeck_acts(bool flag)
+{
+#if defined(__FRAMAC__)
+    (void)flag;
+    return true;
+#else
+    return flag;
+#endif
+}
+
+static float stribeck_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool stribeck_within(float v, float limit)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__)
+    return __builtin_fabsf(v) <= limit;
+#else
+    return v == v && v >= -limit && v <= limit;
+#endif
+}
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+/* v in [-most, most] */
+static float stribeck_limit(float v, float most)
+{
+    return stribeck_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float stribeck_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return stribeck_within(v, limit) ? stribeck_clamp(v, low, high) : otherwise;
+}
+
+/* the table friction: linear, 11 points, held at its ends */
+static float stribeck_table_friction(float x)
+{
+    static const float start[12] = {
+        -0.9f, -0.9f, -0.5f, -0.3f, -0.2f, -0.1f, 0.0f, 0.1f, 0.2f, 0.3f, 0.5f, 0.9f
+    };
+    static const float c0[12] = {
+        -1.8f, -1.8f, -1.45f, -1.4f, -1.6f, -2.0f, 0.0f, 2.0f, 1.6f, 1.4f, 1.45f, 1.8f
+    };
+    static const float c1[12] = {
+        0.0f, 0.875f, 0.25f, -2.0f, -4.0f, 20.0f, 20.0f, -4.0f, -2.0f, 0.25f, 0.875f, 0.0f
+    };
+    unsigned k = 0u;
+    unsigned probe = 8u;
+    while (probe > 0u) {
+        if (k + probe <= 11u && start[k + probe] <= x) {
+            k = k + probe;
+        }
+        probe = probe/2u;
+    }
+    const float d = x - start[k];
+    return c0[k] + d*c1[k];
+}
+
+/* the right-hand side of the observer's differential equation */
+static void stribeck_rate(const stribeck_params *p, float z1, float z2, float u, float y, float valid,
+    float dz[2])
+{
+    const float t1 = valid*(y - z1);
+    dz[0] = z2 + p->derived.K[0]*t1;
+    dz[1] = u - stribeck_table_friction(stribeck_limit(z2, 0.8f)) + p->derived.K[1]*t1;
+}
+
+unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribeck_input *in,
+    const stribeck_output *out)
+{
+    unsigned status = 0u;
+    bool beyond = false;
+    bool doubtful = false;
+    bool lost = false;
+    bool over_range = false;
+    bool over_y = false;
+    bool running = false;
+    bool sampled = false;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
+    float u = 0.0f;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = stribeck_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = stribeck_limit(u_taken, 6.0f);
+        if (!u_usable) {
+            status |= STRIBECK_REUSED_U;
+        }
+        if (stribeck_abs(u_taken) > 6.0f) {
+            status |= STRIBECK_CLAMPED_U;
+        }
+    }
+    /* guard the measurements */
+    {
+        const float measurement = out->y;
+        const bool t1 = stribeck_within(measurement, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && stribeck_within(measurement, 6.6f) && stribeck_within(measurement - z1, 1e+16f);
+        const float t3 = t2 ? measurement : z1;
+        y = t3;
+        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+        valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= STRIBECK_MISSING_Y;
+        }
+        if (t1 && !t2) {
+            status |= STRIBECK_REJECTED_Y;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = 1u;
+    }
+    if (running) {
+        /* z: one step of classical Runge-Kutta */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
+            float k1_z[2];
+            stribeck_rate(p, z1, z2, u_before, y_last, valid, k1_z);
+            float k2_z[2];
+            stribeck_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], u_mid, y_mid, valid, k2_z);
+            float k3_z[2];
+            stribeck_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], u_mid, y_mid, valid, k3_z);
+            float k4_z[2];
+            stribeck_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], u, y, valid, k4_z);
+            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
+            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+        }
+        /* is a value beyond its box, or lost? */
+        beyond = !(stribeck_within(s->z[0], 6.0f) && stribeck_within(s->z[1], 64.0f));
+        if (stribeck_acts(beyond)) {
+            /* is a value lost? */
+            lost = !(stribeck_within(s->z[0], 1e+30f) && stribeck_within(s->z[1], 1e+30f));
+            if (lost) {
+                /* a value is lost: all restart */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->doubt_y = 0.0f;
+                s->patience_y = 2286.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 2286.0f;
+                s->doubt_sum = 0.0f;
+                status |= STRIBECK_RESTARTED;
+            }
+            /* keep z in its box */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = stribeck_limit(z1, 6.0f);
+                s->z[1] = stribeck_limit(z2, 64.0f);
+                if (stribeck_abs(z1) > 6.0f || stribeck_abs(z2) > 64.0f) {
+                    status |= STRIBECK_STATE_LIMITED;
+                }
+            }
+        }
+    }
+    /* remember the input */
+    s->u = u;
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    /* is the estimate where it cannot be for long? */
+    {
+        const float z1 = s->z[0];
+        const bool t1 = stribeck_abs(z1) > 2.0f || stribeck_abs(s->z[1]) > 0.8f;
+        if (t1) {
+            status |= STRIBECK_OUTSIDE_BOX;
+        }
+        doubtful = stribeck_abs(out->y - z1) > 0.44f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
+    }
+    if (doubtful) {
+        /* is there a sample to judge by? */
+        {
+            const float measurement = out->y;
+            sampled = valid > 0.0f || (stribeck_within(measurement, 3e+38f)
+                && stribeck_within(measurement, 6.6f));
+        }
+        if (sampled) {
+            /* was doubt or patience spoiled? */
+            {
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = stribeck_abs(patience_y - 2286.0f + doubt_y
+                    + (patience_range - 2286.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 2340864.0f
+                    && patience_y >= 2286.0f && patience_y <= 2340864.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 2340864.0f
+                    && patience_range >= 2286.0f && patience_range <= 2340864.0f;
+                spoiled = !t3;
+            }
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 2286.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 2286.0f;
+                s->doubt_sum = 0.0f;
+            }
+            /* which signs show? */
+            {
+                const float z1 = s->z[0];
+                shows_y = !stribeck_within(out->y - z1, 0.44f);
+                shows_range = stribeck_abs(z1) > 2.2f || stribeck_abs(s->z[1]) > 0.88f;
+            }
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = stribeck_min(doubt_y + 1.0f, 2340864.0f);
+                }
+                /* is patience at its end? */
+                over_y = s->patience_y <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = stribeck_max(doubt_y - 1.0f, 0.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 2286.0f : patience_y;
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = stribeck_min(doubt_range + 1.0f, 2340864.0f);
+                }
+                /* is patience at its end? */
+                over_range = s->patience_range <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = stribeck_max(doubt_range - 1.0f, 0.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 2286.0f : patience_range;
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* patience doubles */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = stribeck_min(patience_y, 1170432.0f);
+                        s->patience_y = stribeck_min(2.0f*patience_y, 2340864.0f);
+                    }
+                }
+                if (over_range) {
+                    /* patience doubles */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = stribeck_min(patience_range, 1170432.0f);
+                        s->patience_range = stribeck_min(2.0f*patience_range, 2340864.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                /* from the sample of y */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    s->z[0] = stribeck_keep(out->y, -2.0f, 2.0f, z1, 1e+30f);
+                    s->z[1] = stribeck_keep(z2, -0.8f, 0.8f, z2, 1e+30f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= STRIBECK_RESTARTED_FROM_SAMPLE;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 2286.0f + s->doubt_y
+                + (s->patience_range - 2286.0f + s->doubt_range);
+        }
+    }
+    return status;
+}
+
+void stribeck_estimate(const stribeck_state *s, const stribeck_params *p, stribeck_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x = s->z[0];
+    x->v = s->z[1];
+}
+
+unsigned stribeck_tune(stribeck_params *p)
+{
+    unsigned status = 0u;
+    /* theta in its range */
+    {
+        const float theta = p->gain.theta;
+        p->gain.theta = stribeck_keep(theta, 1.0f, 80.0f, 80.0f, 3e+38f);
+        if (!(theta >= 1.0f && theta <= 80.0f)) {
+            status |= STRIBECK_PARAMETER_LIMITED;
+        }
+    }
+    /* observer gain */
+    {
+        const float theta = p->gain.theta;
+        p->derived.K[0] = 2.0f*theta;
+        p->derived.K[1] = theta*theta;
+    }
+    return status;
+}
+
+void stribeck_reset(stribeck_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 2286.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2286.0f;
+    s->doubt_sum = 0.0f;
+    s->calls = 0u;
+    s->u = 0.0f;
+    s->y = 0.0f;
+    s->y_valid = 0.0f;
+}
+
+void stribeck_init(stribeck_state *s, stribeck_params *p)
+{
+    p->gain.theta = 80.0f;
+    (void)stribeck_tune(p);
+    stribeck_reset(s);
+}
