@@ -231,14 +231,15 @@ class CallableStep(Step):
         method: Method | None = None,
         dt: float | None = None,
         real: Real | None = None,
+        guards: Guards | None = None,
     ) -> "CallableStep":
-        """A step of the same observer with another form of its plant, another method, period or precision; the same
-        where None.
+        """A step of the same observer with another form of its plant, another method, period, precision or other
+        guards; the same where None.
 
         Raises: as `sample` and the observer do.
         """
         observer = self.observer.on(form) if form else self.observer
-        options = self._options | ({"real": real} if real else {})
+        options = self._options | ({"real": real} if real else {}) | ({"guards": guards} if guards else {})
         return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
 
     def arriving(self, y: Any) -> np.ndarray:

@@ -89,15 +89,17 @@ class Observer:
             return make(base.on(form), **gains)
         return make(form(base.system.declared), **gains)
 
-    def unclamped(self) -> "Observer":
-        """The observer on its equations as they are written, of which nothing is claimed but what holds of the form.
+    def clamping(self, clamped: bool) -> "Observer":
+        """The observer with its arguments clamped to their ranges, or with its equations as they are written; of that
+        nothing is claimed but what holds of the form.
 
         Raises: `BadGain` where it was not made by `hg.observers`, or around a member.
         """
         make, base, gains = self._making
         if isinstance(base, Observer):
             raise BadGain(self.name, "restarts and selects members by what guards it; sample a member of it alone")
-        return replace(make(replace(base, clamped=False), **gains), checks=base.checks)
+        observer = make(replace(base, clamped=clamped), **gains)
+        return observer if clamped else replace(observer, checks=base.checks)
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":

@@ -215,7 +215,8 @@ def plan(
     every = () if periods is None else multiples(periods, system, float(dt))
     if guards == "none":
         _demand_plain(observer, every)
-        observer = observer.unclamped()
+    if observer.form.clamped != (guards == "all"):
+        observer = observer.clamping(guards == "all")
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards == "all")
     pieces = tuple(discretise.pieces(part, method, clock) for part in observer.parts)
     lengths = (Lengths(), *discretise.lengths(observer, method, dt))

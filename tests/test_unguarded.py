@@ -2,12 +2,14 @@
 
 import pickle
 from functools import cache
+from pathlib import Path
 
 import casadi as ca
 import emitted
 import numpy as np
 import plants
 import pytest
+from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.call import CallableStep
@@ -150,6 +152,27 @@ def test_it_goes_through_a_pickle(name: str) -> None:
     u, y = record(plain)
     assert again.guards == "none"
     assert np.array_equal(plain.run(u, y).x, again.run(u, y).x)
+
+
+def test_guards_come_and_go_with_the_observer() -> None:
+    """Whose equations clamp or do not: a guarded step of an observer that was sampled without is the guarded one."""
+    guarded, plain = both("pendulum")
+    again = hg.sample(plain.observer, plain.method, plain.dt, engine="python")
+    assert again.observer.form.clamped
+    assert again.observer.checks == guarded.observer.checks
+    u, y = record(guarded)
+    assert np.array_equal(guarded.run(u, y).x, again.run(u, y).x)
+    assert again.made_again(guards="none").guards == "none"
+    assert plain.made_again(dt=2e-3).guards == "none"
+    assert plain.made_again(guards="all").bits == guarded.bits
+
+
+def test_the_commands_take_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    hgogen("generate", str(plants.MODELS / "pendulum.py"), "--guards", "none", "-o", str(tmp_path))
+    header = (tmp_path / "pendulum" / "pendulum.h").read_text()
+    assert "hgogen generate pendulum --guards none" in " ".join(header.replace(" *", "").split())
+    assert "Guards: none" in header
 
 
 def test_bad_input() -> None:

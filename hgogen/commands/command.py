@@ -49,6 +49,13 @@ class Precision(StrEnum):
     DOUBLE = "double"
 
 
+class Guarding(StrEnum):
+    """What guards of a step there are."""
+
+    ALL = "all"
+    NONE = "none"
+
+
 class Reader(StrEnum):
     """Who runs the step."""
 
@@ -99,6 +106,10 @@ _SET = {  # what a user may set of every step that a command makes
     "real": (
         Precision,
         typer.Option("--real", help="float or double; by default C is written in float and samples run in double."),
+    ),
+    "guards": (
+        Guarding,
+        typer.Option("--guards", help="all, or none: the mathematics alone, without clamps, tests and restarts."),
     ),
     "parameters": (
         Path,

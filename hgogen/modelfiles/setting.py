@@ -11,6 +11,7 @@ from hgogen.registry import cases
 if TYPE_CHECKING:
     from hgogen.call import CallableStep
     from hgogen.emit.syntax import Real
+    from hgogen.step import Guards
 
 
 class UnknownCase(BadArgument):
@@ -20,12 +21,14 @@ class UnknownCase(BadArgument):
 @dataclass(frozen=True)
 class Setting:
     """A form and a method by name, the period `dt` in the model's unit of time, the precision `real`, "float" or
-    "double", a file of values of `parameters` and one of a `tuning`; None for what its file says."""
+    "double", the `guards`, "all" or "none", a file of values of `parameters` and one of a `tuning`; None for what its
+    file says."""
 
     form: str | None = None
     method: str | None = None
     dt: float | None = None
     real: "Real | None" = None
+    guards: "Guards | None" = None
     parameters: Path | None = None
     tuning: Path | None = None
 
@@ -54,7 +57,7 @@ class Setting:
 
         form = getattr(forms, self.form) if self.form else None
         method = getattr(methods, self.method) if self.method else None
-        return step.made_again(form, method, self.dt, self.real)
+        return step.made_again(form, method, self.dt, self.real, self.guards)
 
 
 AS_WRITTEN = Setting()

@@ -93,7 +93,7 @@ class Tuning:
         period = next((each for each in periods if each is not None), None)
         period = default() if period is None else period
         options = {key: table[key] for key in _OPTIONS if key in table}
-        options |= {"real": self.setting.real} if self.setting.real else {}
+        options |= {key: value for key in ("real", "guards") if (value := getattr(self.setting, key))}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step
 
