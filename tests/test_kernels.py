@@ -125,12 +125,12 @@ def loops() -> ctypes.CDLL:
         text += f"typedef struct {{ double v[{n}]; }} p{n}_column;\n"
         text += "\n".join(kernels_of(C, f"p{n}", "double", {(name, n) for name in ARGUMENTS}).lines) + "\n"
         for name, (vectors, numbers, counts) in ARGUMENTS.items():
-            given = [f"double *v{k}" for k, _ in enumerate(vectors)] + ["double r"] * len(numbers)
-            given += ["double *gain"] * (name == "correct") + ["unsigned b"] * len(counts)
-            passed = [each.split()[-1].strip("*") for each in given]
-            call = f"p{n}_{name}((p{n}_column *)L, D{''.join(', ' + each for each in passed)})"
+            parameters = [f"double *v{k}" for k, _ in enumerate(vectors)] + ["double r"] * len(numbers)
+            parameters += ["double *gain"] * (name == "correct") + ["unsigned b"] * len(counts)
+            names = [each.split()[-1].strip("*") for each in parameters]
+            call = f"p{n}_{name}((p{n}_column *)L, D{''.join(', ' + each for each in names)})"
             body = f"return {call};" if name in ("cap", "renew") else f"{call}; return 0;"
-            text += f"int {name}{n}(double *L, double *D{''.join(', ' + each for each in given)}) {{ {body} }}\n"
+            text += f"int {name}{n}(double *L, double *D{''.join(', ' + each for each in parameters)}) {{ {body} }}\n"
     folder = Path(tempfile.mkdtemp())
     (folder / "kernels.c").write_text(text)
     command = [compiler, "-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "kernels.c", "-o", "kernels.so"]
@@ -152,14 +152,14 @@ def test_the_loops_of_c_have_the_bits_of_python(name: str, n: int, seed: int, da
     Phi = np.tril(rng.standard_normal((n, n)), band) if name == "triangularise" else np.eye(n)
     vectors, numbers, counts = ARGUMENTS[name]
     columns, diagonal = np.ascontiguousarray((Phi @ L).T), d
-    given = [10 ** rng.uniform(-1, 1, n) for _ in vectors]
+    others = [10 ** rng.uniform(-1, 1, n) for _ in vectors]
     r, gain = np.array([10 ** rng.uniform(-1, 1)]), np.zeros(n)
-    mine = [columns.copy(), diagonal.copy(), *(each.copy() for each in given)]
-    theirs = [columns.copy(), diagonal.copy(), *(each.copy() for each in given)]
-    other = [np.array(r)] * len(numbers) + [gain.copy()] * (name == "correct") + [band] * len(counts)
-    result = kernels.KERNELS[name](*mine, *other) or 0
+    mine = [columns.copy(), diagonal.copy(), *(each.copy() for each in others)]
+    theirs = [columns.copy(), diagonal.copy(), *(each.copy() for each in others)]
+    last = [np.array(r)] * len(numbers) + [gain.copy()] * (name == "correct") + [band] * len(counts)
+    result = kernels.KERNELS[name](*mine, *last) or 0
     ends = [ctypes.c_double(r[0])] * len(numbers) + [pointer(gain)] * (name == "correct")
     ends += [ctypes.c_uint(band)] * len(counts)
     assert getattr(loops(), f"{name}{n}")(*map(pointer, theirs), *ends) == result
     assert all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True))
-    assert name != "correct" or np.array_equal(other[1], gain)
+    assert name != "correct" or np.array_equal(last[1], gain)

@@ -81,6 +81,15 @@ def test_it_says_nothing_and_asks_nothing(name: str) -> None:
     assert plain.observer.checks == plain.observer.form.checks
 
 
+def test_what_a_part_has_to_say_is_not_said() -> None:
+    """The Kalman-like observer tells by its covariance whether its theorem holds."""
+    observer = hg.observers.kalman_like(hg.forms.state_affine(plants.chain(2)), rho=1.0, R=1.0)
+    assert "COVARIANCE_LIMITED" in {bit.name for bit in hg.sample(observer, dt=0.01).bits}
+    plain = hg.sample(observer, dt=0.01, guards="none")
+    assert plain.bits == ()
+    assert not plain.run([[0.1]] * 9, [[5.0]] * 9).status.any()
+
+
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "many_states"])
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_c_and_rust_have_the_bits_of_python(name: str, real: str) -> None:
