@@ -21,6 +21,7 @@ from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId, Verdict
+from hgogen.emit.pygraph import DTYPE, evaluated
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Cause, nonzero
@@ -493,3 +494,32 @@ def test_at_an_end_of_its_range_a_program_takes_the_slope_within(expression: sp.
     assert claim.verdict is Verdict.PROVED
     for v in (-1.0, 0.0, 1.5, 3.0, 4.0):
         assert float(jacobian([0.0, v])[0, 1]) == pytest.approx(steep, rel=1e-15)
+
+
+W = hg.Signal("v", low=-1, high=1)
+_SIZE = sp.Piecewise((-W, W < 0), (W, True))
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize(
+    "expression",
+    [
+        2 * sp.Max(W, 0) - _SIZE,
+        sp.Piecewise((0, W <= 0), (2 * W, True)) - _SIZE,
+        sp.Piecewise((-W + sp.Abs(W), W < 0), (W + sp.Abs(W), True)) - 2 * sp.Abs(W) + W,
+        W + 3 * (sp.Min(sp.Max(W, -HALF), HALF) - SATURATED.subs(x, W)),
+        2 * sp.Max(W + 1000, 1000) - sp.Abs(W),
+        W + W * sp.sign(W) - _SIZE,
+    ],
+    ids=str,
+)
+def test_of_kinks_at_one_place_a_program_takes_one_side(expression: sp.Expr, real: Any) -> None:
+    """Each row is v, or v + 2000, and so is its slope proved to be 1. A choice takes one branch at its kink, a minimum
+    the mean of both; and v + 1000 is rounded to 1000 where v is small."""
+    form = forms.uniform(hg.System("bent", states=(X, W), outputs=(Y,), flow=[expression, -W * X], output=[X]))
+    z = ca.SX.sym("z", 2)
+    slope = evaluated(ca.Function("J", [z], [Dynamics(form).jacobian(z, ca.SX(0, 1))[0, 1]]), real)
+    claim = check(form, "slope_2")
+    assert (claim.verdict, str(claim.reason)) == (Verdict.PROVED, "it is at least 1")
+    for v in (-1.5, -0.5, -1e-6, 0, 1e-20, 1e-6, 0.5, 0.7):
+        assert float(slope([[DTYPE[real](0), DTYPE[real](v)]])[0][0]) == 1

@@ -12,6 +12,7 @@ import sympy as sp
 
 from hgogen.algebra.cells import Cells
 from hgogen.algebra.kinks import Norm, bent, signed
+from hgogen.algebra.shared import shared
 from hgogen.algebra.tabulated import Table, applied, replaced
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Verdict
@@ -62,7 +63,8 @@ def _within(node: Table, box: Box) -> sp.Expr:
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
     """The expression as programs compute it on the box, whose arguments are clamped to it: `one_sided`, so that a slope
-    at an end of the box is that within, and tables that go on where the box leaves them by rounding alone as well."""
+    at an end of the box is that within, tables that go on where the box leaves them by rounding alone as well, and
+    kinks at one place with one side."""
     return _computed(expression, tuple(box.items())) if _bends(expression) else expression
 
 
@@ -73,7 +75,7 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
     def cells(node: Table) -> Cells:
         return between(node, [one_sided(part, box) for part in node.args], box, program=True)
 
-    return one_sided(replaced(expression, cells), box)
+    return shared(one_sided(replaced(expression, cells), box))
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
