@@ -4,6 +4,7 @@ import copy
 import json
 import math
 import pickle
+import re
 import struct
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -534,6 +535,35 @@ def test_a_certificate_of_another_table_is_not_verified() -> None:
     verdicts = {row.id: row.found for row in recheck(json.dumps(forged)).rows}
     assert verdicts.pop("triangular.lipschitz") == "fails"
     assert set(verdicts.values()) == {"verified"}
+
+
+@pytest.mark.parametrize(
+    ("maker", "claim", "lie"),
+    [
+        ("triangular", "lipschitz", {"bound": "2"}),
+        ("uniform", "lipschitz", {"bound": "2"}),
+        ("uniform", "slope_2", {"low": "1/2", "high": "2"}),
+    ],
+)
+def test_a_derivative_that_jumps_is_not_verified_where_the_bisection_is_cut(
+    maker: str, claim: str, lie: dict[str, str]
+) -> None:
+    """T bends at 1/2, in the middle of the range of v. A forger writes T'(v) in the place of T(v), which jumps there,
+    and cuts the box there: on both leaves the slope of v + T'(v) is 1."""
+    from hgogen.recheck.file import digest, model_digest
+
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=2)
+    bends = v + hg.table(v, [-4, sp.Rational(1, 2), 5], [0, 9, 100], name="T")
+    flow = (v, bends) if maker == "triangular" else (bends, -x)
+    form = getattr(hg.forms, maker)(_two_states(*flow, x=x, v=v))
+    text = json.dumps(hg.certificate(form, form.checks))
+    forged = json.loads(re.sub(r"Linear\((\w+), (\d),", lambda of: f"Linear({of[1]}, {int(of[2]) + 1},", text))
+    (evidence,) = (each["evidence"] for each in forged["claims"] if each["id"] == f"{maker}.{claim}")
+    evidence |= {"tree": "z2 . .", **lie}
+    forged["model"] = model_digest(forged)
+    forged["digest"] = digest(forged)
+    (row,) = (each for each in recheck(json.dumps(forged)).rows if each.id == f"{maker}.{claim}")
+    assert (row.found, "is not shown to be continuous" in row.sentence) == ("fails", True)
 
 
 @pytest.mark.parametrize(

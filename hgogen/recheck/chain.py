@@ -13,7 +13,7 @@ from .box import NotShown, covered
 from .context import Context, Shown, declared_box, finite, on, only, short
 from .file import Claim, Observer, part
 from .matrix import column, entries, scalar
-from .slope import Norm, spectral, steep
+from .slope import Norm, continuous, spectral, steep
 from .text import Expression, expression
 
 
@@ -98,6 +98,7 @@ def slope(
     bound = scalar(evidence, "bound")
     if bound < 0:
         raise NotShown("its bound is negative")
+    continuous(rows, context.z, where)
     return bound, covered(where, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
 
 
@@ -109,5 +110,6 @@ def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], n
     bound = scalar(claim.evidence, "bound")
     if bound < 0:
         raise NotShown("its bound is negative")
+    continuous(rows, context.z, box)
     boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))
     return Shown(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)

@@ -51,6 +51,11 @@ class Interval:
         return 1 if libmp.mpf_sign(low) > 0 else -1 if libmp.mpf_sign(high) < 0 else 0
 
     @property
+    def exactly(self) -> tuple[Fraction | float, Fraction | float]:
+        """The ends, as fractions or infinite."""
+        return _exactly(self.ends[0]), _exactly(self.ends[1])
+
+    @property
     def finite(self) -> bool:
         """Whether both ends are numbers."""
         return not any(end in (*_INFINITE, libmp.fnan) for end in self.ends)
@@ -304,7 +309,7 @@ def _function(name: str, args: tuple[Interval, ...]) -> Interval:
 
 def _table(name: str, *place: Interval) -> Interval:
     """The range of a table by its exact pieces."""
-    ends = range_on(name, [(_exactly(x.ends[0]), _exactly(x.ends[1])) for x in place])
+    ends = range_on(name, [x.exactly for x in place])
     if ends is None:
         raise Undefined("a derivative of a table where the one before jumps")
     return between(*ends)

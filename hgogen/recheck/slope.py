@@ -14,7 +14,7 @@ from .arithmetic import Dual, Undefined, dual, evaluate
 from .box import Box, NotShown, Slopes, Try, centre_of, sides
 from .context import Context, cut
 from .interval import Interval, intersection, intervals, point
-from .tables import is_table, table_of
+from .tables import is_table, jumps, table_of
 from .text import Expression
 
 _duals = dual(intervals)
@@ -68,6 +68,26 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
             differences = [x - y for x, y in combinations(operands, 2)] if len(operands) > 1 else operands
             if any(x.sign == 0 for x in differences):
                 raise NotShown(f"{cut(text.text)} may have no slope at its witness")
+
+
+def continuous(texts: Iterable[Expression], names: Iterable[str], box: Box) -> None:
+    """Shows that no table's derivative in a text jumps along the names within a box. A slope does not see a jump where
+    the certificate's bisection is cut, on whose leaves it is that from within.
+
+    Raises: `NotShown`.
+    """
+    moving, ranges = frozenset(names), sides(box)
+    for text in texts:
+        moves: list[bool] = []
+        for op, args, value in text.instructions:
+            moves.append(value in moving if op == "symbol" else any(moves[arg] for arg in args))
+            if not (moves[-1] and jumps(op)):
+                continue
+            table, order = table_of(op)
+            place = [evaluate(replace(text, result=arg), ranges, intervals).exactly for arg in args]
+            along = [m + moves[arg] for m, arg in zip(order, args, strict=True)]
+            if table.range(tuple(along), place) is None:
+                raise NotShown(f"{cut(text.text)} is not shown to be continuous")
 
 
 def _meets(table: str, at: Sequence[Interval]) -> bool:

@@ -11,7 +11,7 @@ from ..chain import jacobian_bound
 from ..context import RANGE, Context, Shown, enclosed, finite, only, witness
 from ..file import Claim, FormFile, part
 from ..rule import POINT, STEEP, Needed, Rule
-from ..slope import at_kinks, differentiable
+from ..slope import at_kinks, continuous, differentiable
 from ..structure import ranges_kept
 from ..tables import jumps
 from ..text import Expression, expression
@@ -36,6 +36,7 @@ def _slope(context: Context, claim: Claim) -> Shown:
     low, high, shown = enclosed(context, claim, wanted, rate, lambda text: at_kinks(text, rate, context))
     if low <= 0 <= high:
         raise NotShown("its bounds do not keep clear of zero")
+    continuous((rate,), (context.z[claim.at[0] - 1],), context.form.box)
     return Shown(f"{claim.what}: {shown.sentence}", shown.boxes)
 
 
