@@ -15,6 +15,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.chains.core import nominal, numbers
+from hgogen.emit import vectors
 from hgogen.model import load
 from hgogen.program import Place, places, sym
 from hgogen.reading.given import BadGain
@@ -104,6 +105,23 @@ def test_c_and_rust_have_the_bits_of_python(name: str, real: str) -> None:
     assert "convergence" not in header
     try:
         assert "samples as recorded" in native.run_recipe(hg.targets.rust(plain, real=real))
+    except native.NoTool as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_a_self_check_ends_where_the_estimate_is_lost(real: str) -> None:
+    """Where nothing holds the temperature, exp(8750/T) leaves every precision at a T below 0 or near it."""
+    guarded = load(plants.MODELS / "cstr.toml").step("riccati")
+    plain = hg.sample(guarded.observer, guarded.method, guarded.dt, guards="none", engine="python")
+    count = len(vectors.record(plain, real).status)
+    assert 1 <= count < vectors.SAMPLES
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+    checked = native.run_check(hg.targets.c99(plain, real=real), ("-O2", f"-D{plain.name.upper()}_EXACT"))
+    assert checked == f"{plain.name}: {count} samples as recorded\n"
+    try:
+        assert f"{count} samples as recorded" in native.run_recipe(hg.targets.rust(plain, real=real))
     except native.NoTool as error:
         pytest.skip(str(error))
 

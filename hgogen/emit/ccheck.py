@@ -10,7 +10,7 @@ from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.csyntax import C
 from hgogen.emit.syntax import Real
-from hgogen.emit.vectors import MISSING, SAMPLES, faults, lost, places, record, start
+from hgogen.emit.vectors import MISSING, faults, lost, places, record, start
 from hgogen.program import Place
 from hgogen.step import Step
 
@@ -122,7 +122,7 @@ def check(step: Step, real: Real) -> list[str]:
         blank=" " * len(step.name),
         real=real,
         status=status_type(step),
-        count=SAMPLES,
+        count=len(vectors.status),
         width=len(inputs) + len(outputs),
         results=len(seen),
         signals=", ".join([*inputs, *outputs]),

@@ -9,7 +9,7 @@ from hgogen.emit.code import indented
 from hgogen.emit.rustmanual import arguments
 from hgogen.emit.rustsyntax import RUST, rust_name
 from hgogen.emit.syntax import Real
-from hgogen.emit.vectors import SAMPLES, faults, lost, places, record, start
+from hgogen.emit.vectors import faults, lost, places, record, start
 from hgogen.program import Place
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -79,7 +79,7 @@ def check(step: Step, real: Real) -> list[str]:
         name=step.name,
         structs="Inputs, " if step.inputs else "",
         real=kind,
-        count=SAMPLES,
+        count=len(vectors.status),
         faults=faults(step),
         width=width,
         results=len(places(step)),

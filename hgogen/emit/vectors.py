@@ -1,14 +1,16 @@
 """Recorded vectors for the self-check of emitted code: what goes in, and what must come out, bit for bit.
 
 The inputs are triangle waves over the declared ranges, with a missing, an absurd, a lost and an excessive sample among
-them, so that guards, correction and adaptation all run; a step without guards gets none of these. Late samples come
-with ages of every kind. They use no function of this machine. The outputs are those of `emit.exact`.
+them, so that guards, correction and adaptation all run; a step without guards gets none of these, and its record ends
+where its estimate is lost. Late samples come with ages of every kind. They use no function of this machine. The outputs
+are those of `emit.exact`.
 
 The tolerance is for other roundings, of libm or of contracted operations. These touch a part of the operations by about
 a rounding unit each, as going from float to double touches them all; so the tolerance is 16 times that distance, and in
 double its share by rounding units.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -21,6 +23,7 @@ from hgogen.emit.syntax import Real
 from hgogen.program import Place, address
 from hgogen.signal import Signal
 from hgogen.step import Step
+from hgogen.structure.dynamics import HUGE
 
 SAMPLES = 64
 MISSING, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 30, 35, 40, 50  # samples at which a guard is exercised
@@ -53,11 +56,20 @@ def record(step: Step, real: Real) -> Vectors:
     y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
+    count = SAMPLES if step.guards == "all" else _before_lost(seen for seen, _ in runs.values())
+    u, y = u[:count], y[:count]
+    runs = {kind: (seen[:count], status[:count]) for kind, (seen, status) in runs.items()}
     seen, status = runs[real]
     gap = np.abs(runs["float"][0] - runs["double"][0]).max(axis=0)
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
     distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(seen).max(axis=0)
     return Vectors(u, y, seen, 16 * distance, status)
+
+
+def _before_lost(runs: Iterable[np.ndarray]) -> int:
+    """How many samples there are, from the first, after which every run sees plausible numbers."""
+    sound = np.all([(np.abs(seen) <= HUGE * HUGE).all(axis=1) for seen in runs], axis=0)
+    return len(sound) if sound.all() else int(np.argmin(sound))
 
 
 def lost(step: Step) -> tuple[int, int]:
