@@ -20,6 +20,8 @@ from hgogen.model import load
 from hgogen.program import Place, places, sym
 from hgogen.reading.given import BadGain
 from hgogen.step import BadStep
+from hgogen.trial import try_out
+from hgogen.trials.metrics import metrics
 
 NAMES = (
     *("cascaded_tanks", "exponential", "fitzhugh_nagumo", "integrated", "many_states", "no_input", "pendulum"),
@@ -161,6 +163,17 @@ def test_beyond_its_ranges_the_model_is_as_it_is_written() -> None:
     assert not form.clamped
     assert rates[0] == pytest.approx([25.0, -19.6 * np.sin(6.0) - 2.5], rel=1e-14)
     assert rates[1] == pytest.approx([25.0, -19.6 * np.sin(4.0) - 2.0], rel=1e-14)
+
+
+def test_a_trial_counts_estimates_out_of_their_ranges_without_a_status() -> None:
+    """What peaks out of its ranges, or is no number, is not told to have stayed in its box."""
+    model = load(plants.MODELS / "pendulum.py")
+    guarded = model.step("high_gain")
+    plain = hg.sample(guarded.observer, guarded.method, guarded.dt, guards="none", engine="python")
+    made = next(try_out(plain, model.trials()[0]))
+    made.x[:] = 0.0
+    made.x[-3:] = [[100.0, 0.0], [np.nan, 0.0], [0.0, 0.0]]
+    assert metrics(plain, made).clamped == 2
 
 
 def test_tune_limits_nothing() -> None:

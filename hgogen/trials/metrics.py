@@ -72,15 +72,24 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
         responses.append(Response(begin, _settled(step, trajectory, span), *_theta(theta, step.dt)))
     steady = error[t >= trial.steady_from - 1e-9]
     rms = np.sqrt(np.mean(steady**2, axis=0))
-    outside = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
-    late = trajectory.status[t > WARM_UP * trial.duration]
+    late = t > WARM_UP * trial.duration
     return Metrics(
         seed=trajectory.seed,
         engine=trajectory.engine,
         responses=tuple(responses),
         rms={s.name: float(value) for s, value in zip(step.states, rms, strict=True)},
-        clamped=int(np.count_nonzero(late & np.uint32(outside))),
+        clamped=int(np.count_nonzero(_outside(step, trajectory)[late])),
     )
+
+
+def _outside(step: Step, trajectory: Trajectory) -> np.ndarray:
+    """The samples, a mask (N,), with the estimate outside its box, by the status; where that says nothing, for want of
+    guards, with an estimated state out of its declared range."""
+    if step.guards == "all":
+        bits = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
+        return np.asarray(trajectory.status & np.uint32(bits) != 0)
+    low, high = np.array([s.interval for s in step.states]).T
+    return np.asarray(~((trajectory.x >= low) & (trajectory.x <= high)).all(axis=1))
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
