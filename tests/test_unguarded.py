@@ -22,6 +22,7 @@ from hgogen.reading.given import BadGain
 from hgogen.step import BadStep
 from hgogen.trial import try_out
 from hgogen.trials.metrics import metrics
+from hgogen.trials.prediction import rejected
 
 NAMES = (
     *("cascaded_tanks", "exponential", "fitzhugh_nagumo", "integrated", "many_states", "no_input", "pendulum"),
@@ -174,6 +175,14 @@ def test_a_trial_counts_estimates_out_of_their_ranges_without_a_status() -> None
     made.x[:] = 0.0
     made.x[-3:] = [[100.0, 0.0], [np.nan, 0.0], [0.0, 0.0]]
     assert metrics(plain, made).clamped == 2
+
+
+def test_of_a_measured_record_every_sample_is_used() -> None:
+    """No bit says that one was not; with guards an absurd one was not."""
+    for step, unused in zip(both("pendulum"), (1, 0), strict=True):
+        u, y = record(step)
+        y[SAMPLES // 2] = 1e6
+        assert np.count_nonzero(rejected(step, step.run(u, y), y)) == unused
 
 
 def test_tune_limits_nothing() -> None:

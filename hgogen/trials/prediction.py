@@ -110,9 +110,10 @@ def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
 
 
 def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: np.ndarray) -> np.ndarray:
-    """Whether one of the bits of each signal is raised in each sample (N, k)."""
+    """Whether one of the bits of each signal, of those that the step has, is raised in each sample (N, k)."""
     names = [each.place.name for each in step.bits]
-    masks = [sum(1 << names.index(f"{bit}_{s.name}") for bit in bits) for s in signals]
+    wanted = [[f"{bit}_{s.name}" for bit in bits] for s in signals]
+    masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
     return np.asarray(status[:, None] & np.array(masks, np.uint32) != 0)
 
 
