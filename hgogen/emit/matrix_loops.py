@@ -29,24 +29,25 @@ def expand(L: Columns) -> None:
 def triangularise(L: Columns, D: Vector, band: int) -> None:
     """L, D of M diag(D) M', M in L with so many diagonals above the main one, by rotations without square roots"""
     for i in range(n):
-        end = i + 1 + band if i + 1 + band < n else n
         pivot = L[i].v[i]
-        for k in range(i + 1, end):
-            other = L[k].v[i]
-            a = D[i] * pivot
-            b = D[k] * other
-            sum = a * pivot + b * other
-            f = a / sum
-            g = b / sum
-            D[k] = D[i] * (D[k] / sum)
-            D[i] = sum
-            for m in range(i + 1, n):
-                x = L[i].v[m]
-                y = L[k].v[m]
-                L[i].v[m] = f * x + g * y
-                L[k].v[m] = pivot * y - other * x
-            L[k].v[i] = 0.0
-            pivot = 1.0
+        for step in range(band):
+            k = i + 1 + step
+            if k < n:
+                other = L[k].v[i]
+                a = D[i] * pivot
+                b = D[k] * other
+                sum = a * pivot + b * other
+                f = a / sum
+                g = b / sum
+                D[k] = D[i] * (D[k] / sum)
+                D[i] = sum
+                for m in range(i + 1, n):
+                    x = L[i].v[m]
+                    y = L[k].v[m]
+                    L[i].v[m] = f * x + g * y
+                    L[k].v[m] = pivot * y - other * x
+                L[k].v[i] = 0.0
+                pivot = 1.0
         D[i] = D[i] * pivot * pivot
         L[i].v[i] = 1.0
 
