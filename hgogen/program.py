@@ -90,6 +90,10 @@ class Field:
         """(low, high) of each element, infinite where no box was given."""
         return tuple(zip(self.low or (-INF,) * self.size, self.high or (INF,) * self.size, strict=True))
 
+    def box_within(self, limit: float) -> tuple[tuple[float, float], ...]:
+        """The box, no end of which is beyond +-limit."""
+        return tuple((max(low, -limit), min(high, limit)) for low, high in self.box)
+
 
 def scalar(name: str, initial: float, **data: Any) -> Field:
     """A field of one element."""

@@ -101,7 +101,7 @@ class Predictors(Part):
 def clamped(field: Field, value: Graph) -> Graph:
     """Each element clamped to the field's box; its initial value where it is not a number or absurd."""
     elements = []
-    for i, end in enumerate(_ends(field)):
+    for i, end in enumerate(field.box_within(HUGE)):
         inside = clamp(value[i], *end)
         elements.append(ca.if_else(ca.fabs(value[i]) <= HUGE, inside, field.initial[i]))
     return ca.vertcat(*elements)
@@ -109,11 +109,7 @@ def clamped(field: Field, value: Graph) -> Graph:
 
 def beyond(field: Field, value: Graph) -> Graph:
     """Whether an element is beyond the field's box, or lost."""
-    return ca.logic_not(inside(value, _ends(field)))
-
-
-def _ends(field: Field) -> list[tuple[float, float]]:
-    return [(max(low, -HUGE), min(high, HUGE)) for low, high in field.box]
+    return ca.logic_not(inside(value, field.box_within(HUGE)))
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:

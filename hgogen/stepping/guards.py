@@ -19,8 +19,9 @@ from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Place, Program, When, column, sym, walk
 from hgogen.signal import Signal
-from hgogen.structure.dynamics import HUGE, inside, widened
+from hgogen.structure.dynamics import HUGE, clamp, inside, widened
 
+LOST = HUGE * HUGE  # a value of the state beyond it, or none at all, is lost
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
 STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups
@@ -147,8 +148,7 @@ def guard_inputs(observer: Observer) -> Block:
         raw, (low, high) = sym("input", signal.name), signal.interval
         usable = _within(raw, HUGE)
         taken = ca.if_else(usable, raw, last[i])
-        clamped = ca.fmin(ca.fmax(taken, low), high) if signal.bounded else taken
-        values.append(clamped)
+        values.append(clamp(taken, low, high))
         writes[Place("status", f"REUSED_{signal.name}")] = ca.logic_not(usable)
         if signal.bounded:
             writes[Place("status", f"CLAMPED_{signal.name}")] = ca.logic_or(taken < low, taken > high)
@@ -241,9 +241,9 @@ def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()
     fields = [f for f in state if Place("state", f.name) in written and f.kind == "real"]
     if not fields:
         return ()
-    values, limit = ca.vertcat(*(sym("state", f.name, f.size) for f in fields)), HUGE * HUGE
-    usual = inside(values, [end for f in fields for end in _ends(f)])
-    usable = inside(values, [(-limit, limit)] * values.numel())
+    values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
+    usual = inside(values, [end for f in fields for end in f.box_within(LOST)])
+    usable = inside(values, [(-LOST, LOST)] * values.numel())
     beyond = Block("is a value beyond its box, or lost?", {Place("work", "beyond"): ca.logic_not(usual)})
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)})
     fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
@@ -272,15 +272,9 @@ def _same(a: Graph, b: Graph) -> bool:
     return bool(ca.is_equal(ca.densify(sx(a)), b, 1))
 
 
-def _ends(field: Field) -> list[tuple[float, float]]:
-    """The box of each element, in which no value is lost."""
-    return [(max(low, -HUGE * HUGE), min(high, HUGE * HUGE)) for low, high in field.box]
-
-
 def _in_its_box(field: Field) -> Block:
-    value, ends = sym("state", field.name, field.size), _ends(field)
-    clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(ends)]
-    writes = {Place("state", field.name): column(clamped)}
+    value, ends = sym("state", field.name, field.size), field.box_within(LOST)
+    writes = {Place("state", field.name): column(clamp(value[i], *end) for i, end in enumerate(ends))}
     if field.outer:
         writes[Place("status", "STATE_LIMITED")] = any_of(
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(ends)

@@ -74,11 +74,8 @@ class Assembly:
     def _ordered(self) -> tuple[Signal, ...]:
         """The outputs whose updates may be called one by one, without a count of the periods."""
         outputs = self.observer.form.system.outputs
-        return (
-            ()
-            if self.rated or self.uses_output or not self.clock.guarded
-            else tuple(outputs[j] for j in self.correcting)
-        )
+        counted = self.rated or self.uses_output or not self.clock.guarded
+        return () if counted else tuple(outputs[j] for j in self.correcting)
 
     @cached_property
     def state(self) -> tuple[Field, ...]:
@@ -125,8 +122,6 @@ class Assembly:
 
     @property
     def _notices(self) -> Program:
-        if not self.clock.guarded:
-            return ()
         outside = () if self.still and not self.rated else (outside_bit(self.observer),)
         return (*outside, *unrecovered(self.observer), *self.observer.notices)
 
@@ -163,7 +158,7 @@ class Assembly:
             sample = {Place("state", "y"): sym("work", "y", clock.outputs)}
             valid = {Place("state", "y_valid"): clock.valid} if clock.guarded else {}
             program.append(Block("remember the sample", sample | valid))
-        watch = () if self.correcting or not clock.guarded else self.law.watch(self._samples, says=self.still)
+        watch = () if self.correcting else self.law.watch(self._samples, says=self.still)
         return Section("predict", "advance the estimate to now", (*program, *watch))
 
     @property

@@ -200,9 +200,8 @@ class Dynamics:
         states = self.form.system.states
         looked = {i: ca.fabs(raw[i]) <= HUGE for i, finite in enumerate(self._inverse.finite) if not finite}
         taken = (ca.if_else(looked[i], raw[i], resting(s)) if i in looked else raw[i] for i, s in enumerate(states))
-        return self._held(column(taken), [s.interval for s in states]), reduce(
-            ca.logic_and, looked.values()
-        ) if looked else ca.SX(1)
+        usable = reduce(ca.logic_and, looked.values()) if looked else ca.SX(1)
+        return self._held(column(taken), [s.interval for s in states]), usable
 
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
         """The product (dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); with None for `least` the
