@@ -26,6 +26,7 @@ from hgogen.calling.samples import Engine
 from hgogen.form import Form
 from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
+from hgogen.reading.differences import derived
 from hgogen.reading.time_unit import plural
 from hgogen.signal import Signal, resting
 from hgogen.system import System
@@ -257,12 +258,11 @@ def sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
 def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
     """The trial's inputs, and the derivatives of them that are inputs of the plant as well."""
     rates = {
-        u.derivative(k).name: sp.diff(sp.sympify(trial.inputs[u.name]), t, k)
-        for u in plant.inputs
-        for k in range(1, len(plant.inputs))
-        if u.name in trial.inputs
+        name: sp.diff(sp.sympify(trial.inputs[source]), t, order)
+        for name, (source, order) in derived(plant.inputs).items()
+        if source in trial.inputs
     }
-    return {name: rate for name, rate in rates.items() if name in {s.name for s in plant.inputs}} | dict(trial.inputs)
+    return rates | dict(trial.inputs)
 
 
 def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np.ndarray:

@@ -793,8 +793,8 @@ def test_where_samples_are_missing_the_last_one_is_copied() -> None:
 def test_an_alarm_is_not_set_by_the_beginning_of_a_record() -> None:
     """In which the estimate finds its way: the first twentieth."""
     run = SimpleNamespace(traces={"innovation": np.arange(100.0)})
-    step = SimpleNamespace(reset=lambda: None, run=lambda **options: run)
-    task: Any = SimpleNamespace(records=[log(1, 100)[0]], judge=SimpleNamespace(engine="python"))
+    step = SimpleNamespace(inputs=PLANT.inputs, reset=lambda: None, run=lambda **options: run)
+    task: Any = SimpleNamespace(records=[readable(PLANT, log(1, 100)[0], 1)], judge=SimpleNamespace(engine="python"))
     first: Any = SimpleNamespace(step=step)
     assert adaptive_module._innovations(task, first).tolist() == list(range(5, 100))
 

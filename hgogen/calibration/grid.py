@@ -64,7 +64,8 @@ class Task:
             assert form is not None
             steps, _ = paced(form.system, self.dt)
             base = scale(form, self.dt)
-            self._likelihoods[row] = Likelihood(form, self.records, base, self.sampling["between"], steps)
+            records = [record.of(form.system.inputs) for record in self.records]
+            self._likelihoods[row] = Likelihood(form, records, base, self.sampling["between"], steps)
         return self._likelihoods[row]
 
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
@@ -174,9 +175,6 @@ def tuned(task: Task, name: str) -> Asking[Tuned | str]:
     refusals = ["the plant is in none of its forms"]
     for number, row in enumerate(task.rows):
         if row.form is None or refuted(row.form.checks):
-            continue
-        if len(row.form.system.inputs) > task.records[0].u.shape[1]:
-            refusals.append("its form asks for derivatives of inputs, which are in no record")
             continue
         search = Search(task, name, number, scale(row.form, task.dt))
         gains = gains_of(getattr(every, name), search.base)

@@ -87,9 +87,10 @@ def _of_step(
     hidden: dict[str, list[Array]] = {}
     step = step.undelayed
     for held in records:
+        log = held.log.of(step.inputs)
         step.reset()
-        run = step.run(u=held.log.u, y=held.log.y, engine=engine)
-        for one in forecasts(step, run, held.log.u, held.log.y, ahead):
+        run = step.run(u=log.u, y=log.y, engine=engine)
+        for one in forecasts(step, run, log.u, log.y, ahead):
             if one.ahead is not None:
                 squares[one.ahead].append(np.where(one.compared, one.model, np.nan)[held.cut :])
         for name, true in held.truth.items():

@@ -131,7 +131,7 @@ class Judge:
         return every
 
     def _of(self, step: CallableStep, k: int, scale: Array, parts: Sequence[Array]) -> Array:
-        record = self.records[k]
+        record = self.records[k].of(step.inputs)
         step.reset()
         run = step.run(u=record.u, y=record.y, engine=self.engine)
         squares = self.yardstick.errors(k, step, run, record) ** 2

@@ -54,7 +54,7 @@ class Tuned:
             return {}
         scaled = []
         for record, cut in records:
-            e, s = self.likelihood.innovations(self.noise, record)
+            e, s = self.likelihood.innovations(self.noise, record.of(self.likelihood.form.system.inputs))
             scaled.append((e / np.sqrt(s))[max(0, cut - 1) :])
         columns = (column[np.isfinite(column)] for column in np.concatenate(scaled).T)
         return {y: there for y, there in zip(self.noise.sample, columns, strict=True) if len(there)}

@@ -52,6 +52,7 @@ from hgogen.modelfiles.first import everywhere
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.averaged import WINDOWS
+from hgogen.reading.differences import derived, said_of
 from hgogen.sentence import because
 from hgogen.which_forms import Row, of
 
@@ -150,9 +151,12 @@ def tune_(
     held = [
         Held(log, cut if held_out else 0, each) for log, cut, each in zip(logs.whole, logs.cuts, measured, strict=True)
     ]
-    rows = judged(plant, calibration, _declared(loaded, logs.whole[0].dt), held, aheads, engine_here())
+    declared = _declared(loaded, logs.whole[0].dt)
+    rows = judged(plant, calibration, declared, held, aheads, engine_here())
+    steps = (*(one.first.step for one in calibration.rows), *declared.values())
+    rates = {name: of for step in steps for name, of in derived(step.inputs).items()}
     said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
-    notes = (*logs.notes(), *said, *too_far(aheads, rows[0].errors))
+    notes = (*logs.notes(), *said_of(rates), *said, *too_far(aheads, rows[0].errors))
     paths = folder.demand("tuned.json")
     each = [_row(calibration, row) for row in rows]
     report = {

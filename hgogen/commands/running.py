@@ -31,6 +31,7 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.averaged import WINDOWS
+from hgogen.reading.differences import derived
 from hgogen.reading.filename import fault
 from hgogen.reading.measured import Record, read
 from hgogen.signal import Signal
@@ -252,7 +253,17 @@ def _record(
     wanted = {**{s.name: columns[s.name] for s in signals}, **beside}
     inputs = {s.name: WINDOWS[step.between] for s in step.inputs}
     units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}
-    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time, inputs=inputs, units=units)
+    return read(
+        data,
+        wanted,
+        dt=step.dt,
+        time=time,
+        period=period,
+        unit=step.time,
+        inputs=inputs,
+        units=units,
+        rates=derived(step.inputs),
+    )
 
 
 @command()

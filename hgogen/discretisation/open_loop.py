@@ -18,7 +18,7 @@ from hgogen.structure.dynamics import Dynamics
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
-    """CasADi functions: `move` (z, u now, u then) -> z one sample on, `read` (z, u) -> y, `enter` (x) -> z, of the
+    """CasADi functions: `move` (z, u now, u then) -> z one sample on, `read` (z, u) -> y, `enter` (x, u) -> z, of the
     plant's state as it was first declared."""
 
     move: Any
@@ -36,12 +36,12 @@ def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
         return {"z": dynamics.flow(values["z"], then if between == "hold" else on_line(c, now, then))}
 
     moved = advance(repeated(RK4, steps) if steps > 1 else RK4, rate, {"z": z}, dt).result["z"]
-    plant = dict(zip(states, ca.vertsplit(x), strict=True))
+    plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))
     plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
     return OpenLoop(
         ca.Function("move", [z, now, then], [_nominal(form, moved)]),
         ca.Function("read", [z, then], [_nominal(form, dynamics.output(z, then))]),
-        ca.Function("enter", [x], [column(to_casadi(form.entry, plant))]),
+        ca.Function("enter", [x, now], [column(to_casadi(form.entry, plant))]),
     )
 
 

@@ -1,14 +1,15 @@
 """Measured records as arrays, and what is demanded of them."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hgogen.calling.samples import held_last, table
 from hgogen.errors import BadArgument
-from hgogen.signal import resting
+from hgogen.reading.differences import derived, difference
+from hgogen.signal import Signal, resting
 from hgogen.system import System
 
 LEAST = 10  # samples of an output
@@ -25,6 +26,14 @@ class Log:
     u: np.ndarray
     y: np.ndarray
     dt: float
+
+    def of(self, inputs: Sequence[Signal]) -> "Log":
+        """The record with a column for each of the inputs that a form reads: those of the plant, which it holds, and
+        behind them derivatives of these, as differences."""
+        count, sources = self.u.shape[1], derived(inputs)
+        columns = dict(zip((u.name for u in inputs), self.u.T, strict=False))
+        rates = [difference(columns[name], order, self.dt) for name, order in (sources[u.name] for u in inputs[count:])]
+        return replace(self, u=np.column_stack([self.u, *rates]))
 
 
 def demanded(plant: System, record: Log, number: int) -> Log:

@@ -20,6 +20,7 @@ import numpy as np
 from hgogen.reading import averaged, mapped
 from hgogen.reading.averaged import Window
 from hgogen.reading.converted import Inconvertible, conversion
+from hgogen.reading.differences import difference, said_of
 from hgogen.reading.given import unmasked
 from hgogen.reading.log import BadRecord, Column, Table
 from hgogen.reading.report import Report
@@ -54,13 +55,15 @@ PYTHON = Caller("columns={{{name!r}: COLUMN}}", "time=COLUMN or period=TIME", "p
 @dataclass(frozen=True, eq=False)
 class Record:
     """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing, as a masked entry
-    is; the report; `operands`: of each signal what stands for its column in an expression of --map."""
+    is; the report; `operands`: of each signal what stands for its column in an expression of --map; `rates`: the
+    names that are differences of others, with their order."""
 
     t: np.ndarray
     names: tuple[str, ...]
     values: np.ndarray
     report: Report
     operands: Mapping[str, str] = field(default_factory=dict)
+    rates: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Replaces a mask, which a selection of columns would lose, by NaN."""
@@ -70,9 +73,23 @@ class Record:
         """The columns (N, k) of some signals, in their order."""
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
+    def with_rates(self, rates: Mapping[str, tuple[str, int]]) -> "Record":
+        """The record with derivatives of signals as well, by name: of which signal, and the order."""
+        dt, sources = self.report.dt, {name: self.values[:, self.names.index(of)] for name, (of, _) in rates.items()}
+        columns = [difference(sources[name], order, dt) for name, (_, order) in rates.items()]
+        return replace(
+            self,
+            names=(*self.names, *rates),
+            values=np.column_stack([self.values, *columns]),
+            report=replace(self.report, notes=(*self.report.notes, *said_of(rates))),
+            operands={**self.operands, **{name: name for name in rates}},
+            rates=rates,
+        )
+
     def shifted(self, shifts: Mapping[str, int]) -> "Record":
-        """The record with signals taken so many samples later, or earlier where negative; missing where the log has
-        none. Raises: `BadRecord` where nothing is left of one."""
+        """The record with signals taken so many samples later, or earlier where negative, and their differences with
+        them; missing where the log has none. Raises: `BadRecord` where nothing is left of one."""
+        shifts = {name: shifts[of] for name, (of, _) in self.rates.items() if of in shifts} | dict(shifts)
         values, notes = self.values.copy(), []
         for name, by in shifts.items():
             if abs(by) >= len(values):
@@ -106,11 +123,13 @@ def read(
     caller: Caller = COMMAND,
     inputs: Mapping[str, Window] = MappingProxyType({}),
     units: Mapping[str, str] = MappingProxyType({}),
+    rates: Mapping[str, tuple[str, int]] = MappingProxyType({}),
 ) -> Record:
     """The log at `path`, a file's or a DataFrame, on the grid of `dt`, of its own period where None; `unit`: that of
     all times, the model's; `caller`: to whom the sentences of errors speak; `inputs`: the names that are averaged
     where the log is faster or irregular (reading/averaged.py), with their windows; others are sampled; `units`: those
-    of the names, to which a column is converted whose name holds another.
+    of the names, to which a column is converted whose name holds another; `rates`: names that are derivatives of
+    others, with their order (reading/differences.py), taken as differences where the log has no column of theirs.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
     the column of times, or `period` is the time between rows.
@@ -123,6 +142,8 @@ def read(
     if period is not None and not 0 < period < math.inf:
         raise BadRecord(name, f"the period {period:g} must be a positive number of {plural(unit)}")
     log = log_of(path)
+    taken = {name for name in rates if columns.get(name) == name and name not in log.header}
+    columns = {name: column for name, column in columns.items() if name not in taken}
     for name, column in columns.items():
         if name == column and name not in log.header:
             listed = ", ".join(filter(None, log.header))
@@ -145,7 +166,7 @@ def read(
             example = f", but cells such as {one.example!r}" if one.example else ""
             reason = f"the column {one.name!r} holds no number for {name}{example}; say {caller.fix(name)}"
             raise BadRecord(log.path, reason)
-    return record
+    return record.with_rates({name: of for name, of in rates.items() if name in taken})
 
 
 def _converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:

@@ -77,7 +77,7 @@ def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterabl
     y = np.where(rejected(step, run, y), np.nan, y)
     model = open_loop(step.observer.form, step.dt, step.between)
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
-    z = np.array(model.enter(run.x.T))
+    z = np.array(model.enter(run.x.T, u.T))
     wanted, last = sorted(set(ahead)), held_last(y)
     for h in range(1, max((h for h in wanted if h < len(y)), default=0) + 1):
         now, after = _shifted(u, h - 1), _shifted(u, h)
@@ -85,7 +85,7 @@ def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterabl
         if h in wanted:
             predicted = _limited(np.array(model.read(z, after.T)).T, step.outputs)[:-h]
             yield _compared(h, predicted, y, last[:-h])
-    start = model.enter(run.x[0])
+    start = model.enter(run.x[0], u[0])
     alone = np.array(model.move.mapaccum(len(y) - 1)(start, u[:-1].T, u[1:].T)) if len(y) > 1 else z[:, :0]
     yield _compared(None, _limited(np.array(model.read(alone, u[1:].T)).T, step.outputs), y, None)
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, held_last
+from hgogen.reading.differences import derived
 from hgogen.reading.measured import shifted
 from hgogen.trials.prediction import forecasts, rms
 
@@ -74,11 +75,12 @@ def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, 
     """The signals with another shift or sign: name, shift, sign, and the samples."""
     whole, m = np.hstack([u, y]), u.shape[1]
     names: Sequence[str] = [s.name for s in (*step.inputs, *step.outputs)]
-    alone = [j for j in range(len(names)) if j < m or y.shape[1] > 1]
+    rates = derived(step.inputs)
+    alone = [j for j in range(len(names)) if (j < m or y.shape[1] > 1) and names[j] not in rates]
     shifts = [k for size in range(1, MOST + 1) for k in (size, -size)]
     for j, shift, sign in [(j, 0, -1) for j in alone] + [(j, shift, 1) for j in alone for shift in shifts]:
-        other = whole.copy()
-        other[:, j] = sign * shifted(whole[:, j], shift)
+        other, moved = whole.copy(), [j, *(names.index(name) for name, (of, _) in rates.items() if of == names[j])]
+        other[:, moved] = sign * np.column_stack([shifted(whole[:, i], shift) for i in moved])
         yield names[j], shift, sign, other[:, :m], other[:, m:]
 
 

@@ -1,0 +1,159 @@
+"""Derivatives of inputs that no log holds: differences, in runs, shifts and tuning; predictions of a form that reads
+an input in its coordinates."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from test_cli import as_json
+
+import hgogen as hg
+from hgogen import forms, methods, observers
+from hgogen.call import CallableStep
+from hgogen.discretisation.open_loop import open_loop
+from hgogen.identification.records import Log
+from hgogen.reading.differences import derived, difference
+from hgogen.reading.measured import read
+from hgogen.trials.prediction import predictions
+from hgogen.trials.shifts import _others
+
+X, V = hg.Signal("x", low=-3, high=3), hg.Signal("v", low=-3, high=3)
+U, Y = hg.Signal("u", low=-1, high=1, rates=((-4, 4),)), hg.Signal("y")
+PLANT = hg.System("driven", states=(X, V), inputs=(U,), outputs=(Y,), flow=[V + U, -X - V**3 / 9], output=[X])
+MODEL = """
+name = "driven"
+
+[states]
+x = {low = -3, high = 3, flow = "v + u"}
+v = {low = -3, high = 3, flow = "-x - v**3/9"}
+
+[inputs.u]
+low = -1
+high = 1
+rates = [[-4, 4]]
+
+[outputs]
+y = {equation = "x"}
+
+[tuning.high_gain]
+form = {kind = "phase"}
+theta = 8
+poles = [-1, -1]
+dt = 0.02
+"""
+DT, COUNT = 0.02, 400
+TIMES = DT * np.arange(COUNT)
+
+
+def course() -> tuple[np.ndarray, np.ndarray]:
+    """The input, and the states by classical Runge-Kutta with ten steps a sample."""
+    u = np.sin(1.3 * TIMES)
+    x, h = [np.array([0.5, 0.0])], DT / 10
+
+    def rate(t: float, s: np.ndarray) -> np.ndarray:
+        return np.array([s[1] + np.sin(1.3 * t), -s[0] - s[1] ** 3 / 9])
+
+    for k in range(10 * (COUNT - 1)):
+        t, s = k * h, x[-1]
+        a = rate(t, s)
+        b = rate(t + h / 2, s + h / 2 * a)
+        c = rate(t + h / 2, s + h / 2 * b)
+        x.append(s + h / 6 * (a + 2 * b + 2 * c + rate(t + h, s + h * c)))
+    return u, np.array(x[::10])
+
+
+def written(folder: Path) -> Path:
+    """The log of the course, in which no column holds a derivative."""
+    u, x = course()
+    np.savetxt(folder / "log.csv", np.column_stack([TIMES, u, x]), delimiter=",", header="t,u,y,v", comments="")
+    (folder / "driven.toml").write_text(MODEL)
+    return folder
+
+
+def step() -> CallableStep:
+    return hg.sample(observers.high_gain(forms.phase(PLANT), theta=8, poles=[-1, -1]), methods.rk4, DT)
+
+
+def test_differences_are_exact_on_polynomials_of_their_order() -> None:
+    t = 0.25 * np.arange(6)
+    assert difference(3 * t + 1, 1, 0.25).tolist() == [3.0] * 6
+    assert difference(t**2, 2, 0.25).tolist() == [2.0] * 6
+    assert difference(t**2, 1, 0.25).tolist() == [0.25, *(t[1:] + t[:-1])]  # of the interval before
+
+
+def test_a_missing_sample_leaves_both_differences_out_and_a_single_one_has_none() -> None:
+    assert np.isnan(difference(np.array([0, 1, np.nan, 3, 4]), 1, 1.0)).tolist() == [False, False, True, True, False]
+    assert np.isnan(difference(np.array([2.0]), 1, 1.0)).all()
+
+
+def test_derivatives_are_known_by_their_names() -> None:
+    u, w = hg.Signal("u"), hg.Signal("w_dot")
+    assert derived([u, w, u.derivative(3)]) == {"u_dddot": ("u", 3)}
+    assert derived([w, w.derivative(1)]) == {w.derivative(1).name: ("w_dot", 1)}
+    assert derived([u]) == {}
+
+
+def test_a_record_has_the_derivatives_that_a_form_reads() -> None:
+    u, x = course()
+    log = Log(u[:, None], x[:, :1], DT).of(step().inputs)
+    assert [s.name for s in step().inputs] == ["u", "u_dot"]
+    assert log.u.shape == (COUNT, 2)
+    # u'(t - dt/2) = 1.3 cos is met to 1.3^3 dt^2/24
+    assert np.abs(log.u[1:, 1] - 1.3 * np.cos(1.3 * (TIMES[1:] - DT / 2))).max() < 1.3**3 * DT**2 / 24
+    assert Log(u[:, None], x[:, :1], DT).of(PLANT.inputs).u.tolist() == u[:, None].tolist()
+
+
+def test_a_log_that_holds_a_derivative_is_read_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,u,u_dot\n0,0,7\n1,1,7\n2,4,7\n")
+    rates, columns = {"u_dot": ("u", 1)}, {"u": "u", "u_dot": "u_dot"}
+    there = read(tmp_path / "a.csv", columns, dt=None, time="t", rates=rates)
+    assert there.values[:, 1].tolist() == [7, 7, 7]
+    (tmp_path / "b.csv").write_text("t,u\n0,0\n1,1\n2,4\n")
+    taken = read(tmp_path / "b.csv", columns, dt=None, time="t", rates=rates)
+    assert taken.names == ("u", "u_dot")
+    assert taken.values[:, 1].tolist() == [1, 1, 3]
+    assert [note for note in taken.report.notes if "u_dot" in note] == [
+        "u_dot is taken as differences of u from sample to sample: no column gives it"
+    ]
+    assert taken.shifted({"u": 1}).values[1:].tolist() == [[0, 1], [1, 1]]
+    assert there.shifted({"u": 1}).values[1:].tolist() == [[0, 7], [1, 7]]
+
+
+def test_another_time_or_sign_of_an_input_is_that_of_its_derivative_too() -> None:
+    u, x = course()
+    log = Log(u[:, None], x[:, :1], DT).of(step().inputs)
+    others = list(_others(step(), log.u, log.y))
+    assert {name for name, *_ in others} == {"u"}
+    for _, by, sign, moved, _ in others:
+        inner = slice(3 + abs(by), COUNT - 3 - abs(by))
+        assert moved[inner].tolist() == (sign * np.roll(log.u, by, axis=0))[inner].tolist()
+
+
+def test_coordinates_that_read_an_input_are_entered_with_it() -> None:
+    form = forms.phase(PLANT)
+    z = open_loop(form, DT, "line").enter([0.5, 0.25], [0.75, 0.0])
+    assert np.array(z).ravel().tolist() == [0.5, 1.0]  # (x, v + u)
+
+
+def test_such_a_form_predicts_as_its_plant_does() -> None:
+    u, x = course()
+    log, made = Log(u[:, None], x[:, :1], DT).of(step().inputs), step()
+    run = replace(made.run(u=log.u, y=log.y), x=x)  # from the true states
+    one, ten, _ = predictions(made, run, log.u, log.y, (1, 10))
+    # u' is off by up to u'' dt = .034, and y by dt^2/2 times that: 7e-6 of a step, a hundred times that of ten.
+    assert one.model < 7e-6
+    assert ten.model < 7e-4
+    assert one.copying is not None
+    assert one.copying > 1e-3
+
+
+def test_the_commands_take_such_a_record(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    model, options = str(folder / "driven.toml"), ("--data", str(folder / "log.csv"), "--time", "t", "--truth", "v=v")
+    report = as_json("run", model, *options, "--out", str(folder / "run"))
+    assert any("u_dot is taken as differences of u" in note for note in report["record"]["notes"])
+    assert report["hidden"]["v"] < 0.1
+    tuned = as_json("tune", model, *options, "--observers", "high_gain,riccati", "--out", str(folder / "tuned"))
+    assert "u_dot is taken as differences of u from sample to sample: no column gives it" in tuned["notes"]
+    hidden = {row["name"]: row["hidden"]["v"] for row in tuned["rows"] if row["hidden"]}
+    assert hidden["high_gain, as declared"] < 0.1  # its mean is 1.1
