@@ -21,6 +21,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.algebra.axis import Axis
 from hgogen.algebra.cells import Cells
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
 from hgogen.algebra.piece import extremes, value
@@ -200,6 +201,18 @@ def test_ranges_hold_every_value(kind: str, held: bool) -> None:
                     assert order or ends[0] == min(reached) or kind == "monotone" or low < high
                 else:
                     assert cells.least_smooth(cells.met([(low, high)]))[0] < order
+
+
+def test_floats_beside_a_breakpoint_are_on_its_side() -> None:
+    """Breakpoints that are no floats, that are, and one beside a float by less than any other."""
+    axis = Axis((Fraction(1, 10), Fraction(1, 3), Fraction(1, 2), Fraction(1) + Fraction(1, 2**80)))
+    nearest = [float(x) for x in axis.x]
+    for end in [beside for x in nearest for beside in (math.nextafter(x, -1), x, math.nextafter(x, 2))]:
+        exact = Fraction(end)
+        below, until = sum(x < exact for x in axis.x), sum(x <= exact for x in axis.x)
+        assert axis.met(end, end) == axis.met(exact, exact) == (below, until)
+        assert axis.met(end, 2.0) == (until, 4)
+        assert axis.met(0.0, end) == (0, below)
 
 
 def test_extremes_hold_a_cubic_that_turns() -> None:

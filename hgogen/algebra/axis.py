@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from math import inf
+from math import inf, nextafter
 from typing import Any
 
 from hgogen.algebra.interpolation import KINDS
-from hgogen.algebra.piece import ZERO, taylor
+from hgogen.algebra.piece import ZERO, rational, taylor
 
 Number = Fraction | float  # of which a float is infinite, or exactly what it is
 Ends = tuple[Number, Number]
@@ -31,12 +31,27 @@ class Axis:
         """The breakpoint below each cell, of the first cell the one above it."""
         return (self.x[0], *self.x)
 
+    @cached_property
+    def _floats(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The floats next below the breakpoints, and those next above, or the breakpoints themselves."""
+        nearest = [(float(x), x) for x in self.x]
+        below = tuple(f if f <= x else nextafter(f, -inf) for f, x in nearest)
+        return below, tuple(f if f >= x else nextafter(f, inf) for f, x in nearest)
+
+    def _before(self, end: Number) -> int:
+        """How many breakpoints lie below a number; of a float as soon as the float next below them does."""
+        return bisect_left(self._floats[0] if isinstance(end, float) else self.x, end)
+
+    def _until(self, end: Number) -> int:
+        """How many breakpoints do not lie above a number."""
+        return bisect_right(self._floats[1] if isinstance(end, float) else self.x, end)
+
     def met(self, low: Number, high: Number) -> tuple[int, int]:
         """The first and the last cell that have more than an end in common with [low, high]; of a breakpoint alone, the
         cells on both its sides."""
         if low == high:
-            return bisect_left(self.x, low), bisect_right(self.x, low)
-        return bisect_right(self.x, low), bisect_left(self.x, high)
+            return self._before(low), self._until(low)
+        return self._until(low), self._before(high)
 
     def taken(self, low: Number, high: Number) -> tuple[Ends, tuple[int, int]]:
         """Where a program may compute an argument that is in [low, high], and the first and the last cell that it
@@ -44,13 +59,23 @@ class Axis:
         if self.rounded is None:
             return (low, high), self.met(low, high)
         low, high = low - self.rounded[0], high + self.rounded[1]
-        cells = bisect_right(self.x, low), bisect_right(self.x, high)
-        return (low, high) if self.held else (max(low, self.x[0]), min(high, self.x[-1])), cells
+        cells = self._until(low), self._until(high)
+        if self.held:
+            return (low, high), cells
+        return (low if cells[0] else self.x[0], high if cells[1] < len(self.x) else self.x[-1]), cells
 
-    def part(self, k: int, low: Number, high: Number) -> Ends:
-        """What of [low, high] lies in a cell, from its start on."""
-        a, b = (max(low, self.starts[k]) if k else low), (min(high, self.x[k]) if k < len(self.x) else high)
-        return _since(self.starts[k], a), _since(self.starts[k], b)
+    def part(self, k: int, span: tuple[int, int], low: Number, high: Number) -> tuple[Any, Any]:
+        """What of [low, high], which meets the cells of a span, lies in one of them, from its start on: numbers of
+        FLINT, or infinite ones."""
+        x, starts = self._rational
+        a = low if k == span[0] else starts[k]
+        b = high if k == span[1] else x[k]
+        return _since(starts[k], a), _since(starts[k], b)
+
+    @cached_property
+    def _rational(self) -> tuple[list[Any], list[Any]]:
+        """The breakpoints and the starts as numbers of FLINT, which are added and compared far faster."""
+        return list(map(rational, self.x)), list(map(rational, self.starts))
 
     def pieces(self, kind: str, values: Any) -> list[tuple[Any, ...]]:
         """The polynomial of each cell, of the values at the breakpoints: numbers, or an array of them for each."""
@@ -66,8 +91,8 @@ class Axis:
         return tuple(map(_first_jump, widths, pieces, pieces[1:]))
 
 
-def _since(start: Fraction, end: Number) -> Number:
-    return end if end in (-inf, inf) else Fraction(end) - start
+def _since(start: Any, end: Any) -> Any:
+    return end if end in (-inf, inf) else rational(end) - start
 
 
 def _first_jump(width: Fraction, below: tuple[Any, ...], above: tuple[Any, ...]) -> int:

@@ -23,11 +23,12 @@ import numpy as np
 
 from hgogen.algebra.axis import NEVER, Axis, Ends
 from hgogen.algebra.interpolation import DEGREES
-from hgogen.algebra.piece import ZERO, Polynomial, Side, coefficients, derivative, extremes, value
+from hgogen.algebra.piece import ZERO, Polynomial, coefficients, derivative, extremes, rational, value
 
 Index = tuple[int, ...]
 Spans = list[tuple[int, int]]  # of each axis the first and the last cell
 Pieces = dict[Index, Polynomial]
+_NOTHING = rational(ZERO)
 
 
 @dataclass(frozen=True)
@@ -135,24 +136,27 @@ class Cells:
             return None
         if all((*self.continuous(spans, order), *self.continuous(met, order))):
             wide, spans = list(box), met
-        whole = _whole(self, order)
+        whole, pieces = _whole(self, order)
         ends = [
             whole[cell]
             if all(a < k < b for k, (a, b) in zip(cell, spans, strict=True))
-            else self._over(cell, wide, order)
+            else self._over(pieces[cell], cell, spans, wide)
             for cell in over(spans)
         ]
-        return min(least for least, _ in ends), max(most for _, most in ends)
+        sides = [side for side in ends if side is not None]
+        if len(sides) < len(ends):
+            return -inf, inf
+        return _fraction(min(least for least, _ in sides)), _fraction(max(most for _, most in sides))
 
-    def _over(self, cell: Index, box: Sequence[Ends], order: Index) -> Ends:
-        """The range of one cell on a box."""
-        piece = self.of_order(order)[cell]
-        sides = [axis.part(k, *side) for axis, k, side in zip(self.axes, cell, box, strict=True)]
-        finite = [side if inf not in (-side[0], side[1]) else (ZERO, ZERO) for side in sides]
+    def _over(self, piece: Polynomial, cell: Index, spans: Spans, box: Sequence[Ends]) -> tuple[Any, Any] | None:
+        """The range of one cell on a box that meets those of `spans`; None of one without an end."""
+        sides = [axis.part(k, span, *side) for axis, k, span, side in zip(self.axes, cell, spans, box, strict=True)]
         for k, side in enumerate(sides):
-            if side != finite[k] and not _constant(piece, k):
-                return -inf, inf
-        return extremes(piece, [(Fraction(a), Fraction(b)) for a, b in finite])
+            if inf in (-side[0], side[1]):
+                if not _constant(piece, k):
+                    return None
+                sides[k] = (_NOTHING, _NOTHING)
+        return extremes(piece, sides)
 
 
 def over(spans: Spans) -> Iterator[Index]:
@@ -182,12 +186,16 @@ def _of_order(cells: Cells, order: Index) -> Pieces:
 
 
 @lru_cache(maxsize=256)
-def _whole(cells: Cells, order: Index) -> Mapping[Index, Side]:
-    """The range of a derivative on each cell between breakpoints."""
-    widths = [[b - a for a, b in zip(axis.starts, axis.x, strict=False)] for axis in cells.axes]
+def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, tuple[Any, Any]], Pieces]:
+    """The range of a derivative on each cell between breakpoints, and the polynomials, in numbers of FLINT."""
+    widths = [[rational(b - a) for a, b in zip(axis.starts, axis.x, strict=False)] for axis in cells.axes]
     inner = [range(1, len(axis.x)) for axis in cells.axes]
-    pieces = cells.of_order(order)
+    pieces = {cell: rational(piece) for cell, piece in cells.of_order(order).items()}
     return {
-        cell: extremes(pieces[cell], [(ZERO, width[k]) for width, k in zip(widths, cell, strict=True)])
+        cell: extremes(pieces[cell], [(_NOTHING, width[k]) for width, k in zip(widths, cell, strict=True)])
         for cell in product(*inner)
-    }
+    }, pieces
+
+
+def _fraction(end: Any) -> Fraction:
+    return Fraction(int(end.p), int(end.q))

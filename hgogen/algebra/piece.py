@@ -11,6 +11,8 @@ from itertools import product
 from math import comb, perm
 from typing import Any
 
+from flint import fmpq
+
 Polynomial = Any  # a tuple of such, or a coefficient: a number, or whatever is multiplied with numbers
 Side = tuple[Fraction, Fraction]
 ZERO = Fraction(0)
@@ -25,6 +27,13 @@ def value(piece: Polynomial, at: Sequence[Any], number: Callable[[Any], Any] = l
     for c in reversed(others):
         total = total * first + c
     return total
+
+
+def rational(piece: Any) -> Any:
+    """The same numbers as those of FLINT, which are multiplied and compared far faster."""
+    if isinstance(piece, tuple):
+        return tuple(map(rational, piece))
+    return piece if isinstance(piece, fmpq) else fmpq(*piece.as_integer_ratio())
 
 
 def derivative(piece: Polynomial, order: Sequence[int]) -> Polynomial:
@@ -94,5 +103,5 @@ def _along(piece: tuple[Fraction, ...], a: Fraction, b: Fraction) -> Side:
 def _bernstein(piece: tuple[Fraction, ...], a: Fraction, b: Fraction) -> tuple[Fraction, ...]:
     """The coefficients on [a, b] in the basis of Bernstein: beta_i = sum_j C(i, j)/C(n, j) p_j, p on [0, 1]."""
     n = len(piece) - 1
-    scaled = [c * (b - a) ** j for j, c in enumerate(taylor(piece, a))]
-    return tuple(sum((Fraction(comb(i, j), comb(n, j)) * scaled[j] for j in range(i + 1)), ZERO) for i in range(n + 1))
+    scaled = [c * (b - a) ** j / comb(n, j) for j, c in enumerate(taylor(piece, a))]
+    return tuple(sum(comb(i, j) * scaled[j] for j in range(i + 1)) for i in range(n + 1))
