@@ -58,6 +58,10 @@ class Method(Protocol):
         """What a step does, in lines for reports; h is its length."""
         ...
 
+    def __hash__(self) -> int:
+        """Equal methods make the same step of an observer, which is remembered."""
+        ...
+
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """The part over one step, the measurement on the line between two valid samples."""
         ...

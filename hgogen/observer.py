@@ -1,8 +1,8 @@
 """An observer: the estimator's parts as CasADi graphs, with the form it stands on, its gains and its paper."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial, wraps
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial, wraps
 from inspect import signature
 from typing import Any
 
@@ -22,6 +22,7 @@ from hgogen.system import System
 from hgogen.theorem import Theorem
 
 STARTS = ("initial", "start")  # the arguments of an observer that say where its estimate starts
+_LAST = 32  # calls of each case whose observers are remembered
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,13 +139,49 @@ def _again(make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mappi
 
 
 def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
-    """A case of `hg.observers` whose observers remember how they were made."""
+    """A case of `hg.observers` whose observers remember how they were made. The last ones are remembered too: the same
+    arguments on the same form give the same observer, of which nothing changes."""
+
+    def new(call: _Call) -> Observer:
+        return replace(make(*call.args, **call.keywords), made=partial(make, *call.args, **call.keywords))
+
+    last = lru_cache(maxsize=_LAST)(new)
 
     @wraps(make)
     def made(*args: Any, **keywords: Any) -> Observer:
-        return replace(make(*args, **keywords), made=partial(make, *args, **keywords))
+        call = _Call((_comparable(args), _comparable(keywords)), args, keywords)
+        try:
+            hash(call)
+        except TypeError:
+            return new(call)
+        return last(call)
 
     return made
+
+
+@dataclass(frozen=True)
+class _Call:
+    """Arguments, which are equal where their numbers, names and forms are."""
+
+    comparable: Any
+    args: tuple[Any, ...] = field(compare=False)
+    keywords: Mapping[str, Any] = field(compare=False)
+
+
+def _comparable(value: Any) -> Any:
+    """What equal arguments have in common; a number is not one of another type, and a form is itself alone."""
+    match value:
+        case Form():
+            return id(value)  # of a form that lives as long as the observer
+        case Mapping():
+            return "mapping", tuple((name, _comparable(entry)) for name, entry in value.items())
+        case list() | tuple():
+            return type(value), tuple(map(_comparable, value))
+        case np.ndarray():
+            return value.shape, value.dtype.str, value.tobytes()
+        case bool() | int() | float() | np.generic():
+            return type(value), repr(value)
+    return value
 
 
 def founded(

@@ -9,7 +9,7 @@ predict only; an input that is not a number reuses the last valid one; both are 
 import decimal
 import warnings
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 from hgogen.discretisation.lengths import Lengths
@@ -86,6 +86,7 @@ class StepMayFail(UserWarning):
 
 
 STATUS = 32  # bits of a status
+_LAST = 32  # steps that are remembered
 Guards = Literal["all", "none"]
 
 
@@ -218,8 +219,8 @@ def plan(
     if observer.form.clamped != (guards == "all"):
         observer = observer.clamping(guards == "all")
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards == "all")
-    pieces = tuple(discretise.pieces(part, method, clock) for part in observer.parts)
-    lengths = (Lengths(), *discretise.lengths(observer, method, dt))
+    _pieces(observer, method, clock)  # whose demands come before those of the step's length
+    lengths = _lengths(observer, method, float(dt))
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
     if dt > tightest.refused:
         rule, take = tightest.rule or method.name, min(tightest.refused, advised.take)
@@ -233,7 +234,7 @@ def plan(
             StepMayFail,
             stacklevel=3,
         )
-    step = _assembled(observer, method, clock, pieces, tightest.refused)
+    step = _assembled(observer, method, clock, tightest.refused)
     if every and not step.apart:
         raise CannotUpdate(observer.name, step.rule)
     return step
@@ -246,8 +247,20 @@ def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
         raise BadStep('guards = "none"', f"is not for {late}, of which the status says whether they were used")
 
 
-def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
-    made, system = Assembly(observer, clock, pieces), observer.form.system
+@lru_cache(maxsize=_LAST)
+def _lengths(observer: Observer, method: Method, dt: float) -> tuple[Lengths, ...]:
+    return (Lengths(), *discretise.lengths(observer, method, dt))
+
+
+@lru_cache(maxsize=_LAST)
+def _pieces(observer: Observer, method: Method, clock: Clock) -> tuple[Pieces, ...]:
+    return tuple(discretise.pieces(part, method, clock) for part in observer.parts)
+
+
+@lru_cache(maxsize=_LAST)
+def _assembled(observer: Observer, method: Method, clock: Clock, limit: float) -> Step:
+    pieces, system = _pieces(observer, method, clock), observer.form.system
+    made = Assembly(observer, clock, pieces)
     plant = tunable(system.parameters)
     step = Step(
         name=system.name,

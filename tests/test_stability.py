@@ -264,8 +264,8 @@ def rise(theta_1, time):
 def test_a_rise_admits_more_than_a_jump_and_less_than_rest(view):
     model = fitzhugh_nagumo()
     jump = model.limit(1.0, 8, RK4, view, theta_min=1)
-    gradual = model.limit(1.0, 8, RK4, view, theta_min=1, rise=rise(4, 0.1))
-    slow = model.limit(1.0, 8, RK4, view, theta_min=1, rise=rise(4, 10.0))
+    gradual = model.limit(1.0, 8, RK4, view, theta_min=1, rise=np.vectorize(rise(4, 0.1)))
+    slow = model.limit(1.0, 8, RK4, view, theta_min=1, rise=np.vectorize(rise(4, 10.0)))
     assert 1.2 * jump.dt < gradual.dt < slow.dt
     assert slow.dt <= model.limit(1.0, 1, RK4, view).dt
 
@@ -313,7 +313,7 @@ def test_the_rise_from_rest_to_failure():
     """The chain at rest under theta = 1; then theta rises: .98 of the limit survives, 1.03 fails."""
     model, flow = chain(), rise(2, 0.1)
     plant = Model(model.f, model.F, model.z[4:5], model.u[4:5], model.Q)
-    limit = plant.limit(10.0, 4, RK4, "information", theta_min=1, rise=flow)
+    limit = plant.limit(10.0, 4, RK4, "information", theta_min=1, rise=np.vectorize(flow))
     assert "from the steady P" in limit.why
     slope, rest = frozen(plant, 0, "information"), np.eye(4)
     for _ in range(2000):

@@ -45,7 +45,7 @@ from hgogen.structure.scaling import Scaling
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Rise = Callable[[float, float], float]
+Rise = Callable[[Array, Array], Array]
 
 ZERO = 1e-6  # what AXIS is, for the Hamiltonian, whose double zeros rounding splits by the root of eps
 GRAPH = 1e12  # condition of the Hamiltonian's stable subspace from which on it is no graph: a growing mode is hidden
@@ -160,8 +160,8 @@ def covariance_limit(
 
     `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n),
     `R` (p, p), or its diagonal (p,): as in Q_theta and R_theta, per unit of time; `initial_covariance`: P(0).
-    `theta_min`: where an adaptive theta rests (None: it starts at theta_max); `rise(theta, dt)`: theta a time
-    dt later when it rises as fast as its law lets it (None: it jumps); `scaling`: by default that of one chain.
+    `theta_min`: where an adaptive theta rests (None: it starts at theta_max); `rise(theta, dt)`: each theta (d) a time
+    dt (d) later when it rises as fast as its law lets it (None: it jumps); `scaling`: by default that of one chain.
     A continuous-discrete step keeps P definite at any dt: it has no such limit. Raises: `NotDefinite`.
     """
     initial = np.asarray(initial_covariance, dtype=float)
@@ -171,7 +171,8 @@ def covariance_limit(
     rest = theta_max if theta_min is None else theta_min
     steady = _steady_limit(riccati, (rest, theta_max), tableau.polynomial)
     starts = _starts(riccati, initial, rest, theta_max)
-    run = _Transients(riccati, theta_max, representation, rise or (lambda theta, dt: theta_max), tableau)
+    rising = rise or (lambda theta, dt: np.full_like(theta, theta_max))
+    run = _Transients(riccati, theta_max, representation, rising, tableau)
     return min(steady, _transient_limit(run, starts, steady.dt), key=lambda limit: limit.dt)
 
 
@@ -191,18 +192,20 @@ class _Riccati:
     def only(self, rows: NDArray[np.intp]) -> "_Riccati":
         return replace(self, F=self.F[rows], C=self.C[rows])
 
-    def delta(self, theta: float) -> Array:
-        """The diagonal of Delta (n)."""
-        return 1.0 / np.array(self.scaling.spread(theta))
+    def delta(self, theta: float | Array) -> Array:
+        """The diagonal of Delta (n), or (d, n) of several theta (d)."""
+        return 1.0 / np.stack(np.broadcast_arrays(*self.scaling.spread(theta)), axis=-1)
 
-    def parts(self, theta: float, scale: float) -> tuple[Array, Array, Array]:
-        """F, N, Q_theta at theta, in the coordinates Delta z of the theta `scale`."""
+    def parts(self, theta: float | Array, scale: float) -> tuple[Array, Array, Array]:
+        """F, N, Q_theta at theta, in the coordinates Delta z of the theta `scale`; N and Q_theta (d, k, n, n) of
+        several theta (d)."""
         delta, scaling = self.delta(scale), self.scaling
         F = delta[:, None] * self.F / delta
-        C = self.C / np.sqrt(scaling.variances(np.ones(len(self.weight)), theta))[:, None]
-        N = np.swapaxes(C, 1, 2) @ self.weight @ C / np.outer(delta, delta)
+        C = self.C / np.sqrt(scaling.variances(np.ones(len(self.weight)), theta))[..., None, :, None]
+        N = _t(C) @ self.weight @ C / np.outer(delta, delta)
         power = self.delta(scale / theta)
-        return F, N, np.broadcast_to(scaling.process(theta) * self.Q * np.outer(power, power), F.shape)
+        Q = np.asarray(scaling.process(theta))[..., None, None] * self.Q * (power[..., None] * power[..., None, :])
+        return F, N, np.broadcast_to(Q[..., None, :, :], N.shape)
 
     def hamiltonian(self, theta: float) -> Array:
         """The Hamiltonian matrices (k, 2n, 2n) in the coordinates Delta z."""
@@ -303,7 +306,7 @@ class _Transients:
 
     def _fails(self, start: _Start, lengths: Sequence[float]) -> Flags:
         """For each length (d), up to the first at which one does, at which Jacobians (m) the transient fails (d, m)."""
-        many = 1 if start.rises else max(1, AT_ONCE // max(1, start.P.size))  # a theta that rises does it by its dt
+        many = max(1, AT_ONCE // max(1, start.P.size))
         rows = [np.zeros((0, len(start.rows)), dtype=bool)]
         for first in range(0, len(lengths), many):
             rows.append(self._run(start, lengths[first : first + many]))
@@ -312,26 +315,27 @@ class _Transients:
         return np.concatenate(rows)
 
     def _run(self, start: _Start, lengths: Sequence[float]) -> Flags:
-        """The same for lengths side by side; only one where theta rises."""
+        """The same for lengths side by side."""
         delta, dt = self.riccati.delta(self.theta_max), np.reshape(lengths, (-1, 1, 1, 1))
         X: Array = start.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
         X = np.broadcast_to(X, (len(lengths), *X.shape))
-        riccati, theta, left = self.riccati.only(start.rows), start.theta, STEPS
-        equation, alive = self._equation(riccati, theta), np.ones(X.shape[:2], dtype=bool)
+        riccati, theta = self.riccati.only(start.rows), np.full(len(lengths), start.theta)
+        equation, alive = self._equation(riccati, start.theta), np.ones(X.shape[:2], dtype=bool)
+        left = np.full((len(lengths), 1), STEPS)
         for _ in range(PATIENCE):
             if start.rises:
-                theta = min(self.rise(theta, lengths[0]), self.theta_max)
+                theta = np.minimum(self.rise(theta, np.asarray(lengths)), self.theta_max)
                 equation = self._equation(riccati, theta)
             with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
                 X = _step(X, *equation, self.tableau, dt)
-                alive &= _definite(X)
-            left -= not start.rises or theta > 0.9 * self.theta_max
-            if left == 0 or not alive.any():
+                alive &= _definite(X) | (left == 0)
+            left -= (left > 0) & (not start.rises or theta[:, None] > 0.9 * self.theta_max)
+            if not (alive & (left > 0)).any():
                 break
         return ~alive
 
-    def _equation(self, riccati: _Riccati, theta: float) -> tuple[Array, Array, Array]:
+    def _equation(self, riccati: _Riccati, theta: float | Array) -> tuple[Array, Array, Array]:
         """L, W, V of X' = L X + X L' + W - X V X."""
         F, N, Q = riccati.parts(theta, self.theta_max)
         return (-_t(F), N, Q) if self.representation == "information" else (F, Q, N)

@@ -50,8 +50,8 @@ class HighGain(Protocol):
         """Which noise it scales."""
         ...
 
-    def rise(self, theta: float, dt: float) -> float:
-        """theta a time dt later when it rises as fast as its law lets it."""
+    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
+        """Each theta (d) a time dt (d) later when it rises as fast as its law lets it."""
         ...
 
 

@@ -13,9 +13,11 @@ decaying: Busvelle's slides.
 """
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from functools import cache
+from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
+import numpy as np
 
 from hgogen.graph import Graph
 from hgogen.intervals.digits import same
@@ -84,7 +86,7 @@ class Constant:
     def rest(self) -> None:
         """It never comes back to its peak."""
 
-    def rise(self, theta: float, dt: float) -> float:
+    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
         """It never rises."""
         return theta
 
@@ -151,7 +153,7 @@ class Decaying:
     def rest(self) -> None:
         """It never comes back to its peak."""
 
-    def rise(self, theta: float, dt: float) -> float:
+    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
         """It never rises."""
         return theta
 
@@ -221,9 +223,9 @@ class Adaptive:
         """The value at rest, 1."""
         return 1.0
 
-    def rise(self, theta: float, dt: float) -> float:
-        """The value after a time dt by the exact sub-flow at mu = 1."""
-        return float(rise(theta, dt / self.rise_time, self.theta_1))
+    def rise(self, theta: np.ndarray, dt: np.ndarray) -> np.ndarray:
+        """Each value after a time dt by the exact sub-flow at mu = 1."""
+        return np.array(_risen()(theta[None], dt[None] / self.rise_time, self.theta_1)).ravel()
 
     @property
     def value(self) -> Graph:
@@ -281,6 +283,13 @@ def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
     gap = 2 * theta_1 - ca.fmax(theta, theta_1)
     above = 2 * theta_1 - gap / (1 + gap * (s - room))
     return ca.if_else(ca.logic_and(s <= room, theta <= theta_1), below, above)
+
+
+@cache
+def _risen() -> Any:
+    """`rise` of numbers."""
+    arguments = [ca.SX.sym(name) for name in ("theta", "s", "theta_1")]
+    return ca.Function("rise", arguments, [rise(*arguments)])
 
 
 def _theta_field(initial: float, peak: float) -> Field:

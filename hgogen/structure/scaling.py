@@ -58,9 +58,9 @@ class Scaling:
         exponent = self._exponents[output]
         return power(theta, -exponent) / R if exponent < 0 else 1 / (R * power(theta, exponent))
 
-    def variances(self, R: np.ndarray, theta: float) -> np.ndarray:
-        """The diagonal R_theta (p) as numbers."""
-        return np.asarray([self.variance(r, theta, j) for j, r in enumerate(R)])
+    def variances(self, R: np.ndarray, theta: float | np.ndarray) -> np.ndarray:
+        """The diagonal R_theta (p) as numbers, or (d, p) of several theta (d)."""
+        return np.stack(np.broadcast_arrays(*(self.variance(r, theta, j) for j, r in enumerate(R))), axis=-1)
 
     @property
     def _exponents(self) -> tuple[int, ...]:
