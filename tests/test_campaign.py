@@ -1,11 +1,11 @@
 """Campaigns: what varies and how, the same numbers whoever computes them, results that a stopped campaign goes on from,
 quantiles and the run that repeats the worst."""
 
+import contextlib
 import json
 import math
 import os
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Iterable
@@ -19,8 +19,10 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import MODELS
+from typer.testing import CliRunner, Result
 
 import hgogen as hg
+from hgogen import cli
 from hgogen import trial as trial_module
 from hgogen.calling.marched import March
 from hgogen.model import load
@@ -228,7 +230,7 @@ def test_a_campaign_without_any_truth_is_an_error(tmp_path: Path) -> None:
         "trial = {duration = 1, start = {x = 1}}\n"
     )
     done = hgogen(tmp_path, "simulate", "gone.toml", "--runs", "3", "--vary", "a=1.5..2.5", "--jobs", "1")
-    assert done.returncode == 2
+    assert done.exit_code == 2
     assert "3 of 3 runs without a truth" in done.stderr
     assert "leaves no run whose plant can be integrated; vary less, or shorten the trial" in done.stderr
 
@@ -427,9 +429,9 @@ def test_runs_are_told_in_any_order_and_once() -> None:
 # --- the command ------------------------------------------------------------------------------------------------
 
 
-def hgogen(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hgogen", *words]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env={**os.environ})
+def hgogen(folder: Path, *words: str) -> Result:
+    with contextlib.chdir(folder):
+        return CliRunner().invoke(cli.app, list(words))
 
 
 def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
@@ -453,7 +455,7 @@ def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
     assert alone["run"]["run"] == worst["run"]
     assert alone["run"]["metrics"]["responses"][0]["settled"] == worst["worst"]
     other = hgogen(tmp_path, *words[:-1], *folder, "--draw", "3")
-    assert other.returncode == 2
+    assert other.exit_code == 2
     assert "holds the results of another campaign" in other.stderr
     assert file.read_text().splitlines(keepends=True) == after
 
@@ -479,7 +481,7 @@ def test_a_truth_is_ended_by_ctrl_c_and_not_taken_for_a_failure() -> None:
 def test_observers_are_compared_on_the_same_draws(tmp_path: Path) -> None:
     words = ("compare", str(MODELS / "pendulum.py"), "--observers", "high_gain,riccati", "--vary", "x0=0.1,noise=50%")
     done = hgogen(tmp_path, *words, "--runs", "4", "--jobs", "1")
-    assert done.returncode == 0, done.stderr
+    assert done.exit_code == 0, done.stderr
     assert "high_gain, trial knock, 4 runs" in done.stdout
     assert "riccati, trial knock, 4 runs" in done.stdout
     assert not (tmp_path / "build").exists()
@@ -497,7 +499,7 @@ def test_observers_are_compared_on_the_same_draws(tmp_path: Path) -> None:
 )
 def test_bad_options_are_sentences(tmp_path: Path, options: tuple[str, ...], sentence: str) -> None:
     done = hgogen(tmp_path, "simulate", str(MODELS / "pendulum.py"), *options)
-    assert done.returncode == 2
+    assert done.exit_code == 2
     assert sentence in " ".join(done.stderr.replace("│", " ").split())
     assert not list(tmp_path.iterdir())
 

@@ -5,8 +5,11 @@ the same bits, so they may take turns at any sample.
 """
 
 import ctypes
+import operator
 from collections.abc import Mapping
-from functools import cached_property, partial
+from dataclasses import dataclass
+from dataclasses import fields as fields_of
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -79,8 +82,7 @@ class Kept:
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
-        step, real = self._step, self._real
-        return native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
+        return _library(_Program(self._step, self._real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
         """The C function of each entry, of one address, which a thread finishes before another has its turn."""
@@ -100,3 +102,30 @@ class Kept:
         pointers = [ctypes.c_void_p(self.record[part].ctypes.data) for part in ("state", "params")]
         call = getattr(self._library, f"{step.name}_record")
         call(*pointers, ctypes.c_size_t(len(arrays[1])), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """A step in a precision; equal are those that are made of the very same parts, as steps that were remembered."""
+
+    step: Step
+    real: Real
+
+    @cached_property
+    def _parts(self) -> list[object]:
+        return [getattr(self.step, each.name) for each in fields_of(Step)]
+
+    def __hash__(self) -> int:
+        return hash((self.real, *map(id, self._parts)))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _Program):
+            return NotImplemented
+        return self.real == other.real and all(map(operator.is_, self._parts, other._parts))
+
+
+@lru_cache(maxsize=32)
+def _library(program: _Program, _: str | None) -> ctypes.CDLL:
+    """Its C, which is written once for a compiler."""
+    step, real = program.step, program.real
+    return native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
