@@ -515,11 +515,9 @@ def _constant(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], the
         [[float(i == k) for i in range(len(blocks))] for k, size in enumerate(blocks) for _ in range(size)]
     )
     P = floats(evidence["P"])
+    parsed = [[sp.sympify(text) for text in texts] for texts in (content["observer"]["gains"], evidence["scale"])]
     for at, A, C, J in samples(content):
-        K, S = (
-            np.array([float(sp.sympify(text).subs(at)) for text in texts])
-            for texts in (content["observer"]["gains"], evidence["scale"])
-        )
+        K, S = (np.array([float(entry.subs(at)) for entry in entries]) for entries in parsed)
         T = S * theta ** -power_of_error.astype(float)
         M = A - (theta**power * K)[:, None] * (chain @ C) + J
         M = T[:, None] * M / T
@@ -551,9 +549,10 @@ def _linear(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], theta
     index, power, fed, read = layout(n)
     P, units, draw = floats(evidence["P"]), floats(evidence["units"]), np.random.default_rng(5)
     T = units[index] / theta ** np.array(power, dtype=float)
+    parsed = [sp.sympify(text) for text in evidence["scale"]]
     for J, scale in slopes(content):
-        for text, s, u in zip(evidence["scale"], scale, units, strict=True):
-            if not sp.sympify(text).free_symbols and not np.isclose(float(sp.sympify(text)), s * u):
+        for stated, s, u in zip(parsed, scale, units, strict=True):
+            if not stated.free_symbols and not np.isclose(float(stated), s * u):
                 return "the scale is another"
         G = np.array([[float(enters and i == k) for k in range(n)] for i, enters in zip(index, fed, strict=True)])
         if np.linalg.norm(P @ G, 2) > floats(evidence["push"]) * (1 + 1e-12):

@@ -23,7 +23,7 @@ from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId, Verdict
 from hgogen.emit.pygraph import DTYPE, evaluated
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.one_sided import one_sided
+from hgogen.intervals.one_sided import computed, one_sided
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.recheck.verification import recheck
@@ -523,3 +523,57 @@ def test_of_kinks_at_one_place_a_program_takes_one_side(expression: sp.Expr, rea
     assert (claim.verdict, str(claim.reason)) == (Verdict.PROVED, "it is at least 1")
     for v in (-1.5, -0.5, -1e-6, 0, 1e-20, 1e-6, 0.5, 0.7):
         assert float(slope([[DTYPE[real](0), DTYPE[real](v)]])[0][0]) == 1
+
+
+# --- norms ------------------------------------------------------------------------------------------------------
+
+
+def drag() -> hg.System:
+    """A mass in a plane under quadratic drag, whose position is measured."""
+    p, q, v, w = (hg.Signal(name, low=-50, high=50) for name in ("p", "q", "v", "w"))
+    forces = tuple(hg.Signal(name, low=-5, high=5) for name in ("f", "g"))
+    size = sp.sqrt(v**2 + w**2)
+    flow = [v, w, forces[0] - size * v / 10, forces[1] - size * w / 10]
+    outputs = (hg.Signal("a"), hg.Signal("b"))
+    return hg.System("drag", states=(p, q, v, w), inputs=forces, outputs=outputs, flow=flow, output=[p, q])
+
+
+@pytest.mark.parametrize("engine", ["c", "python"])
+def test_a_filter_at_rest_takes_a_norm_that_is_zero_there(engine: Any) -> None:
+    """d|v|/dv would be 0/0: the estimate begins at rest and stays there, then the mass moves."""
+    observer = hg.observers.riccati(forms.original(drag()), Q=[0.01] * 4, R=[0.01, 0.01])
+    step = hg.sample(observer, dt=0.01, engine=engine)
+    u, x, truth = np.zeros((300, 2)), np.zeros(4), []
+    u[100:] = 1.0, 0.5
+    for force in u:
+        truth.append(x)
+        for _ in range(10):
+            x = x + 1e-3 * np.r_[x[2:], force - 0.1 * np.hypot(*x[2:]) * x[2:]]
+    run = step.run(u, np.array(truth)[:, :2])
+    assert not run.status.any()
+    assert run.x[99].tolist() == [0.0] * 4
+    assert np.abs(run.x[-1] - truth[-1]).max() < 2e-3  # the truth is Euler's, of which v is off by .1 v^2/2 h = 2e-4
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2))
+def test_a_norm_keeps_its_value_and_its_slope(at: list[float]) -> None:
+    """But within 2^-60 of zero, where the slope is 0, as one of the directions' hull is."""
+    v, w = hg.Signal("v", low=-1e3, high=1e3), hg.Signal("w", low=-1e3, high=1e3)
+    y = hg.Signal("y")
+    system = hg.System("norm", states=(v, w), outputs=(y,), flow=[sp.sqrt(v**2 + w**2), w], output=[v])
+    dynamics, size = Dynamics(forms.original(system)), float(np.sqrt(at[0] ** 2 + at[1] ** 2))
+    z, none = ca.SX.sym("z", 2), ca.SX(0, 1)
+    value, slopes = ca.Function("f", [z], [dynamics.flow(z, none)[0], dynamics.jacobian(z, none)[0, :]])(at)
+    assert float(value) == max(size, 2.0**-60)
+    wanted = np.array(at) / size if size > 2.0**-60 else np.zeros(2)
+    assert np.abs(np.array(slopes.full()).ravel() - wanted).max() <= 4e-16
+
+
+def test_a_root_that_is_no_norm_keeps_its_own_slope() -> None:
+    """sqrt(v) has none at 0, 1/|v| no value, and sqrt(v^2 + 1) needs no help."""
+    v, w = sp.symbols("v w", real=True)
+    ends = {v: ONE, w: ONE}
+    for row in (sp.sqrt(v), 1 / sp.sqrt(v**2 + w**2), sp.sqrt(v**2 + 1), sp.Abs(v)):
+        assert computed(row, ends) == row
+    assert computed(sp.sqrt(v**2 + w**2), ends) == sp.sqrt(sp.Max(v**2 + w**2, sp.Rational(1, 2**120)))
+    assert computed(sp.sqrt(sp.expand((v - w) ** 2)), ends) == sp.Abs(v - w)

@@ -111,6 +111,17 @@ def bent(row: sp.Expr) -> sp.Expr:
     return over_reals(lambda e, _: _bent(e), row)
 
 
+def off_zero(e: sp.Expr, least: sp.Rational) -> sp.Expr:
+    """The expression with sqrt(e_1^2 + .. + e_k^2) as the root of no less than a number: its derivative as
+    programs have it, e_i e_i' over it, is then 0 where all e_i are 0, and no 0/0."""
+    return e.replace(_vanishes, lambda node: sp.Max(node.base, least) ** node.exp)
+
+
+def _vanishes(node: sp.Expr) -> bool:
+    """Whether it is a root of a sum of squares, which may be 0."""
+    return isinstance(node, sp.Pow) and _rooted(node) and node.exp.is_positive and _squares(node.base) is not None
+
+
 def at_kinks(derivative: sp.Expr) -> sp.Expr:
     """What SymPy found as the derivative of something continuous, its sign and step at 0 as the sets that they are."""
     steps = derivative.replace(sp.Heaviside, lambda e, *_: (1 + Direction(sp.S.Zero, e)) / 2)

@@ -11,7 +11,7 @@ from functools import lru_cache
 import sympy as sp
 
 from hgogen.algebra.cells import Cells
-from hgogen.algebra.kinks import Norm, bent, signed
+from hgogen.algebra.kinks import Norm, bent, off_zero, signed
 from hgogen.algebra.shared import shared
 from hgogen.algebra.tabulated import Table, applied, replaced
 from hgogen.algebra.tape import NoTape
@@ -25,6 +25,7 @@ from hgogen.intervals.taken import between
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
 _OPERATIONS = 200  # of an argument whose side is asked for
 _BOXES = 60
+_LEAST = sp.Rational(1, 2**120)  # of a sum of squares whose root is computed: a number in float as well, of root 2^-60
 
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
@@ -63,8 +64,8 @@ def _within(node: Table, box: Box) -> sp.Expr:
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
     """The expression as programs compute it on the box, whose arguments are clamped to it: `one_sided`, so that a slope
-    at an end of the box is that within, tables that go on where the box leaves them by rounding alone as well, and
-    kinks at one place with one side."""
+    at an end of the box is that within, tables that go on where the box leaves them by rounding alone as well,
+    kinks at one place with one side, and norms with a slope where they are 0."""
     return _computed(expression, tuple(box.items())) if _bends(expression) else expression
 
 
@@ -75,7 +76,7 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
     def cells(node: Table) -> Cells:
         return between(node, [one_sided(part, box) for part in node.args], box, program=True)
 
-    return shared(one_sided(replaced(expression, cells), box))
+    return off_zero(shared(one_sided(replaced(expression, cells), box)), _LEAST)
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
