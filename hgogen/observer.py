@@ -177,7 +177,7 @@ def _comparable(value: Any) -> Any:
             return "mapping", tuple((name, _comparable(entry)) for name, entry in value.items())
         case list() | tuple():
             return type(value), tuple(map(_comparable, value))
-        case np.ndarray():
+        case np.ndarray() if not isinstance(value, np.ma.MaskedArray):
             return value.shape, value.dtype.str, value.tobytes()
         case bool() | int() | float() | np.generic():
             return type(value), repr(value)

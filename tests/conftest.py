@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 import pytest
+from forgetful import forget, know
 from hypothesis import HealthCheck, settings
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each process that a test starts would compile the whole package
@@ -27,6 +28,17 @@ def interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.fixture(autouse=True)
+def remembered(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A test that patches the package gets nothing that was made before, and leaves nothing that it made."""
+    patches = "monkeypatch" in request.fixturenames
+    if patches:
+        forget()
+    yield
+    if patches:
+        forget()
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--every", type=int, default=1, metavar="K", help="run every K-th test of each file")
 
@@ -43,5 +55,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_collection_finish() -> None:
     """Graphs and expressions are many small objects, most of them alive to the end: a collection for every 700 new
     ones takes a twelfth of the run, and what is imported by now is never garbage."""
+    know()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)

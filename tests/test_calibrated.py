@@ -17,6 +17,7 @@ from hgogen.calibration.judged import Judged
 from hgogen.calibration.likelihood import Likelihood, Noise
 from hgogen.calibration.tuned import Tuned
 from hgogen.calibration.verdicts import verdicts
+from hgogen.identification.records import Log
 from hgogen.modelfiles.first import First
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.tunings import read
@@ -95,10 +96,10 @@ def tuned(**over: Any) -> Tuned:
 def test_an_adaptive_theta_adds_the_errors_that_it_makes() -> None:
     """By segment, to those cross-validated of the filter: what it makes more than the filter does."""
     traces = SimpleNamespace(traces={"innovation": np.ones(20)})
-    step = SimpleNamespace(reset=lambda: None, run=lambda **record: traces)
+    step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda: None, run=lambda **record: traces)
     task: Any = SimpleNamespace(
         dt=DT,
-        records=(SimpleNamespace(u=None, y=None),),
+        records=(Log(np.zeros((20, 1)), np.zeros((20, 1)), DT),),
         each=lambda name: None,
         step=lambda name, form, gains: step,
         judge=SimpleNamespace(engine="python", errors=lambda each: np.array([1, 3] if each == "plain" else [2.0, 2.5])),
@@ -111,9 +112,10 @@ def test_an_adaptive_theta_adds_the_errors_that_it_makes() -> None:
 def test_the_innovations_of_the_rows_held_out_are_all_counted() -> None:
     """The first innovation is that of row 1: of 10 rows held out from row 4, those of rows 4 to 9."""
     rows = np.arange(1.0, 10.0)[:, None]
-    likelihood = SimpleNamespace(innovations=lambda noise, record: (rows, np.full_like(rows, 2.0)))
+    form = SimpleNamespace(system=SimpleNamespace(inputs=()))
+    likelihood = SimpleNamespace(form=form, innovations=lambda noise, record: (rows, np.full_like(rows, 2.0)))
     one = tuned(noise=Noise({}, {"y": 1.0}, 0.0, True), likelihood=likelihood)
-    record: Any = None
+    record = Log(np.zeros((10, 0)), np.zeros((10, 1)), DT)
     assert one.innovations([(record, 4)])["y"] == pytest.approx(rows[3:, 0] / np.sqrt(2))
     assert one.innovations([(record, 0)])["y"] == pytest.approx(rows[:, 0] / np.sqrt(2))
 

@@ -11,6 +11,7 @@ from typing import Any
 import neuron
 import numpy as np
 import pytest
+from forgetful import forget
 from native_step import NativeStep
 from oracle import fitzhugh_nagumo as oracle
 
@@ -51,7 +52,10 @@ def forced(monkeypatch: pytest.MonkeyPatch, theta: float, how: Any, dt: float, *
     with monkeypatch.context() as patch:
         patch.setattr(recovery, "patience", lambda *_: 1e5)
         patch.setattr(method, "covariance_limits", lambda *_: [Limit(np.inf, "")])
-        return neuron.step(float(theta), how, dt, **options)
+        forget()
+        step = neuron.step(float(theta), how, dt, **options)
+    forget()
+    return step
 
 
 def survives(step: Any, real: Any = None, duration: float = 30.0) -> bool:

@@ -1,0 +1,20 @@
+"""What the package remembers of observers and steps, forgotten: for tests that patch what makes them."""
+
+import functools
+import gc
+from typing import Any
+
+MAKERS = ("hgogen.observer", "hgogen.step", "hgogen.calling.readers")
+_REMEMBERED: list[Any] = []
+
+
+def know() -> None:
+    """Take note of what is imported by now; what is frozen then is seen by nobody."""
+    caches = (each for each in gc.get_objects() if isinstance(each, functools._lru_cache_wrapper))
+    _REMEMBERED.extend(each for each in caches if each.__module__ in MAKERS)
+
+
+def forget() -> None:
+    """Have all made anew."""
+    for cache in _REMEMBERED:
+        cache.cache_clear()
