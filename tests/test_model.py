@@ -46,6 +46,27 @@ def test_a_bare_name_and_the_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             load(meant)
 
 
+def test_a_file_that_declares_no_plant_is_not_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Of what hgogen writes as JSON; a model with a fault in it is, since loading it tells the fault."""
+    monkeypatch.chdir(tmp_path)
+    written = tmp_path / "build" / "pendulum"
+    written.mkdir(parents=True)
+    for name, text in (("cost.json", '{"model": "pendulum"}'), ("tuned.json", '{"tuning": {"a": {}}}')):
+        model(written, text, name)
+    model(written, '[project]\nname = "thing"\n', "pyproject.toml")
+    assert listed(written) == ()
+    with pytest.raises(NoModel, match=r"build/pendulum: is a folder, not a model file; did you mean pendulum\?$"):
+        load("build/pendulum")
+    assert load("pendulum").name == "pendulum"
+    model(written, '{"name": "s", "states": {"x": {"flow": "-x"}}, "outputs": {"y": {"equation": "x"}}}', "s.json")
+    model(written, '{"name": "s", "states": {', "open.json")
+    with pytest.raises(NoModel, match=r"the models here are \S*open\.json, \S*s\.json$"):
+        load("build/pendulum")
+    model(written.parent, "[1, 2]", "costs.json")
+    with pytest.raises(NoModel, match=r"build/cost\.json: there is no such model file; give the path"):
+        load("build/cost.json")
+
+
 def test_two_files_of_one_name_are_two_models(tmp_path: Path):
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()

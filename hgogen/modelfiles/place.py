@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hgogen.errors import HgogenError, nearest
-from hgogen.reading.languages import READERS
+from hgogen.reading.languages import READERS, declares
 
 FOLDER = Path("models")
 PYTHON = ".py"
@@ -58,21 +58,29 @@ def located(model: str) -> Path:
         if path.suffix not in SUFFIXES:
             raise NoModel(model, f"is no model file ({', '.join(SUFFIXES)})", listed())
         return path
-    named = [file for suffix in SUFFIXES if (file := FOLDER / f"{model}{suffix}").is_file()]
-    if model.isidentifier() and named:
+    if named := _here(model):
         if len(named) > 1:
             raise NoModel(
                 model, f"the name is that of {len(named)} files; give the path of one", tuple(map(str, named))
             )
         return named[0]
     if path.is_dir():
-        raise NoModel(model, "is a folder, not a model file", listed(path) or listed())
+        inside = listed(path)
+        guess = f"did you mean {path.name}?" if not inside and (_here(path.name) or path.name in shipped()) else ""
+        raise NoModel(model, "is a folder, not a model file", inside or listed(), guess)
     if model in (ours := shipped()):
         return ours[model]
     guess = nearest(model, (*ours, *map(str, _models(path.parent))), "")
     raise NoModel(model, "there is no such model file", listed(), guess)
 
 
+def _here(name: str) -> list[Path]:
+    """The files of a bare name in the folder `models` here."""
+    files = (FOLDER / f"{name}{suffix}" for suffix in SUFFIXES)
+    return [file for file in files if name.isidentifier() and file.is_file()]
+
+
 def _models(folder: Path) -> Iterator[Path]:
+    """The model files in a folder, without what hgogen itself writes as JSON beside them."""
     files = (path for path in folder.glob("*") if path.suffix in SUFFIXES and path.is_file())
-    return (path for path in files if not path.name.startswith("_"))
+    return (path for path in files if not path.name.startswith("_") and (path.suffix == PYTHON or declares(path)))

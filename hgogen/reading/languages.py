@@ -3,7 +3,11 @@
 import json
 import tomllib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+BYTES = 4_000_000  # of one model
+SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a model declares its plant
 
 
 def _toml(text: str) -> Any:
@@ -27,3 +31,14 @@ def _no_constant(name: str) -> None:
 
 
 READERS: dict[str, Callable[[str], Any]] = {".toml": _toml, ".json": _json}
+
+
+def declares(path: Path) -> bool:
+    """Whether a file declares a plant, as far as it can be read: one with a fault in it may be meant to."""
+    if path.stat().st_size > BYTES:
+        return False
+    try:
+        table = READERS[path.suffix](path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
+        return True
+    return isinstance(table, dict) and any(isinstance(table.get(kind), dict) for kind in SIGNALS)

@@ -40,12 +40,11 @@ from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
-from hgogen.reading.languages import READERS
+from hgogen.reading.languages import BYTES, READERS
 from hgogen.reading.table import cells_of
 from hgogen.signal import Signal
 from hgogen.system import System
 
-BYTES = 4_000_000  # of one file
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
 NUMBERS, ROWS = "a list of numbers", "a list of lists of numbers"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
