@@ -17,7 +17,7 @@ from hgogen.call import CallableStep
 from hgogen.cli import app
 from hgogen.commands import tables
 from hgogen.emit.cost import cost
-from hgogen.model import load
+from hgogen.model import MissingPart, Model, load
 from hgogen.program import Block, Kernel, Loop, Place, Statement, When, sym
 from hgogen.step import Step
 from hgogen.trial import Jump, Trajectory, Trial, Truth, try_out
@@ -250,6 +250,52 @@ def test_what_cannot_be_compared_is_a_sentence(names: str, said: str, tmp_path: 
     assert refused.exit_code == 2
     assert said in refused.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_one_that_is_refused_does_not_stop_the_others(tmp_path: Path) -> None:
+    """At its own period, or at the shortest; and where all are, the first refusal is the error."""
+    text = (ROOT / "models" / "hyperjerk.py").read_text()
+    path = tmp_path / "hyperjerk.py"
+    path.write_text(
+        text.replace('"low_power": {"theta": 4}', '"low_power": {"theta": -4}, "bad": {"kind": "high_gain"}')
+    )
+    arguments = ["compare", str(path), "-o", str(tmp_path), "--observers"]
+    done = CliRunner().invoke(app, [*arguments, "low_power,high_gain,bad", "--seeds", "1", "--json"])
+    assert done.exit_code == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert [one["name"] for one in answer["trials"][0]["observers"]] == ["high_gain"]
+    assert {name: reason.partition("theta")[1] for name, reason in answer["refused"].items()} == {
+        "low_power": "theta",
+        "bad": "theta",
+    }
+    shown = " ".join(CliRunner().invoke(app, [*arguments, "low_power,high_gain", "--seeds", "1"]).stdout.split())
+    assert "refused, and not compared" in shown
+    runs = CliRunner().invoke(app, [*arguments, "low_power,high_gain", "--runs", "2", "--jobs", "1", "--json"])
+    assert list(json.loads(runs.stdout)["refused"]) == ["low_power"]
+    alone = CliRunner().invoke(app, [*arguments, "low_power,bad"])
+    assert alone.exit_code == 2
+    first, second = alone.stderr.split("hgogen: ")[1:]
+    assert first.startswith("bad is refused as well: ")
+    assert second.strip() == answer["refused"]["low_power"]
+
+
+def test_one_that_is_refused_at_the_shortest_period_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / "models" / "hyperjerk.py").read_text()
+    path, made = tmp_path / "hyperjerk.py", Model.step
+    path.write_text(text.replace('"low_power": {"theta": 4}', '"low_power": {"theta": 4, "dt": 2e-3}'))
+
+    def only_at_its_own(model: Model, observer: str | None, dt: float | None, *rest: Any) -> CallableStep:
+        if dt is not None:
+            raise MissingPart(model.path, "tuning", "too short")
+        return made(model, observer, dt, *rest)
+
+    monkeypatch.setattr(Model, "step", only_at_its_own)
+    arguments = ["compare", str(path), "--observers", "high_gain,low_power", "--seeds", "1", "-o", str(tmp_path)]
+    answer = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+    assert [one["name"] for one in answer["trials"][0]["observers"]] == ["high_gain"]
+    assert answer["refused"] == {"low_power": f"{path}: too short"}
 
 
 def test_all_are_sampled_at_the_shortest_period(tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """The command `compare`: several observers of one model over its trials, on the same noise."""
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
 
+from hgogen import observers as every
 from hgogen.call import CallableStep
-from hgogen.commands import jobs, tables
+from hgogen.commands import jobs, log_tables, tables
 from hgogen.commands.campaigning import campaigns
 from hgogen.commands.command import (
     NO_RUNS,
@@ -26,6 +28,7 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.process import note
+from hgogen.errors import HgogenError
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
@@ -54,7 +57,8 @@ def compare_(
 ) -> None:
     """Try several observers of a model on its trials, each on the same noise, at the same sampling period, the shortest
     of theirs, and from the same estimate of the plant's state, the trial's `estimate`, else the nominal values; print
-    convergence, steady error, peaking and cost side by side, and draw the errors.
+    convergence, steady error, peaking and cost side by side, and draw the errors. One that is refused is named with the
+    reason, and the others are compared.
 
     Settled: the median of the seeds. Steady: over the trial's own steady part, else its last tenth, the median of the
     seeds. Peaking: how far the error rises above what it is at the start or at a jump, of all seeds, over the state's
@@ -64,7 +68,8 @@ def compare_(
     start: the states that all observers and that the plant begin with, left: as in `simulate`,
     observers: a list of name, observer, method,
     settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
-    in float), files; of a campaign, with --vary or --runs, model, dt, engine, campaigns (as in `simulate`).
+    in float), refused (why, by observer), files; of a campaign, with --vary or --runs, model, dt, engine, campaigns (as
+    in `simulate`), refused.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -72,17 +77,23 @@ def compare_(
     chosen, engine = one_or_all(jobs.trials(loaded), trial), engine_here(reader)
     if not asked:
         folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
-    steps = {one.name: _started(loaded, names, one) for one in chosen}
+    steps, refused = _started(loaded, names, chosen)
+    names = _admitted(names, refused)
     first = steps[chosen[0].name]
     unit, dt = loaded.plant.time, min(step.dt for step in first.values())
     longer = [name for name, step in first.items() if step.dt > dt]
     if longer:
         note(f"all sampled at dt = {dt:g} {unit}, the shortest; {', '.join(longer)} would be sampled more slowly")
-        for one in chosen:
-            steps[one.name] |= _started(loaded, longer, one, dt)
+        again, slow = _started(loaded, longer, chosen, dt)
+        refused |= slow
+        names = _admitted(names, slow)
+        steps = {trial: {name: (each | again[trial])[name] for name in names} for trial, each in steps.items()}
+    reasons = {name: str(error) for name, error in refused.items()}
+    without = log_tables.without(reasons, "refused, and not compared")
     if asked:
         rows, tables_ = campaigns(lambda one: steps[one.name], chosen, engine, asked, seeds)
-        show(as_json, {"model": loaded.path, "dt": dt, "engine": engine, "campaigns": rows}, *tables_)
+        campaign = {"model": loaded.path, "dt": dt, "engine": engine, "campaigns": rows, "refused": reasons}
+        show(as_json, campaign, *tables_, *without)
         return
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
     tried: list[tuple[Trial, list[Measured]]] = []
@@ -107,14 +118,37 @@ def compare_(
         "dt": dt,
         "engine": engine,
         "trials": [_row(loaded.plant, one, len(counts[one.name]), each) for one, each in tried],
+        "refused": reasons,
         "files": [str(path) for path in paths],
     }
-    show(as_json, report, *shown, file_list(paths))
+    show(as_json, report, *shown, *without, file_list(paths))
 
 
-def _started(model: Model, names: list[str], trial: Trial, dt: float | None = None) -> dict[str, CallableStep]:
-    """The steps of tunings, all from the first estimate of a trial."""
-    return {name: model.step(name, dt, trial.first_estimate) for name in names}
+def _started(
+    model: Model, names: list[str], trials: Sequence[Trial], dt: float | None = None
+) -> tuple[dict[str, dict[str, CallableStep]], dict[str, HgogenError]]:
+    """Of each trial the steps of tunings, all from its first estimate; and why the others are refused."""
+    steps: dict[str, dict[str, CallableStep]] = {one.name: {} for one in trials}
+    refused: dict[str, HgogenError] = {}
+    for name in names:
+        try:
+            made = {one.name: model.step(name, dt, one.first_estimate) for one in trials}
+        except HgogenError as error:
+            refused[name] = error
+        else:
+            for trial, step in made.items():
+                steps[trial][name] = step
+    return steps, refused
+
+
+def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]:
+    """The names without those that are refused. Raises: `HgogenError` of the first, where all are."""
+    admitted = [name for name in names if name not in refused]
+    if not admitted:
+        first, *others = refused
+        note(*(f"{name} is refused as well: {refused[name]}" for name in others))
+        raise refused[first]
+    return admitted
 
 
 def _note_no_error(plant: System, trial: Trial) -> None:
@@ -146,4 +180,7 @@ def _names(model: Model, asked: str | None) -> list[str]:
     names = list(model.tuning.tables) if asked is None else [name.strip() for name in asked.split(",")]
     if not all(names) or not names:
         raise MissingPart(model.path, "tuning", "there is no observer to compare; give --observers A,B of its tuning")
+    for name in names:
+        if name not in model.tuning.tables and name not in every.__all__:
+            model.tuned(name)  # says what it may have been
     return list(dict.fromkeys(names))

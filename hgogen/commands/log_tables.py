@@ -116,7 +116,7 @@ def tuned(
             nis = ", ".join(f"{each:.2g}" for each in row["nis"].values())
             cost = f"{row['operations']}", f"{row['state']} B"
             worth.add_row(mark, row["name"], row["form"], f"{row['error']:.3g}", nis, *cost, row["known"])
-    return Group(errors, "", worth, "", *map(Text, notes), "", *_without(refused))
+    return Group(errors, "", worth, "", *map(Text, notes), "", *without(refused))
 
 
 def report(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
@@ -210,12 +210,12 @@ def advised(
             mark, row["name"], row["form"], *(_cell(row[key]) for key in ("theta", "certified", "settles", "settled"))
         )
         alone.add_row(mark, row["name"], row["known"], *(_cell(row["noise"].get(state)) for state in states))
-    return Group(table, "", alone, "", *map(Text, notes), "", *_without(refused))
+    return Group(table, "", alone, "", *map(Text, notes), "", *without(refused))
 
 
-def _without(refused: Mapping[str, str]) -> list[RenderableType]:
-    """Why observers have no gains, if any."""
-    table = headed("without gains", "observer", "why")
+def without(refused: Mapping[str, str], title: str = "without gains") -> list[RenderableType]:
+    """Why observers have no gains, or no step, if any."""
+    table = headed(title, "observer", "why")
     for name, reason in refused.items():
         table.add_row(name, Text(reason))
     return [Group(table, "")] if refused else []
