@@ -41,6 +41,7 @@ from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rms
 from hgogen.trials.rejected import MostlyRejected, clamped, rejections
 from hgogen.trials.shifts import better
+from hgogen.trials.spoiled import before_loss, loss
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
@@ -124,14 +125,21 @@ def run_(
     done = step.run(u=u, y=samples, engine=engine)
     counted = _counted(step, burn_in, len(y))
     judge, judged = _judged(step, done, u, y, engine)
-    errors = predictions(judge, judged.since(counted), u[counted:], y[counted:], ahead)
+    there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
+    errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead)
     measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
     sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
     wrong = rejections(judge, judged, u, y, record.operands, engine)
     single = _from_double(step, done, u, samples, engine)
     other = None if wrong else better(judge, u, y, counted, engine)
-    notes = [*clamped(step, u, record.operands), *no_better(errors), *sure.sentences(), *coarse(single, step.time)]
+    notes = [
+        *loss(step, done, record.t, u, y),
+        *clamped(step, u, record.operands),
+        *no_better(errors),
+        *sure.sentences(),
+        *coarse(single, step.time),
+    ]
     notes += too_far(ahead, [one.ahead for one in errors])
     if other:
         notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))

@@ -259,6 +259,8 @@ def _pair(first: float | None, second: float | None) -> str:
 
 def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:
     """How often each status bit was raised, and what it asks for."""
+    if not bits:
+        return Text("status: none, of a step without guards\n")
     raised = [bit for bit in bits if counts.get(bit.name)]
     if not raised:
         return Text(f"status: 0 (ok) in all {samples} samples\n")

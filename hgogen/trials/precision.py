@@ -1,6 +1,8 @@
 """How far a run in float, as small firmware makes it, is from the same run in double.
 
 difference = max over samples of |x_float - x_double|, over the width of the state's range, else over its peak
+
+Samples at which one of them is no number do not count.
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,7 +41,8 @@ def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Dif
     status = int(np.count_nonzero(single.status != double.status))
     each = []
     for signal in states:
-        gap, peak = np.abs(single[signal.name] - double[signal.name]), float(np.abs(double[signal.name]).max())
+        gap, size = np.abs(single[signal.name] - double[signal.name]), np.abs(double[signal.name])
+        gap, peak = np.where(np.isfinite(gap), gap, 0.0), float(size[np.isfinite(size)].max(initial=0.0))
         width = signal.interval[1] - signal.interval[0]
         scale, of = (width, "range") if signal.bounded else (peak, "peak")
         at = int(np.argmax(gap))
