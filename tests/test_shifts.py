@@ -1,6 +1,7 @@
 """Signals taken some samples later or earlier, and the shift or sign that fits a record better."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from hgogen.model import load
 from hgogen.reading.assigned import shifts_of
 from hgogen.reading.log import BadRecord
 from hgogen.reading.measured import shifted
+from hgogen.trial import noisy, simulate
 from hgogen.trials import shifts
 from hgogen.trials.shifts import better
 
@@ -90,6 +92,17 @@ def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch:
     slight = better(step, u, noisy, 0, native.engine())
     assert slight is not None
     assert (slight.shift, slight.error < slight.present) == (1, True)
+
+
+def test_an_estimate_that_settles_does_not_blame_a_signal() -> None:
+    """Of a record that its own plant made: while the estimate settles, another sign of u may predict better by chance,
+    and the first eighth has most of the squared error."""
+    model = load("hindmarsh_rose")
+    bursts, one = model.trials()[0], model.step("riccati")
+    truth = simulate(model.plant, replace(bursts, duration=600 * one.dt), one.dt)
+    (y,) = noisy(model.plant, truth, bursts, (0,))
+    one = one.started(lambda form: {**one.observer.initial, "x": y[0, 0]})
+    assert better(one, truth.u, y, 0, native.engine()) is None
 
 
 def test_shifts_are_read_by_name() -> None:

@@ -2,8 +2,9 @@
 
     J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2,   h = 5
 
+the median of `SEGMENTS` of the record, since what a wrong first estimate makes of the first tells nothing of signals.
 Shifting all signals alike changes nothing, so that the only output of a plant is shifted by its inputs. Another is
-better where J is less by `CLEAR`, and in the mean of `SEGMENTS` by `SIGNIFICANT` standard errors.
+better where sqrt(J) is less than `CLEAR` times what it is, and less in nearly all segments.
 """
 
 import math
@@ -29,7 +30,7 @@ SEGMENTS = 8
 @dataclass(frozen=True)
 class Better:
     """A signal taken `shift` samples later, or with its `sign`, and the RMS errors, over those of copying, with it and
-    as it is."""
+    as it is: those of a segment of the record, the median of all."""
 
     signal: str
     shift: int
@@ -61,11 +62,11 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
     present = _squares(step, u, y, first, scale, engine)
     if not np.isfinite(present).any():
         return None
-    now = math.sqrt(float(np.nanmean(present)))
+    now = _typical(present)
     best: Better | None = None
     for signal, shift, sign, other_u, other_y in _others(step, u, y):
         squares = _squares(step, other_u, other_y, first, scale, engine)
-        error = math.sqrt(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.inf
+        error = _typical(squares)
         if error < CLEAR * now and error < (best.error if best else math.inf) and _steady(present - squares):
             best = Better(signal, shift, sign, error, now)
     return best
@@ -109,7 +110,18 @@ def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, e
     return np.full(len(y), np.nan)
 
 
+def _typical(squares: Array) -> float:
+    """The root of the median of the means (N,) of segments; infinite where nothing was compared."""
+    means = _means(squares)
+    return math.sqrt(float(np.median(means))) if means else math.inf
+
+
+def _means(values: Array) -> list[float]:
+    """The mean of each segment in which there are some."""
+    return [float(np.nanmean(part)) for part in np.array_split(values, SEGMENTS) if np.isfinite(part).any()]
+
+
 def _steady(gain: Array) -> bool:
     """Whether the gain (N,) is above 0 in nearly all segments: by chance it is so in one of 28 records."""
-    means = [float(np.nanmean(part)) for part in np.array_split(gain, SEGMENTS) if np.isfinite(part).any()]
+    means = _means(gain)
     return len(means) > 1 and sum(mean > 0 for mean in means) >= max(2, len(means) - 1)
