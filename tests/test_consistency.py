@@ -306,6 +306,16 @@ def test_run_says_whether_an_observer_is_consistent(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "log_innovations.svg").exists()
 
 
+def test_innovations_of_any_size_are_judged() -> None:
+    """As of a step without guards whose estimate has grown large before it is no number."""
+    e, s = np.random.default_rng(4).standard_normal(100), np.ones(100)
+    for size in (2.0**1020, 2.0**-1000):
+        assert whiteness(e * size) == whiteness(e)
+    large = consistency_module._of_output("y", e * 1e300, s)
+    assert (large.nis, large.outside) == (np.inf, 1.0)
+    assert consistency_module._of_output("y", e * 1e-200, s).nis == 0.0
+
+
 def test_whiteness_is_that_of_innovations_over_their_deviations() -> None:
     e, s = np.random.default_rng(3).normal(size=200), np.linspace(0.1, 9.0, 200)
     assert consistency_module._of_output("y", e, s).whiteness == consistency_module.whiteness(e / np.sqrt(s))

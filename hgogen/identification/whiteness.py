@@ -52,6 +52,7 @@ def whiteness(e: Array) -> Whiteness | None:
 
 def correlations(e: Array, lags: int) -> Array | None:
     """The first autocorrelations of a sequence (N,), N - 1 at most; None where it stands still."""
+    e = np.ldexp(e, -np.frexp(np.abs(e).max(initial=0.0))[1])  # exactly so, and without squares that overflow
     centred = e - e.mean() if len(e) else e
     power = float(centred @ centred)
     if not power > 0:

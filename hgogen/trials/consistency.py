@@ -89,7 +89,9 @@ def _of_output(name: str, e: Array, s: Array | None) -> OfOutput:
         return OfOutput(name, count, size, None, None, None, whiteness(e))
     normed = e / np.sqrt(s[there])
     band = (quantile(0.025, count) / count, quantile(0.975, count) / count)
-    return OfOutput(name, count, size, rms(normed) ** 2, band, float(np.mean(abs(normed) > 2)), whiteness(normed))
+    root = rms(normed)
+    nis = root * root  # which is infinite, and not an error, where it is too large
+    return OfOutput(name, count, size, nis, band, float(np.mean(abs(normed) > 2)), whiteness(normed))
 
 
 def _of_states(run: Run, truth: Mapping[str, Array]) -> OfStates | None:
