@@ -651,6 +651,16 @@ def test_records_are_demanded() -> None:
         hg.tune(PLANT, log(8, 5)[0])
 
 
+def test_a_record_in_another_unit_is_not_too_short() -> None:
+    record, _ = log(5, 400)
+    said = (
+        r"record 1 has 400 samples of y, of which 400 would be rejected: they lie about 2\d\d\.?\d*\.\.2\d\d\.?\d*, "
+        r"and the model reads -5\.\.5; check column, unit and sign, or widen the range of y"
+    )
+    with pytest.raises(BadLog, match=said):
+        hg.tune(PLANT, hg.Log(record.u, np.array(record.y) + 273.15, DT), observers=["riccati"])
+
+
 def test_periods_of_one_grid_may_differ_by_rounding() -> None:
     """As typical times between the rows of two logs do."""
     first, second = log(8, 100)[0], log(9, 100)[0]

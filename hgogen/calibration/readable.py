@@ -3,7 +3,7 @@
 import numpy as np
 
 from hgogen import forms
-from hgogen.identification.records import Log, demanded
+from hgogen.identification.records import LEAST, BadLog, Log, demanded
 from hgogen.stepping.guards import readings
 from hgogen.structure.dynamics import HUGE
 from hgogen.system import System
@@ -17,4 +17,17 @@ def readable(plant: System, record: Log, number: int) -> Log:
     low, high = np.maximum(ranges[:, 0] - width, -HUGE), np.minimum(ranges[:, 1] + width, HUGE)
     there = demanded(plant, record, number)
     y = np.where((there.y >= low) & (there.y <= high), there.y, np.nan)
-    return demanded(plant, Log(there.u, y, there.dt), number)
+    for signal, ends, read, column in zip(plant.outputs, ranges, y.T, there.y.T, strict=True):
+        if np.isfinite(read).sum() < LEAST:
+            raise BadLog(f"record {number}", _unreadable(signal.name, ends, read, column[np.isfinite(column)]))
+    return Log(there.u, y, there.dt)
+
+
+def _unreadable(name: str, ends: np.ndarray, read: np.ndarray, values: np.ndarray) -> str:
+    """Why too few of the `values` of an output can be read, those of them that are in `read` (N,)."""
+    said = f"has {len(values)} samples of {name}, of which"
+    lost, (least, most) = len(values) - int(np.isfinite(read).sum()), np.quantile(values, (0.05, 0.95))
+    return (
+        f"{said} {lost} would be rejected: they lie about {least:.4g}..{most:.4g}, "
+        f"and the model reads {ends[0]:g}..{ends[1]:g}; check column, unit and sign, or widen the range of {name}"
+    )
