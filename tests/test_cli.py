@@ -384,6 +384,14 @@ def test_run(here: Path):
     assert float(rows[-1]["y"]) == pytest.approx(np.cos(9.99))
 
 
+@pytest.mark.parametrize("command", ["run", "tune"])
+def test_a_truth_that_is_empty_is_given_by_its_option(here: Path, command: str):
+    rows = (here / "log.csv").read_text().splitlines()
+    (here / "log.csv").write_text("\n".join([f"{rows[0]},empty", *(f"{row}," for row in rows[1:])]))
+    _, err = hgogen(command, "neuron", *LOG, "--time", "time", "--truth", "x2=empty", status=2)
+    assert "the column 'empty' holds no number for truth of x2; say --truth x2=COLUMN" in err
+
+
 def test_run_compares_with_what_the_observer_took(here: Path):
     """A spike that it rejected is in no prediction error, and is counted."""
     lines = (here / "log.csv").read_text().splitlines()

@@ -42,6 +42,7 @@ from hgogen.commands.logs import (
     names_in,
     too_far,
     truth_of,
+    truth_options,
 )
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
@@ -113,7 +114,6 @@ def tune_(
         raise typer.BadParameter(
             "truth is asked for and there is none; add --truth STATE=COLUMN", param_hint="--tune-on"
         )
-    options = {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
     beside = dict(true.values())
     logs = logs_of(
         plant,
@@ -125,7 +125,7 @@ def tune_(
         pairs=map_,
         shift=shift,
         beside=beside,
-        options=options,
+        options=truth_options(true),
         window=WINDOWS[between.value],
     )
     measured = [{state: columns[name] for state, (name, _) in true.items()} for columns in logs.columns(list(beside))]

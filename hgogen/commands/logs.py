@@ -125,6 +125,11 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
     return _once(columns, "--truth")
 
 
+def truth_options(true: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """What gives the column of each truth, by its name among the signals."""
+    return {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
+
+
 def truth_name(state: str) -> str:
     """What the column of a state's truth is called among the signals."""
     return f"truth of {state}"

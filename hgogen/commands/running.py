@@ -26,14 +26,14 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.headed import file_list
-from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of
+from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of, truth_options
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.differences import derived
 from hgogen.reading.filename import fault
-from hgogen.reading.measured import Record, read
+from hgogen.reading.measured import COMMAND, Record, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
@@ -113,7 +113,7 @@ def run_(
     folder.demand(f"{name}_report.json")
     step = loaded.step(observer)
     true = truth_of(loaded.plant, truth or ())
-    record = _record(step, data, time, period, map_, (*step.inputs, *step.samples), dict(true.values()))
+    record = _record(step, data, time, period, map_, (*step.inputs, *step.samples), true)
     shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
     record = record.shifted(
         shifts | {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
@@ -255,10 +255,10 @@ def _record(
     period: float | None,
     pairs: list[str] | None,
     signals: tuple[Signal, ...],
-    beside: Mapping[str, str] = MappingProxyType({}),
+    true: Mapping[str, tuple[str, str]] = MappingProxyType({}),
 ) -> Record:
     columns = mapping(str(data), pairs or (), step.inputs, step.samples)
-    wanted = {**{s.name: columns[s.name] for s in signals}, **beside}
+    wanted = {**{s.name: columns[s.name] for s in signals}, **dict(true.values())}
     inputs = {s.name: WINDOWS[step.between] for s in step.inputs}
     units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}
     return read(
@@ -268,6 +268,7 @@ def _record(
         time=time,
         period=period,
         unit=step.time,
+        caller=replace(COMMAND, others=truth_options(true)),
         inputs=inputs,
         units=units,
         rates=derived(step.inputs),
