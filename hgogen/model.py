@@ -236,7 +236,7 @@ class Model:
     def _own_period(self) -> float:
         """The sampling period (s) of tunings that have none: one step is made for all of them."""
         if hasattr(self.module, "step"):
-            return self._own_step().dt
+            return self._written_step().dt
         return self.tuning.period(self._first or next(iter(self.tuning.tables)))
 
     def _untuned(self, name: str) -> str:
@@ -253,12 +253,16 @@ class Model:
         return f"{known}, none for {name}; add {fix} (it also takes {besides})"
 
     def _own_step(self) -> CallableStep:
+        return self.setting.on(self._written_step())
+
+    def _written_step(self) -> CallableStep:
+        """What `step()` returns, without what is set of steps, which may be set for another observer."""
         step = self._called("step")
         if not isinstance(step, CallableStep):
             raise MissingPart(
                 self.path, "step", f"step() returns the type {type(step).__name__}; return hg.sample(...)"
             )
-        return self.setting.on(step)
+        return step
 
     def trials(self) -> tuple[Trial, ...]:
         """What its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""

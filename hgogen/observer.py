@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from hgogen.analysis.lie import without_rates
 from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
@@ -88,7 +89,7 @@ class Observer:
         make, base, gains = self._making
         if isinstance(base, Observer):
             return make(base.on(form), **gains)
-        return make(form(base.system.declared), **gains)
+        return make(form(without_rates(base.system.declared)), **gains)
 
     def clamping(self, clamped: bool) -> "Observer":
         """The observer with its arguments clamped to their ranges, or with its equations as they are written; of that

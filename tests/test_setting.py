@@ -134,3 +134,17 @@ def test_window_asks_the_tuning_that_is_named() -> None:
     status, _, said = command("window", model("fitzhugh_nagumo.py"), "--observer", "rikati")
     assert status == 2
     assert "riccati" in said
+
+
+def test_a_form_that_is_set_is_of_the_plant_without_what_another_form_added() -> None:
+    """The bioreactor's own step is on its phase form, whose plant has the derivative of the input beside it."""
+    loaded = load(model("bioreactor.py")).set(Setting(form="phase"))
+    assert loaded.step().observer.form.kind == "phase"
+    assert [u.name for u in loaded.step("high_gain").inputs] == ["u", "u_dot"]
+
+
+def test_a_form_that_is_set_is_not_asked_of_the_models_own_step() -> None:
+    """Whose period another observer takes: the tracking of the bioreactor takes no uniform form, and riccati does."""
+    loaded = load(model("bioreactor.py"))
+    step = loaded.set(Setting(form="uniform")).step("riccati")
+    assert (step.observer.form.kind, step.dt) == ("uniform", loaded.step().dt)

@@ -7,10 +7,12 @@ Source: M. Fliess, "Generalized controller canonical forms for linear and nonlin
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import sympy as sp
 
 from hgogen.intervals.slope import JUMPS, KINKS
+from hgogen.reading.differences import derived
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -44,6 +46,13 @@ def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int
     read = set().union(*(e.free_symbols for e in expressions))
     known = (u.derivative(k) for u in plant.inputs for k in range(1, orders + 1))
     return tuple(signal for signal in known if signal in read)
+
+
+def without_rates(plant: System) -> System:
+    """The plant without the derivatives of its inputs that it does not read itself, as a form adds them."""
+    read = set().union(*(sp.sympify(e).free_symbols for e in (*plant.flow, *plant.output)))
+    own = tuple(u for u in plant.inputs if u in read or u.name not in derived(plant.inputs))
+    return replace(plant, inputs=own)
 
 
 def without_derivative(expressions: Iterable[sp.Expr]) -> Reason:
