@@ -105,6 +105,21 @@ def test_an_estimate_that_settles_does_not_blame_a_signal() -> None:
     assert better(one, truth.u, y, 0, native.engine()) is None
 
 
+def test_predictions_worse_than_copying_tell_nothing(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
+    u, y = driven(0, -1)
+    assert better(step, u[:300], y[:300], 0, native.engine()) is not None
+    monkeypatch.setattr(shifts, "_scale", lambda y: np.full(1, 1e-6))  # as if copying erred by that
+    assert better(step, u[:300], y[:300], 0, native.engine()) is None
+
+
+def test_few_samples_tell_nothing(step: CallableStep) -> None:
+    """Neither do many of which few count."""
+    u, y = driven(0, -1)
+    assert better(step, u[:80], y[:80], 0, native.engine()) is not None
+    assert better(step, u[:79], y[:79], 0, native.engine()) is None
+    assert better(step, u[:179], y[:179], 100, native.engine()) is None
+
+
 def test_shifts_are_read_by_name() -> None:
     assert shifts_of("log", ("u=1",), (U,), (Y, Z)) == {"pump": 1}
     assert shifts_of("log", ("pump=-2, flow=3", "level=0"), (U,), (Y, Z)) == {"pump": -2, "flow": 3, "level": 0}

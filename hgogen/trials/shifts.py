@@ -4,7 +4,8 @@
 
 the median of `SEGMENTS` of the record, since what a wrong first estimate makes of the first tells nothing of signals.
 Shifting all signals alike changes nothing, so that the only output of a plant is shifted by its inputs. Another is
-better where sqrt(J) is less than `CLEAR` times what it is, and less in nearly all segments.
+better where sqrt(J) is less than `CLEAR` times what it is, less in nearly all segments, and less than that of copying,
+since a model that predicts worse tells nothing of signals.
 """
 
 import math
@@ -25,6 +26,7 @@ AHEAD, MOST = 5, 3  # samples ahead of the predictions; samples of the shifts tr
 LONGEST = 20_000  # samples that are looked at
 CLEAR = 0.8  # times the RMS error: clearly less; an observer that lags gains some by an input that comes early
 SEGMENTS = 8
+LEAST = 10  # samples of a segment
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,9 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
     """The other time or sign of one signal that fits the samples u (N, m), y (N, p) clearly better, from the number
     `first` on; None where none does."""
     u, y = u[:LONGEST], y[:LONGEST]
-    scale = _scale(y)
+    if len(y) - first < SEGMENTS * LEAST:
+        return None
+    scale, copying = _scale(y), math.sqrt(y.shape[1])
     present = _squares(step, u, y, first, scale, engine)
     if not np.isfinite(present).any():
         return None
@@ -67,7 +71,7 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
     for signal, shift, sign, other_u, other_y in _others(step, u, y):
         squares = _squares(step, other_u, other_y, first, scale, engine)
         error = _typical(squares)
-        if error < CLEAR * now and error < (best.error if best else math.inf) and _steady(present - squares):
+        if error < CLEAR * now and error < (best.error if best else copying) and _steady(present - squares):
             best = Better(signal, shift, sign, error, now)
     return best
 
