@@ -62,6 +62,18 @@ def test_a_first_sample_that_is_missing_loses_all(log: Path) -> None:
     assert [one for one in answer["predictions"] if one["ahead"] is not None] == []
 
 
+def test_several_signals_have_no_number(log: Path) -> None:
+    log.write_text(log.read_text().replace("0.400,0,,0", "0.400,,,0"))
+    assert run(log, "--guards", "none")[0]["notes"][0].startswith("tau, y have no number at 0.4 s")
+
+
+def test_nothing_is_clamped_without_guards(log: Path) -> None:
+    log.write_text(log.read_text().replace(",0,0.001,", ",2,0.001,").replace(",0,-0.001,", ",2,-0.001,"))
+    for guards, said in (("all", "and clamped there"), ("none", "and taken as it is, by a step without guards")):
+        (note,) = (each for each in run(log, "--guards", guards)[0]["notes"] if each.startswith("tau is beyond"))
+        assert said in note
+
+
 def test_what_grows_beyond_every_number_has_no_sample_to_blame() -> None:
     step = load("pendulum").step("high_gain").made_again(guards="none")
     t, y = np.arange(4) * PERIOD, np.zeros((4, 1))

@@ -113,7 +113,7 @@ def rejections(
 
 
 def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[str]:
-    """A sentence for each input of u (N, m) that is beyond its declared range, where it is clamped, in most samples."""
+    """A sentence for each input of u (N, m) that is beyond its range, where guards clamp it, in most samples."""
     for signal, values in zip(step.inputs, u.T, strict=True):
         values, ends = values[np.isfinite(values)], signal.interval
         beyond = 1 - _inside(AS_IT_IS, values, ends) if len(values) else 0.0
@@ -121,9 +121,10 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
             continue
         maps = (one for one in MAPS if not one.units or not signal.unit or signal.unit in one.units)
         best = max((one for one in maps if _inside(one, values, ends) >= FITS), key=_known, default=None)
+        done = "clamped there" if step.guards == "all" else "taken as it is, by a step without guards"
         said = (
             f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
-            "samples, and clamped there"
+            f"samples, and {done}"
         )
         fix = "check its column and its unit, or widen the range"
         if best:

@@ -30,8 +30,7 @@ def loss(step: Step, run: Run, t: Array, u: Array, y: Array) -> Iterator[str]:
         fix = "run it with --guards all, or lower" if step.guards == "none" else "lower"
         yield f"{since}: it grew beyond every number; {fix} the gains, or take a shorter --dt"
         return
-    names = ", ".join(signals[absent[rows[-1]]])
-    yield (
-        f"{names} has no number at {t[rows[-1]]:.6g} {step.time}, which a step without guards cannot leave out: "
-        f"{since}; run it with --guards all, or fill in what the log lacks"
-    )
+    names = signals[absent[rows[-1]]]
+    absent_at = f"{', '.join(names)} {'has' if len(names) == 1 else 'have'} no number at {t[rows[-1]]:.6g} {step.time}"
+    fix = "run it with --guards all, or fill in what the log lacks"
+    yield f"{absent_at}, which a step without guards cannot leave out: {since}; {fix}"
