@@ -105,6 +105,17 @@ def test_an_estimate_that_settles_does_not_blame_a_signal() -> None:
     assert better(one, truth.u, y, 0, native.engine()) is None
 
 
+def test_an_input_that_stands_still_has_no_other_sign() -> None:
+    """Of an estimate that settles too slowly its negative, an offset, makes up for what is wrong of hidden states."""
+    model = load("hindmarsh_rose")
+    bursts, one = model.trials()[0], model.step("ukf")
+    truth = simulate(model.plant, replace(bursts, duration=250 * one.dt), one.dt)
+    (y,) = noisy(model.plant, truth, bursts, (0,))
+    one = one.started(lambda form: {**one.observer.initial, "x": y[0, 0]})
+    assert np.ptp(truth.u) == 0
+    assert better(one, truth.u, y, 0, native.engine()) is None
+
+
 def test_predictions_worse_than_copying_tell_nothing(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
     u, y = driven(0, -1)
     assert better(step, u[:300], y[:300], 0, native.engine()) is not None

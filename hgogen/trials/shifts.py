@@ -5,7 +5,9 @@
 the median of `SEGMENTS` of the record, since what a wrong first estimate makes of the first tells nothing of signals.
 Shifting all signals alike changes nothing, so that the only output of a plant is shifted by its inputs. Another is
 better where sqrt(J) is less than `CLEAR` times what it is, less in nearly all segments, and less than that of copying,
-since a model that predicts worse tells nothing of signals.
+since a model that predicts worse tells nothing of signals. The other sign has to be better as well than the signal with
+the mean of its negative, which is all that a signal tells that stands still: a wrong estimate of a hidden state, or an
+offset, may do the same.
 """
 
 import math
@@ -72,7 +74,9 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
         squares = _squares(step, other_u, other_y, first, scale, engine)
         error = _typical(squares)
         if error < CLEAR * now and error < (best.error if best else copying) and _steady(present - squares):
-            best = Better(signal, shift, sign, error, now)
+            level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else present
+            if error < CLEAR * _typical(level):
+                best = Better(signal, shift, sign, error, now)
     return best
 
 
@@ -87,6 +91,15 @@ def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, 
         other, moved = whole.copy(), [j, *(names.index(name) for name, (of, _) in rates.items() if of == names[j])]
         other[:, moved] = sign * np.column_stack([shifted(whole[:, i], shift) for i in moved])
         yield names[j], shift, sign, other[:, :m], other[:, m:]
+
+
+def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Array, Array]:
+    """The samples with those of one signal about the mean of their negatives."""
+    whole = np.hstack([u, y])
+    j = [s.name for s in (*step.inputs, *step.outputs)].index(signal)
+    values = whole[np.isfinite(whole[:, j]), j]
+    whole[:, j] -= 2 * values.mean() if len(values) else 0.0
+    return whole[:, : u.shape[1]], whole[:, u.shape[1] :]
 
 
 def _scale(y: Array) -> Array:
