@@ -254,7 +254,7 @@ def test_a_parameter_in_no_equation_is_told_by_no_record() -> None:
     plant = hg.System("idle", states=(X,), outputs=(Y,), parameters=(K, idle), flow=[-K * X], output=[X])
     y = np.exp(-3 * 0.05 * np.arange(60))
     fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), starts=1)
-    sentence = "no record of these outputs would tell +1 idle, in units of ranges: it stays near its start; fix it"
+    sentence = "no record of these outputs would tell +1 idle, in units of ranges: where it ended says nothing; fix it"
     assert sentence in fit.notes()
     assert fit.parameters[0].deviation < 0.1 < fit.parameters[1].deviation == math.inf
 
@@ -483,7 +483,11 @@ def test_bad_records_are_refused() -> None:
         hg.fit(PLANT, hg.Log(np.zeros(20), np.zeros(20), float("nan")))
     with pytest.raises(BadLog, match="too fast for samples"):
         hg.fit(PLANT, hg.Log(np.zeros(20), np.zeros(20), 60.0))
-    with pytest.raises(CannotFit, match="no parameter with a range; name those"):
+    k = hg.Signal("k", nominal=1)
+    plant = hg.System("fall", states=(X,), outputs=(Y,), parameters=(k,), flow=[-k * X], output=[X])
+    with pytest.raises(CannotFit, match=r"no parameter with a range; name those that are unknown, .*, among k$"):
+        hg.fit(plant, hg.Log(np.zeros((20, 0)), np.zeros(20), 0.1))
+    with pytest.raises(CannotFit, match="has no parameter; declare what is unknown as one, with low= and high="):
         hg.fit(plants.chain(2), hg.Log(np.zeros((20, 0)), np.zeros(20), 0.1))
 
 
@@ -888,3 +892,13 @@ def test_starts_without_a_range_lie_between_half_and_twice_the_nominal_value() -
 def test_the_scale_of_residuals_is_about_zero() -> None:
     """Of residuals that all lie to one side as well: they are no less wrong for that."""
     assert robust_module.deviation(np.array([2.0, 3.0, 4.0])) == pytest.approx(3 * robust_module.NORMAL)
+
+
+def test_a_direction_that_is_not_told_may_end_far_from_its_start() -> None:
+    """So that nothing is said of where it is: of residuals that are not white the search goes on in it."""
+    k = hg.Signal("k", nominal=8)
+    plant = hg.System("fall", states=(X,), outputs=(Y,), parameters=(k,), flow=[-X / k], output=[X])
+    y = 1e-3 * np.sin(np.arange(40)) + np.linspace(0.1, 0.0999, 40)
+    fit = hg.fit(plant, hg.Log(np.zeros((40, 0)), y, 0.01), free=["k"], starts=1)
+    assert fit.parameters[0].value > 10 * k.nominal
+    assert any("tell +1 k, in units of ranges: where it ended says nothing; fix it" in note for note in fit.notes())

@@ -101,8 +101,12 @@ def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, .
         raise CannotFit(f"plant {plant.name!r}", "is recast; fit the plant that it was recast from")
     chosen = _named("parameter", free, plant.parameters) if free is not None else ()
     chosen = chosen if free is not None else tuple(p for p in plant.parameters if p.bounded)
+    if not plant.parameters:
+        raise CannotFit(
+            f"plant {plant.name!r}", "has no parameter; declare what is unknown as one, with low= and high="
+        )
     if not chosen:
-        listed = ", ".join(map(str, plant.parameters)) or "none"
+        listed = ", ".join(map(str, plant.parameters))
         reason = f"has no parameter with a range; name those that are unknown, --free a,b or free=, among {listed}"
         raise CannotFit(f"plant {plant.name!r}", reason)
     for p in chosen:

@@ -125,7 +125,7 @@ class Fit:
     def _not_told(self, parts: Mapping[str, float]) -> str:
         """Of a direction of parameters, whether another record would tell it, as far as that is known."""
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
-        what, fix = f"tell {total}, in units of ranges: it stays near its start", "fix one of them"
+        what, fix = f"tell {total}, in units of ranges: where it ended says nothing", "fix one of them"
         joint, hidden = self.joint, set(self.joint.hidden if self.joint else ())
         inside = [set(each) <= hidden for each in self.untold]
         if joint is not None and set(parts) <= hidden and sum(inside) <= joint.count - joint.rank:
