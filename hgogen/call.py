@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hgogen import methods
+from hgogen.algebra.threads import one_thread
 from hgogen.calling import native
 from hgogen.calling.late import arriving, in_time
 from hgogen.calling.readers import Kept
@@ -355,7 +356,8 @@ def sample(
         raise BadStep(f"real = {real!r}", 'must be "float" or "double"')
     if guards not in ("all", "none"):
         raise BadStep(f"guards = {guards!r}", 'must be "all" or "none"')
-    planned = arranged(plan(observer, method, dt, between, periods, guards))
+    with one_thread():
+        planned = arranged(plan(observer, method, dt, between, periods, guards))
     for section in planned.called:
         if dangling(section.program):
             missing = ", ".join(map(str, sorted(dangling(section.program))))

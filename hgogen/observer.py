@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from hgogen.algebra.threads import one_thread
 from hgogen.analysis.lie import without_rates
 from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
@@ -144,7 +145,9 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
     arguments on the same form give the same observer, of which nothing changes."""
 
     def new(call: _Call) -> Observer:
-        return replace(make(*call.args, **call.keywords), made=partial(make, *call.args, **call.keywords))
+        with one_thread():
+            observer = make(*call.args, **call.keywords)
+        return replace(observer, made=partial(make, *call.args, **call.keywords))
 
     last = lru_cache(maxsize=_LAST)(new)
 

@@ -104,7 +104,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     the first, is bypassed), and signals pickle.
     """
 
-    __slots__ = ("high", "low", "meaning", "nominal", "rates", "unit")
+    __slots__ = ("_content", "high", "low", "meaning", "nominal", "rates", "unit")
 
     unit: str
     meaning: str
@@ -112,6 +112,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     low: float | None
     high: float | None
     rates: tuple[tuple[float, float], ...]
+    _content: tuple[Any, ...]
 
     def __new__(
         cls,
@@ -135,14 +136,15 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         signal.unit, signal.meaning = str(unit), str(meaning)
         signal.nominal, signal.low, signal.high = nominal, low, high
         signal.rates = _rates(name, rates)
+        data = (signal.unit, signal.meaning, signal.nominal, signal.low, signal.high, signal.rates)
+        signal._content = (*super()._hashable_content(signal), *map(str, data))
         return signal
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         """SymPy's base takes no arguments here; `__new__` has done the work."""
 
     def _hashable_content(self) -> tuple[Any, ...]:
-        data = (self.unit, self.meaning, self.nominal, self.low, self.high, self.rates)
-        return tuple(super()._hashable_content()) + tuple(str(value) for value in data)
+        return self._content  # which SymPy asks for at each comparison
 
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
         return (self.name, self.unit, self.meaning, self.nominal, self.low, self.high, self.rates), {}
