@@ -90,8 +90,10 @@ def engine() -> Literal["c", "python"]:
     return "c" if compiler() else "python"
 
 
-def library(files: Mapping[str, str]) -> ctypes.CDLL:
+def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDLL:
     """The C files compiled into a shared library and loaded; a library made before from the same text is used again.
+
+    `flags`: of the compiler, beside those of every library.
 
     Raises: `NoCompiler`, `CompilerFailed`.
     """
@@ -103,14 +105,29 @@ def library(files: Mapping[str, str]) -> ctypes.CDLL:
         command,
         sys.platform,
         sysconfig.get_platform(),
+        *((_macros(command, flags), *flags) if flags else ()),
         *(part for item in files.items() for part in item),
     ):
         digest.update(text.encode() + b"\0")
-    return _load(command, digest.hexdigest()[:32], tuple(files.items()))
+    return _load(command, digest.hexdigest()[:32], tuple(files.items()), flags)
+
+
+def own() -> tuple[str, ...]:
+    """The flags by which the compiler writes for the processor of this machine; none where it knows no such flag."""
+    command = compiler()
+    flags = ("-march=native",)
+    return flags if command and _macros(command, flags) else ()
 
 
 @cache
-def _load(command: str, digest: str, files: tuple[tuple[str, str], ...]) -> ctypes.CDLL:
+def _macros(command: str, flags: tuple[str, ...]) -> str:
+    """What a compiler says of a machine with these flags, which a shared cache of libraries must tell apart."""
+    known = [command, *flags, "-dM", "-E", "-x", "c", os.devnull]
+    return subprocess.run(known, capture_output=True, text=True, check=False).stdout
+
+
+@cache
+def _load(command: str, digest: str, files: tuple[tuple[str, str], ...], flags: tuple[str, ...] = ()) -> ctypes.CDLL:
     path = demand([f"{digest}.so"], cache_folder())[0]
     if not path.exists():
         with tempfile.TemporaryDirectory() as folder:
@@ -125,6 +142,7 @@ def _load(command: str, digest: str, files: tuple[tuple[str, str], ...]) -> ctyp
                     "-fPIC",
                     "-shared",
                     "-ffp-contract=off",
+                    *flags,
                     *sources,
                     "-o",
                     str(built),

@@ -6,10 +6,12 @@ the same bits, so they may take turns at any sample.
 
 import ctypes
 import operator
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from functools import cached_property, lru_cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +33,7 @@ class Kept:
     """
 
     def __init__(self, step: Step, real: Real) -> None:
-        self._step, self._real, self.record = step, real, np.zeros(1, layout.kept_type(step, real))
+        self._step, self.real, self.record = step, real, np.zeros(1, layout.kept_type(step, real))
         self.places = layout.places(step, self.record)
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
@@ -48,13 +50,37 @@ class Kept:
         """The state as before the first call."""
         self.state[:] = self._new
 
+    def saved(self, state: Any) -> bytes:
+        """A state that was saved, as its bytes. Raises: `BadShape` for what is no bytes, or of another length."""
+        if not isinstance(state, bytes | bytearray | memoryview):
+            raise BadShape(f"a saved state that is a {type(state).__name__}", "is no bytes; give what save() gave")
+        size, saved = len(self.state), bytes(state)
+        if len(saved) != size:
+            raise BadShape(f"a saved state of {len(saved)} bytes", f"is not of this step, whose state has {size}")
+        return saved
+
+    def ready(self, engine: Engine | None, own: Engine | None) -> Engine:
+        """What takes a record, and has tuned what is in the memory: the engine that is asked for, else the step's own,
+        else C where there is a compiler.
+
+        Raises: `BadShape`; `NoCompiler`, `CompilerFailed`.
+        """
+        if engine not in (None, "c", "python"):
+            raise BadShape(f"engine = {engine!r}", 'must be "c", "python" or None')
+        engine = engine or own
+        if engine is None and not native.compiler():
+            warnings.warn(str(native.NoCompilerWarning.__doc__), native.NoCompilerWarning, stacklevel=3)
+        engine = engine or native.engine()
+        self.entries(engine)
+        return engine
+
     def entries(self, engine: Engine) -> Mapping[str, Entry]:
         """The functions of a reader by name, which are made at the first time.
 
         Raises: `NoCompiler`, `CompilerFailed`.
         """
         if engine not in self._readers:
-            entries = self._compiled() if engine == "c" else pystep.entries(self._step, self.record, self._real)
+            entries = self._compiled() if engine == "c" else pystep.entries(self._step, self.record, self.real)
             entries["tune"]()
             self._readers[engine] = entries
         return self._readers[engine]
@@ -62,7 +88,7 @@ class Kept:
     def run(self, engine: Engine, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
         with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
-            u, y = (array.astype(DTYPE[self._real], copy=False) for array in (u, y))
+            u, y = (array.astype(DTYPE[self.real], copy=False) for array in (u, y))
         n, traces = len(self._step.states), len(self._step.observer.traces)
         step, status = self.entries(engine)["step"], np.zeros(len(y), np.uint32)
         if engine == "c":
@@ -82,7 +108,7 @@ class Kept:
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
-        return _library(_Program(self._step, self._real), native.compiler())
+        return _library(_Program(self._step, self.real), native.compiler())
 
     def _compiled(self) -> dict[str, Entry]:
         """The C function of each entry, of one address, which a thread finishes before another has its turn."""

@@ -13,8 +13,10 @@ from hgogen.emit.printer import Printer
 
 @dataclass(frozen=True)
 class Target:
-    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value, `condition`
-    for one that says whether the statement runs.
+    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value.
+
+    `raised`: of a bit of the status, the lines that raise it where a truth value holds, of its text; `write` then makes
+    the statement that raises it in any case.
 
     `source`: the input element that is this same place; writing it back unchanged is left out. `uses`: what the
     statement uses beside the text.
@@ -22,7 +24,7 @@ class Target:
 
     write: Callable[[str], str]
     flag: bool = False
-    condition: bool = False
+    raised: Callable[[str], Sequence[str]] | None = None
     source: tuple[int, int] | None = None
     uses: Uses = NOTHING
 
@@ -77,12 +79,12 @@ def _declare(printer: Printer, name: str, column: list[Node]) -> None:
             printer.declare(node, name if len(column) == 1 else f"{name}{k + 1}")
 
 
-def _written(printer: Printer, node: Node, target: Target) -> list[str]:
-    if not target.condition:
+def _written(printer: Printer, node: Node, target: Target) -> Sequence[str]:
+    if not target.raised:
         return [target.write(printer.truth(node) if target.flag else printer.value(node))]
     if node.op == ca.OP_CONST:
         return [target.write("")] if node.constant else []
-    return [printer.syntax.condition.format(printer.truth(node)), f"    {target.write('')}", "}"]
+    return target.raised(printer.truth(node))
 
 
 def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:

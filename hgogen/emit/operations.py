@@ -15,7 +15,7 @@ INFIX: dict[int, tuple[str, float]] = {
     ca.OP_EQ: (" == ", EQUAL),
     ca.OP_NE: (" != ", EQUAL),
 }
-LOGIC: dict[int, tuple[str, float]] = {ca.OP_AND: (" && ", AND), ca.OP_OR: (" || ", OR)}
+LOGIC: dict[int, float] = {ca.OP_AND: AND, ca.OP_OR: OR}  # whose signs are a language's own
 CALLS: dict[int, str] = {
     ca.OP_FABS: "abs",
     ca.OP_FMIN: "min",

@@ -141,6 +141,11 @@ def _calls(there: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
     return direct.union(*(_calls(there, other) for other in direct))
 
 
+def is_array(parameter: ast.arg) -> bool:
+    """Whether it is passed as an array."""
+    return _array(parameter) is not None
+
+
 def _array(parameter: ast.arg) -> tuple[str, bool] | None:
     return _ARRAYS.get(_annotation(parameter.annotation))
 
@@ -317,9 +322,9 @@ class _Function:
             case ast.BinOp(left=left, op=sign, right=right) | ast.Compare(left=left, ops=[sign], comparators=[right]):
                 return self._infix(self._kind(node), left, sign, right)
             case ast.BoolOp(op=ast.And(), values=values):
-                return " && ".join(self._value(each, AND + 0.1) for each in values), AND
+                return self.syntax.both.join(self._value(each, AND + 0.1) for each in values), AND
             case ast.UnaryOp(op=ast.Not(), operand=operand):
-                return f"!{self._value(operand, ATOM)}", UNARY
+                return self.syntax.opposite.format(self._value(operand, ATOM)), UNARY
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return f"-{self._value(operand, ATOM)}", UNARY
             case ast.IfExp(test=test, body=yes, orelse=no):

@@ -280,7 +280,7 @@ class Printer:
         if op == ca.OP_NOT:
             return self.negation(args[0])
         if op in LOGIC:
-            sign, binds = LOGIC[op]
+            sign, binds = self.syntax.both if op == ca.OP_AND else self.syntax.either, LOGIC[op]
             return sign.join(self.clause(arg, op) for arg in args), binds
         if op in (ca.OP_LT, ca.OP_LE) and args[0].op == ca.OP_CONST:
             sign = " > " if op == ca.OP_LT else " >= "
@@ -308,7 +308,7 @@ class Printer:
         if self.real == "unsigned" and test.op in opposite and not test.name:
             swapped = test.op in (ca.OP_LT, ca.OP_LE)
             return self.raw(Node(opposite[test.op], test.args[::-1] if swapped else test.args))
-        return f"!{self.truth(test, ATOM)}", UNARY
+        return self.syntax.opposite.format(self.truth(test, ATOM)), UNARY
 
     def infix(self, op: int, left: Node, right: Node) -> tuple[str, float]:
         """left op right. The order of operations is part of the result, so a right operand that binds as loosely needs
@@ -316,7 +316,7 @@ class Printer:
         sign, binds = INFIX[op]
         if op in (ca.OP_EQ, ca.OP_NE) and self.syntax.equal and self.real != "unsigned":
             text, binds = self.call("equal", left, right)
-            return (text, binds) if op == ca.OP_EQ else (f"!{text}", UNARY)
+            return (text, binds) if op == ca.OP_EQ else (self.syntax.opposite.format(text), UNARY)
         if self.real == "unsigned" and op in self.syntax.counted:
             return self.syntax.counted[op].format(self.value(left, ATOM), self.value(right)), ATOM
         if op in (ca.OP_ADD, ca.OP_MUL):

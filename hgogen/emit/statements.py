@@ -203,6 +203,10 @@ class Writer:
         """The statement that raises a bit."""
         return self.syntax.raised.format(prefix=self.prefix.upper(), bit=self.bits[place])
 
+    def _raised_where(self, place: Place, test: str) -> Sequence[str]:
+        """The lines that raise a bit where a test holds."""
+        return self.syntax.condition.format(test), f"    {self._raised(place)}", "}"
+
     def _block(self, block: Block, taken: frozenset[str]) -> Code:
         """The statements of a block, or a table where that is shorter."""
         written = self._written(block, taken)
@@ -264,14 +268,18 @@ class Writer:
 
     def _target(self, place: Place, element: int, size: int, argument: int | None, real: Number) -> Target:
         if place.struct == "status":
-            return Target(lambda _: self._raised(place), condition=True)
+            return Target(lambda _: self._raised(place), raised=lambda test: self._raised_where(place, test))
         target, uses = self.lvalue(place, element, size), self.uses(place)
         source = None if argument is None else (argument, element)
         if self.kinds.is_index(place) and real != "unsigned":
             cast = self.syntax.cast.format(type=self.syntax.types["unsigned"], value="({})")
-            return Target(lambda text: f"{target} = {cast.format(text)};", source=source, uses=uses)
+            return Target(lambda text: self._assigned(place, target, cast.format(text)), source=source, uses=uses)
         flag = place in self.kinds.flags and size == 1
-        return Target(lambda text: f"{target} = {text};", flag=flag, source=source, uses=uses)
+        return Target(lambda text: self._assigned(place, target, text), flag=flag, source=source, uses=uses)
+
+    def _assigned(self, place: Place, target: str, text: str) -> str:
+        """The statement that gives an element of a place a value, by their texts."""
+        return f"{target} = {text};"
 
 
 def called(syntax: Syntax, step: Step, section: Section) -> Code:

@@ -115,8 +115,8 @@ class Rows:
 class Syntax:
     """How a language writes.
 
-    Meant are languages with braces, `;`, `&&`, `||`, `!`, `==`, `true` and `false`, whose + - * / bind as those of C;
-    those the printers write themselves. The names in braces are the holes of a text, and {} is the only one.
+    Meant are languages with braces, `;`, `==`, `true` and `false`, whose + - * / bind as those of C; those the printers
+    write themselves. The names in braces are the holes of a text, and {} is the only one.
 
     - Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void,
       and "whole float", "whole double" (a signed integer for the whole numbers of that precision);
@@ -127,6 +127,7 @@ class Syntax:
       real numbers where the language computes in more digits; the rest of its functions has to round by itself.
     - Names: `name`, a user's as the language takes it; `parameters`: those that `emit.interface` calls otherwise;
       `reach`: {}, what leads from a parameter, or from a member at hand, to its own members.
+    - Truth: `both` and `either`, the signs between two, which bind as && and || of C; `opposite`: {}.
     - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
       `index` into an array of structs.
     - Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`, `gathered`: {type}, {name}, {size},
@@ -184,6 +185,9 @@ class Syntax:
     counted: Mapping[int, str] = field(default_factory=dict)
     around: Mapping[str, tuple[Sequence[str], Sequence[str]]] = field(default_factory=dict)
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    both: str = " && "
+    either: str = " || "
+    opposite: str = "!{}"
     analysed: bool = False
     copied: str = "{target} = {source};"
     equal: bool = False

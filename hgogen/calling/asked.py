@@ -1,0 +1,139 @@
+"""What many records are asked for with: their signals, what each starts from, the parameters of each."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hgogen.calling.readers import Kept
+from hgogen.calling.samples import BadShape, Engine, listed, table
+from hgogen.program import Field, Place
+from hgogen.reading.given import unmasked
+from hgogen.signal import Signal
+from hgogen.step import Step
+
+Array = np.ndarray
+Starts = Mapping[str, Any] | Sequence[bytes]
+Started = Callable[[Mapping[str, float]], bytes]  # of the plant's state by name: the state of a step that starts there
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The signals of many records on a step with this memory: `given_u`, `given_y`, `parameters` and `starts` as a
+    caller gives them.
+
+    Raises: `BadShape`, `BadNames` when they are looked at.
+    """
+
+    step: Step
+    memory: Kept
+    given_u: Any
+    given_y: Any
+    parameters: Mapping[str, Any]
+    starts: Starts
+
+    @cached_property
+    def y(self) -> Array:
+        """The measurements (B, N, p), or (N, p) for all."""
+        return _signals("y", self.given_y, self.step.samples, None)
+
+    @cached_property
+    def u(self) -> Array:
+        """The inputs (B, N, m), or (N, m) for all."""
+        return _signals("u", self.given_u, self.step.inputs, self.y.shape[-2])
+
+    @cached_property
+    def count(self) -> int:
+        """How many records there are: one where nothing says."""
+        lengths = {name: len(array) for name, array in (("u", self.u), ("y", self.y)) if array.ndim == 3}
+        varied = {place.name: array for place, array in self._parameters.items()} | self._numbers
+        lengths |= {name: len(array) for name, array in varied.items() if array.ndim > 1}
+        lengths |= {"starts": len(self.starts)} if self._saved else {}
+        if len(set(lengths.values())) > 1:
+            listing = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise BadShape(f"different numbers of records ({listing})", "must be one for all")
+        return next(iter(lengths.values()), 1)
+
+    def firsts(self, engine: Engine, started: Started) -> Callable[[int], bytes]:
+        """The memory that a record starts from, by its number. Raises: what `started` raises."""
+        base, own = bytes(self.memory.whole), Kept(self.step, self.memory.real)
+        tune, states = own.entries(engine)["tune"], self._states(started)
+
+        def first(k: int) -> bytes:
+            own.whole[:] = base
+            if states:
+                own.state[:] = states[k % len(states)]
+            for place, values in self._parameters.items():
+                own.places[place][:] = values[k] if values.ndim == 2 else values
+            if self._parameters:
+                tune()
+            return bytes(own.whole)
+
+        return first if states or self._parameters else lambda _: base
+
+    @cached_property
+    def _parameters(self) -> dict[Place, Array]:
+        """The values (B, size), or (size) for all, of what varies."""
+        known = tunable(self.step)
+        for name in self.parameters:
+            if name not in known:
+                raise BadShape(f"parameters {name!r}", f"names nothing tunable; that is {', '.join(known)}")
+        return {known[name][0]: _values(name, value, known[name][1].size) for name, value in self.parameters.items()}
+
+    @property
+    def _saved(self) -> bool:
+        return not isinstance(self.starts, Mapping) and len(self.starts) > 0
+
+    @cached_property
+    def _numbers(self) -> dict[str, Array]:
+        """The values (B, 1), or (1) for all, of the plant's states that are named."""
+        named = self.starts if isinstance(self.starts, Mapping) else {}
+        return {f"starts {name}": _values(f"starts {name}", value, 1) for name, value in named.items()}
+
+    def _states(self, started: Started) -> list[bytes]:
+        """The state of each record, or one for all; none where they go on from that of the step."""
+        if not isinstance(self.starts, Mapping):
+            return [self.memory.saved(state) for state in self.starts]
+        made = dict[tuple[float, ...], bytes]()
+        return [made.get(row) or made.setdefault(row, started(self._named(row))) for row in self._rows()]
+
+    def _rows(self) -> Iterator[tuple[float, ...]]:
+        if self._numbers:
+            columns = [np.broadcast_to(values.reshape(-1), self.count) for values in self._numbers.values()]
+            yield from zip(*(column.tolist() for column in columns), strict=True)
+
+    def _named(self, row: tuple[float, ...]) -> dict[str, float]:
+        return dict(zip(self.starts, row, strict=True)) if isinstance(self.starts, Mapping) else {}
+
+
+def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
+    """What can be tuned, by name: where it lies, and what it is."""
+    kinds = [("plant", item) for item in step.plant] + [("gain", item) for item in step.gains]
+    return {item.name: (Place(kind, item.name), item) for kind, item in kinds}
+
+
+def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> Array:
+    """Signals (B, N, number), or (N, number) for all records, which may be given as for one. Raises: `BadShape`."""
+    if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) != 3:
+        return table(name, value, signals, rows)
+    array, width = unmasked(value), len(signals)
+    count, length, last = np.shape(array)
+    if last != width or rows not in (None, length):
+        wanted = f"must have shape (B, {'N' if rows is None else rows}, {width}), or that without B for all records"
+        raise BadShape(f"{name} of shape {(count, length, last)}", f"{wanted}{listed(signals)}")
+    return table(name, np.reshape(array, (count * length, width)), signals, None).reshape(count, length, width)
+
+
+def _values(name: str, value: Any, size: int) -> Array:
+    """Numbers (B, size), or (size) for all records. Raises: `BadShape`."""
+    try:
+        array = np.asarray(unmasked(value), dtype=float)
+    except (OverflowError, TypeError, ValueError):
+        raise BadShape(name, "is not an array of numbers") from None
+    array = array[..., None] if size == 1 else array
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        wanted = "a number, or one for each record (B)" if size == 1 else f"({size}), or (B, {size})"
+        raise BadShape(f"{name} of shape {np.shape(value)}", f"must be {wanted}")
+    return array

@@ -1,0 +1,228 @@
+"""A step on many records at once: in lanes (`targets.lanes`) by threads, or where they cannot be had one by one.
+
+Both give the same bits. What a record starts from and its parameters are a scalar record of `emit.layout`, whose
+numbers in their order are those of the memory in lanes.
+"""
+
+import ctypes
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from hgogen import targets
+from hgogen.calling import native
+from hgogen.calling.asked import Asked
+from hgogen.calling.readers import Kept
+from hgogen.calling.samples import Engine
+from hgogen.emit import layout
+from hgogen.emit.pygraph import DTYPE
+from hgogen.emit.syntax import Real
+from hgogen.reading.given import count
+from hgogen.step import Step
+
+MOST_THREADS = 1000
+CHUNK = 64  # records whose signals a thread holds at a time
+ALIGNED, LANES = 64, 16  # bytes of the widest register, and how many numbers it holds
+Array = np.ndarray
+Memories = Callable[[int], bytes]  # of the number of a record: what it starts from
+Each = Callable[[int, int], object]  # is told how many records are done, and of how many
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What many records give: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by name
+    where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one."""
+
+    x: Array
+    names: tuple[str, ...]
+    status: Array
+    traces: Mapping[str, Array]
+    engine: Literal["lanes", "c", "python"]
+
+
+@dataclass(frozen=True, eq=False)
+class Many:
+    """What many records can be run by, of a step in the precision `real`."""
+
+    step: Step
+    real: Real
+
+    def run(
+        self, asked: Asked, memory: Memories, engine: Engine, jobs: int | None, traces: bool, each: Each | None
+    ) -> Batch:
+        """The records, each from its memory. Raises: `BadShape`, `BadNames`; `BadGain` for jobs that are no number."""
+        u, y, number = asked.u, asked.y, asked.count
+        results = _Results.of(self.step, y.shape[-2], number, traces, DTYPE[self.real])
+        lanes, threads = self.lanes if engine == "c" else None, _threads(jobs)
+        alone = self._alone(u, y, memory, results, engine)
+        for done in _threaded(lanes, u, y, memory, results, threads) if lanes else alone:
+            if each:
+                each(done, number)
+        x, status, shown = results.x[..., :number], results.status[:, :number], results.traces[..., :number]
+        names = self.step.observer.traces if traces else ()
+        return Batch(
+            x.transpose(2, 0, 1).astype(float, copy=False),
+            tuple(signal.name for signal in self.step.states),
+            status.T,
+            {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
+            "lanes" if lanes else engine,
+        )
+
+    def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
+        """One by one."""
+        own = Kept(self.step, self.real)
+        own.entries(engine)
+        for k in range(results.records):
+            own.whole[:] = memory(k)
+            x, traces, status = own.run(engine, *(array[k] if array.ndim == 3 else array for array in (u, y)))
+            results.x[:, :, k], results.status[:, k] = x, status
+            if results.traced:
+                results.traces[:, :, k] = traces
+            yield k + 1
+
+    @cached_property
+    def lanes(self) -> "_Lanes | None":
+        """The step in lanes; None where the compiler does not know them."""
+        try:
+            files = targets.lanes(self.step, real=self.real)
+            return _Lanes(self.step, self.real, native.library(files, native.own()))
+        except native.CompilerFailed:
+            return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Results:
+    """What comes out, with the records beside each other: x (N, n, B), traces (N, number, B), status (N, B), and room
+    for lanes without a record."""
+
+    records: int
+    traced: bool
+    x: Array
+    traces: Array
+    status: Array
+
+    @classmethod
+    def of(cls, step: Step, samples: int, records: int, traced: bool, kind: type) -> "_Results":
+        width = -(-records // LANES) * LANES
+        x: Array = np.empty((samples, len(step.states), width), kind)
+        traces: Array = np.empty((samples, len(step.observer.traces) * traced, width), kind)
+        return cls(records, traced, x, traces, np.empty((samples, width), np.uint32))
+
+
+@dataclass(frozen=True, eq=False)
+class _Lanes:
+    """The compiled step in lanes."""
+
+    step: Step
+    real: Real
+    library: ctypes.CDLL
+
+    def run(self, u: Array, y: Array, records: Array, results: _Results, first: int) -> int:
+        """The records from number `first` on, as many as there are; returns how many."""
+        u, y = (_beside(array, first, len(records), DTYPE[self.real]) for array in (u, y))
+        memory, call = self._memory(records), getattr(self.library, f"{self.step.name}_lanes_run")
+        widths = [*(array.shape[2] if array.ndim == 3 else 0 for array in (u, y)), results.status.shape[1]]
+        width = (ctypes.c_size_t * 3)(*widths)
+        for block, lanes in enumerate(memory):
+            at = block * self.width
+            signals = (array[..., at:] if array.ndim == 3 else array for array in (u, y))
+            shown = (array[..., first + at :] for array in (results.x, results.traces, results.status))
+            x, traces, status = map(_address, shown)
+            arrays = (*map(_address, signals), x, traces if results.traced else ctypes.c_void_p(), status)
+            call(_address(lanes), ctypes.c_size_t(len(results.x)), width, *arrays)
+        return len(records)
+
+    @cached_property
+    def width(self) -> int:
+        """The number of lanes."""
+        return self._size("width")
+
+    def _size(self, name: str) -> int:
+        size = getattr(self.library, f"{self.step.name}_lanes_{name}")
+        size.restype = ctypes.c_size_t
+        return int(size())
+
+    @cached_property
+    def _numbers(self) -> list[tuple[int, np.dtype]]:
+        """Where the numbers of a record lie that are in the memory, and their types, in the order of that."""
+        record = layout.kept_type(self.step, self.real)
+        return [place for part in ("state", "params") for place in _numbers(*_field(record, part))]
+
+    def _memory(self, records: Array) -> Array:
+        """The memory (blocks, numbers, lanes) of records; lanes without a record do what the last does."""
+        blocks, kind = -(-len(records) // self.width), DTYPE[self.real]
+        shape = (blocks, len(self._numbers), self.width)
+        room = np.zeros(ALIGNED + blocks * self._size("size"), np.uint8)
+        start = -room.ctypes.data % ALIGNED
+        memory: Array = room[start : start + blocks * self._size("size")].view(kind).reshape(shape)
+        counters = memory.view(np.uint64 if self.real == "double" else np.uint32)
+        taken = np.minimum(np.arange(blocks * self.width), len(records) - 1)
+        whole = records[taken]
+        for k, (offset, number) in enumerate(self._numbers):
+            values = np.ascontiguousarray(whole[:, offset : offset + number.itemsize]).view(number)
+            (memory if number == kind else counters)[:, k, :] = values.reshape(blocks, self.width)
+        return memory
+
+
+def _field(kind: np.dtype, name: str) -> tuple[np.dtype, int]:
+    """The type of a field of a record, and where it lies."""
+    assert kind.fields
+    inner, offset, *_ = kind.fields[name]
+    return inner, offset
+
+
+def _numbers(kind: np.dtype, start: int) -> Iterator[tuple[int, np.dtype]]:
+    """Where each number of a type lies, from `start` on."""
+    if kind.subdtype:
+        base, shape = kind.subdtype
+        for k, _ in enumerate(product(*map(range, shape))):
+            yield from _numbers(base, start + k * base.itemsize)
+    elif kind.names:
+        for name in kind.names:
+            inner, offset = _field(kind, name)
+            yield from _numbers(inner, start + offset)
+    else:
+        yield start, kind
+
+
+def _beside(array: Array, first: int, records: int, kind: type) -> Array:
+    """Signals (B, N, m) from record `first` on as (N, m, at least `records`), with room for whole registers; those that
+    all records have as they are."""
+    with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
+        if array.ndim == 2:
+            return np.ascontiguousarray(array, dtype=kind)
+        room = np.zeros((*array.shape[1:], CHUNK), kind)
+        room[:, :, :records] = array[first : first + records].transpose(1, 2, 0)
+    return room
+
+
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _threaded(lanes: _Lanes, u: Array, y: Array, memory: Memories, results: _Results, jobs: int) -> Iterator[int]:
+    """Chunk by chunk; how many records are done. No more chunks wait than there are threads."""
+    done, waiting = 0, deque[Future[int]]()
+    with ThreadPoolExecutor(jobs) as pool:
+        for first in range(0, results.records, CHUNK):
+            last = min(first + CHUNK, results.records)
+            records = np.stack([np.frombuffer(memory(k), np.uint8) for k in range(first, last)])
+            waiting.append(pool.submit(lanes.run, u, y, records, results, first))
+            if len(waiting) > 2 * jobs:
+                done += waiting.popleft().result()
+                yield done
+        while waiting:
+            done += waiting.popleft().result()
+            yield done
+
+
+def _threads(jobs: int | None) -> int:
+    """How many there are to be. Raises: `BadGain` for jobs that are no number."""
+    return (os.cpu_count() or 1) if jobs is None else count("jobs", jobs, 1, MOST_THREADS)

@@ -1,0 +1,233 @@
+"""The statements of a program in the syntax of lanes: where these part ways, a mask says which of them go on.
+
+    When    its body runs if any lane wants it, and what it writes is blended in where a lane does
+    Loop    the members in order; of one that begins where each lane has it, every member in turn, for the lanes that
+            are at it
+    Copy, Kernel, table     lane by lane, by the scalar C
+
+A work value that only one body knows is written without a blend: the lanes that do not want the body never read it.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import chain
+
+from hgogen.algebra.lookup import Lookup
+from hgogen.emit import matrix_loops
+from hgogen.emit.code import Code, Uses, braced, code
+from hgogen.emit.lanesyntax import own
+from hgogen.emit.portable import functions_of, is_array
+from hgogen.emit.statements import Writer
+from hgogen.emit.syntax import Real
+from hgogen.program import Call, Copy, Kernel, Loop, Place, Program, Statement, When, places, walk
+
+
+@dataclass(frozen=True)
+class Mask:
+    """Which lanes run: the name of their truth value, empty where all do; `own`: the places that nothing outside of
+    what it is for knows."""
+
+    name: str = ""
+    own: frozenset[Place] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class LaneWriter(Writer):
+    """The text of a step's programs in lanes; `masks`: that at hand is the last."""
+
+    masks: list[Mask] = field(default_factory=lambda: [Mask()])
+    counted: list[Counter[Place]] = field(default_factory=list)
+
+    @property
+    def own(self) -> str:
+        """What its names begin with that are not of the step."""
+        return own(self.prefix)
+
+    @property
+    def width(self) -> str:
+        """The number of lanes."""
+        return f"{self.prefix.upper()}_LANES"
+
+    def function(self, program: Program) -> Code:
+        """The body of a function, or of a section that another calls."""
+        self.counted.append(_counted(program))
+        with self._masked(Mask(self.masks[-1].name, frozenset(self.kinds.work))):
+            text = super().function(program)
+        self.counted.pop()
+        return text
+
+    def _statement(self, statement: Statement, taken: frozenset[str]) -> Code:
+        if isinstance(statement, Call):
+            return braced("{", self.function(statement.section.program))
+        return super()._statement(statement, taken)
+
+    # --- where lanes part ways
+
+    @contextmanager
+    def _masked(self, mask: Mask) -> Iterator[None]:
+        self.masks.append(mask)
+        yield
+        self.masks.pop()
+
+    def _on(self, test: str) -> str:
+        """The lanes that run and for which a test holds."""
+        return " & ".join(filter(None, (self.masks[-1].name, test)))
+
+    def _named(self) -> str:
+        """A name for the next mask."""
+        return f"{self.own}_on{len(self.masks)}"
+
+    def _declared(self, name: str, test: str) -> Code:
+        return code(f"const {self.syntax.types['bool']} {name} = {self._on(test)};")
+
+    def _any(self, name: str) -> str:
+        return f"{self.own}_any({name})"
+
+    def _assigned(self, place: Place, target: str, text: str) -> str:
+        mask = self.masks[-1]
+        blended = mask.name and place not in mask.own
+        return f"{target} = {self.syntax.choice.format(test=mask.name, yes=text, no=target) if blended else text};"
+
+    def _raised(self, place: Place) -> str:
+        return self._raised_where(place, "true")[0]
+
+    def _raised_where(self, place: Place, test: str) -> Sequence[str]:
+        bit = [each.place for each in self.step.bits].index(place)
+        raised = f"({self.syntax.types['unsigned']})({self._on(f'({test})')})"
+        return (f"status |= {raised} & {self.own}_count({1 << bit:#x}u);",)
+
+    def _when(self, when: When, taken: frozenset[str]) -> Code:
+        flag, name, other = when.flag.name, self._named(), f"{self._named()}_not"
+        text = self._declared(name, flag)
+        text += self._declared(other, f"~{flag}") if when.otherwise else Code()
+        text += self._where(name, when.body, taken)
+        text += self._where(other, when.otherwise, taken) if when.otherwise else Code()
+        return braced("{", text)
+
+    def _where(self, name: str, body: Program, taken: frozenset[str]) -> Code:
+        """Statements for the lanes of a mask."""
+        everywhere = self.counted[-1]
+        inner = frozenset(
+            place for place, n in _counted(body).items() if everywhere[place] == n and place.struct == "work"
+        )
+        with self._masked(Mask(name, inner)):
+            return braced(f"if ({self._any(name)}) {{", self.statements(body, taken))
+
+    # --- members
+
+    def _loop(self, loop: Loop, taken: frozenset[str]) -> Code:
+        depth = len(self.kinds.groups[loop.group])
+        k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
+        total, whole = self.kinds.groups[loop.group][-1].count, self.syntax.types["unsigned"]
+        at, number = f"{self.own}_at{len(self.masks)}", self._number(k)
+        tests = [f"({number} < {self.whole(loop.active)})"] if loop.active else []
+        if loop.start is None:
+            return self._members(loop, k, loop.count, tests, taken)
+        tests += [f"({at} == {self._number(i)})"]
+        inside = self._members(loop, i, total, tests, taken)
+        once = code(f"{at} = {at} + {self._number('1')};", f"{at} = {self._within(at, total)};")
+        start = code(f"{whole} {at} = {self._within(self.whole(loop.start), total)};")
+        turns = f"for (unsigned {k} = 0u; {k} < {loop.count}u; ++{k}) {{"
+        return braced("{", start + braced(turns, inside + once))
+
+    def _members(self, loop: Loop, k: str, count: int, tests: list[str], taken: frozenset[str]) -> Code:
+        """The body for each member, number `k`, for the lanes that pass the tests."""
+        array = self.whole(self._array(loop.group))
+        head = f"for (unsigned {k} = 0u; {k} < {count}u; ++{k}) {{"
+        member = code(self._member(loop.group, array, k))
+        uses = self.uses(self._array(loop.group), loop.start, loop.active, loop.index)
+        with self._masked(Mask(name := self._named()) if tests else self.masks[-1]):
+            if loop.index:
+                member += code(self._assigned(loop.index, self.whole(loop.index), self._number(k)))
+            inner = member + self.statements(loop.body, taken)
+        if tests:
+            inner = self._declared(name, " & ".join(tests)) + braced(f"if ({self._any(name)}) {{", inner)
+        return braced(head, inner) + Code((), uses)
+
+    def _number(self, text: str) -> str:
+        """A number that is the same in each lane."""
+        return f"{self.own}_count({text})"
+
+    def _within(self, index: str, total: int) -> str:
+        return self.syntax.choice.format(
+            test=f"({index} >= {self._number('0')}) & ({index} < {self._number(str(total))})",
+            yes=index,
+            no=self._number("0"),
+        )
+
+    # --- lane by lane
+
+    def _each(self, inner: Code) -> Code:
+        """Statements for each lane that runs, whose number is `lane`."""
+        head = f"for (int lane = 0; lane < {self.width}; ++lane) {{"
+        mask = self.masks[-1].name
+        return braced(head, braced(f"if ({mask}[lane]) {{", inner) if mask else inner)
+
+    def _copy(self, copy: Copy) -> Code:
+        array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
+        numbers = [f"{self._within(self.whole(place), total)}" for place in (copy.target, copy.source)]
+        whole, size = self.syntax.types["unsigned"], f"sizeof({self.real})"
+        declared = code(*(f"const {whole} {name} = {n};" for name, n in zip(("into", "from"), numbers, strict=True)))
+        ends = (f"(char *)&{self.whole(array)}[{name}[lane]] + byte" for name in ("into", "from"))
+        first, end = f"(size_t)lane * {size}", f"sizeof({self.syntax.group(self.prefix, copy.group)})"
+        head = f"for (size_t byte = {first}; byte < {end}; byte += {size} * {self.width}) {{"
+        bytes_ = braced(head, code(f"__builtin_memcpy({', '.join(ends)}, {size});"))
+        return braced("{", declared + self._each(bytes_)) + Code((), self.uses(array, copy.target, copy.source))
+
+    def _kernel(self, kernel: Kernel) -> Code:
+        """A call of the scalar kernel, on the numbers of a lane."""
+        before, after, passed = Code(), Code(), list[str]()
+        operands = [(kernel.columns, kernel.size)] if kernel.columns else []
+        tree = functions_of(matrix_loops)[kernel.name].args.args
+        for k, (place, size) in enumerate((*operands, *kernel.arguments)):
+            if not is_array(tree[k]):
+                passed.append(f"{self.whole(place)}[lane]")
+                continue
+            columns = place == kernel.columns
+            element = f"{self.own}_one_column" if columns else self.real
+            lies = self.whole(self._array(place.struct) if columns else place)
+            name = f"{self.own}_argument{k}"
+            ends = f"{name}[j]", (f"{lies}[j]" if size > 1 or columns else lies)
+            if columns:
+                head = f"for (unsigned j = 0u; j < {size}u; ++j) for (unsigned row = 0u; row < {size}u; ++row) {{"
+                ends = f"{name}[j].v[row]", f"{lies}[j].{place.name}[row]"
+            else:
+                head = f"for (unsigned j = 0u; j < {size}u; ++j) {{"
+            before += code(f"{element} {name}[{size}];") + braced(head, code(f"{ends[0]} = {ends[1]}[lane];"))
+            after += braced(head, code(f"{ends[1]}[lane] = {ends[0]};"))
+            passed.append(name)
+        counts = (f"{count}u" for count in kernel.counts)
+        call = f"{self.own}_one_{kernel.name}({', '.join((*passed, *counts))});"
+        if kernel.result:
+            call = f"{self.whole(kernel.result)}[lane] = -({call[:-1]});"
+        uses = self.uses(*(self._array(p.struct) if p == kernel.columns else p for p, _ in operands))
+        uses |= self.uses(*(place for place, _ in kernel.arguments))
+        return self._each(before + code(call) + after) + Code(
+            (), uses | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
+        )
+
+
+def table(prefix: str, real: Real, lookup: Lookup) -> Code:
+    """The function of a table, lane by lane."""
+    names = [axis.name for axis in lookup.axes]
+    parameters = ", ".join(f"{own(prefix)}_numbers {name}" for name in names)
+    call = f"{own(prefix)}_one_{lookup.name}({', '.join(f'{name}[lane]' for name in names)})"
+    loop = braced(f"for (int lane = 0; lane < {prefix.upper()}_LANES; ++lane) {{", code(f"value[lane] = {call};"))
+    inner = code(f"{own(prefix)}_numbers value = {{0}};") + loop + code("return value;")
+    return code(f"static {own(prefix)}_numbers {prefix}_{lookup.name}({parameters})") + braced("{", inner) + code("")
+
+
+def _counted(program: Program) -> Counter[Place]:
+    """How many statements know each place."""
+    return Counter(chain.from_iterable({place for place, _ in places((_alone(s),))} for s in walk(program)))
+
+
+def _alone(statement: Statement) -> Statement:
+    """A statement without those in it."""
+    if isinstance(statement, When):
+        return When(statement.flag, ())
+    if isinstance(statement, Loop):
+        return Loop(statement.group, statement.count, (), statement.start, statement.active, statement.index)
+    return statement

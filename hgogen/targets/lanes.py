@@ -1,0 +1,149 @@
+"""C functions that run a step on many records at once: NAME_lanes.c, for GNU compilers.
+
+A register holds a number of each of several records, its lanes; `NAME_LANES` of them are in one call of
+`NAME_lanes_run`, which takes samples and gives estimates, traces and statuses with the records beside each other:
+u (count, m, width), y (count, p, width), and of what comes out (count, numbers, width), of which the call has its
+lanes. Of three widths that of u or y is 0 where all records have the same. What a step remembers and its parameters are
+in `memory`, number by number in the order of the C structs. Without contraction (`-ffp-contract=off`) the bits are
+those of the scalar C.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from hgogen.emit.cnames import c_name, demand_names
+from hgogen.emit.code import Code, Uses, braced, code, indented, joined
+from hgogen.emit.cstruct import named, struct
+from hgogen.emit.csyntax import C
+from hgogen.emit.functions import functions
+from hgogen.emit.lanesyntax import lanes as in_lanes
+from hgogen.emit.lanesyntax import own, prelude
+from hgogen.emit.lanewriter import LaneWriter, table
+from hgogen.emit.portable import kernels, tables
+from hgogen.emit.routines import routines
+from hgogen.emit.syntax import Real, demand_real, demand_step
+from hgogen.program import Field, Group, Program, lines_of
+from hgogen.step import Step
+from hgogen.target import Files
+
+
+def lanes(step: Step, *, real: Real = "double") -> Files:
+    """The step in lanes as C text. Raises: `NoStep`, `BadReal`; as `c99` does for names and numbers."""
+    demand_step(step, "lanes")
+    demand_real(real)
+    demand_names(step)
+    writer = LaneWriter(in_lanes(step.name, real), step, real)
+    text = _functions(writer)
+    includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
+    parts = [_scalar(writer, text.uses), prelude(step.name, real), _structs(writer), _shared(writer, text.uses)]
+    lines = [*includes, "", *(line for part in parts for line in part), *text.lines, *_many(writer)]
+    return Files(((f"{step.name}_lanes.c", "\n".join(lines) + "\n"),))
+
+
+# --- functions
+
+
+def _functions(writer: LaneWriter) -> Code:
+    """The functions of routines, sections and the estimate."""
+    step = writer.step
+    sections = [_section(writer, section.name, section.program) for section in step.sections]
+    whole = joined([*sections, _section(writer, "estimate", step.estimate)])
+    return routines(writer, whole.uses.routines) + whole
+
+
+def _section(writer: LaneWriter, name: str, program: Program) -> Code:
+    counts = writer.syntax.types["unsigned"]
+    parameters = ", ".join(f"{writer.prefix}_{kind} *{short}" for short, kind in _STRUCTS.items())
+    inner = code(f"{counts} status = {{0}};") + writer.function(program) + code("return status;")
+    return code(f"static {counts} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
+
+
+def _scalar(writer: LaneWriter, uses: Uses) -> Sequence[str]:
+    """Tables and kernels, which are called lane by lane."""
+    one, real = f"{own(writer.prefix)}_one", writer.real
+    columns = [line for size in {size for _, size in uses.kernels} for line in _column(one, real, size)]
+    return [*columns, *(tables(C, one, real, uses.lookups) + kernels(C, one, real, uses.kernels)).lines]
+
+
+def _column(one: str, real: Real, size: int) -> list[str]:
+    return [*struct(f"{one}_column", [f"{real} v[{size}];"]), ""]
+
+
+def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
+    """Small and mathematical functions, and tables lane by lane."""
+    name, real, looked = writer.prefix, writer.real, sorted(uses.lookups, key=lambda each: each.name)
+    return (
+        functions(writer.syntax, name, real, uses.helpers) + joined(table(name, real, each) for each in looked)
+    ).lines
+
+
+# --- memory
+
+_STRUCTS = {"s": "state", "p": "params", "in": "input", "out": "output", "x": "plant"}
+
+
+def _structs(writer: LaneWriter) -> list[str]:
+    """The structs of the scalar C, of lanes."""
+    step, p, number = writer.step, writer.prefix, writer.syntax.types[writer.real]
+    lines = list[str]()
+    for kind, signals in (("input", step.inputs), ("output", step.samples), ("plant", step.states)):
+        lines += struct(f"{p}_{kind}", [f"{number} {c_name(signal.name)};" for signal in signals])
+    kinds = (("plant", map(named, step.plant)), ("gain", step.gains), ("derived", step.derived))
+    parameters = ((kind, _members(writer, fields)) for kind, fields in kinds)
+    inner = (["struct {", *indented(members), f"}} {kind};"] for kind, members in parameters if members)
+    lines += struct(f"{p}_params", [line for part in inner for line in part] or [f"{number} none;"])
+    for *_, group in lines_of(step.groups):
+        lines += struct(f"{p}_{group.name}", _members(writer, group.fields, group.groups))
+    lines += struct(f"{p}_state", _members(writer, step.state, step.groups))
+    return [*lines, *struct(f"{own(p)}_kept", [f"{p}_state s;", f"{p}_params p;"]), ""]
+
+
+def _members(writer: LaneWriter, fields: Iterable[Field], groups: Iterable[Group] = ()) -> list[str]:
+    types = {"real": writer.syntax.types[writer.real], "index": writer.syntax.types["index"]}
+    members = [f"{types[field.kind]} {field.name}{f'[{field.size}]' * (field.size > 1)};" for field in fields]
+    return members + [f"{writer.prefix}_{group.name} {group.name}[{group.count}];" for group in groups]
+
+
+# --- many records
+
+
+def _many(writer: LaneWriter) -> list[str]:
+    """A step for each row, and the sizes that a caller has to know."""
+    step, p, real = writer.step, writer.prefix, writer.real
+    inputs = [_loaded(p, "u", len(step.inputs), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.inputs)]
+    outputs = [_loaded(p, "y", len(step.samples), j, f"out.{c_name(each.name)}") for j, each in enumerate(step.samples)]
+    arguments = "&memory->s, &memory->p, &in, &out, &plant"
+    sections = (f"status |= {p}_{section.name}({arguments});" for section in step.sections)
+    x = [_stored(p, "x", len(step.states), i, f"plant.{c_name(each.name)}") for i, each in enumerate(step.states)]
+    traces = [_stored(p, "traces", len(step.observer.traces), j, each) for j, each in enumerate(_traces(writer))]
+    body = [
+        *(f"{p}_{kind} {name};" for kind, name in (("input", "in"), ("output", "out"), ("plant", "plant"))),
+        f"{own(p)}_counts status = {{0}};",
+        *(*inputs, *outputs, *sections, f"(void){p}_estimate({arguments});", *x),
+        *(["if (traces) {", *indented(traces), "}"] if traces else []),
+        f"*({own(p)}_word *)&statuses[width[2]*k] = __builtin_convertvector(status, {own(p)}_word);",
+    ]
+    sizes = {"width": f"{p.upper()}_LANES", "size": f"sizeof({own(p)}_kept)"}
+    return [
+        *(f"size_t {own(p)}_{name}(void) {{ return {value}; }}" for name, value in sizes.items()),
+        f"void {own(p)}_run({own(p)}_kept *memory, size_t count, const size_t width[3],",
+        f"    const {real} *u, const {real} *y, {real} *x, {real} *traces, uint32_t *statuses)",
+        *("{", "    for (size_t k = 0u; k < count; ++k) {", *indented(body, 8), "    }", "}"),
+    ]
+
+
+def _traces(writer: LaneWriter) -> Iterator[str]:
+    counters = {field.name for field in writer.step.state if field.kind == "index"}
+    for name in writer.step.observer.traces:
+        cast = writer.syntax.cast.format(value=f"memory->s.{name}", type=writer.syntax.types[writer.real])
+        yield cast if name in counters else f"memory->s.{name}"
+
+
+def _loaded(p: str, array: str, size: int, j: int, place: str) -> str:
+    """A signal, which is alike in all lanes where its records have no width."""
+    width, at, p = f"width[{'uy'.index(array)}]", f"{size}u*k + {j}u", own(p)
+    beside = f"({p}_numbers)*(const {p}_row *)&{array}[({at})*{width}]"
+    return f"{place} = {width} ? {beside} : {p}_fill({array}[{at}]);"
+
+
+def _stored(p: str, array: str, size: int, j: int, value: str) -> str:
+    return f"*({own(p)}_row *)&{array}[({size}u*k + {j}u)*width[2]] = {value};"
