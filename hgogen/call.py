@@ -191,7 +191,7 @@ class CallableStep(Step):
         """
         engine = self._kept.ready(engine, self.engine)
         asked = Asked(self, self._kept, u, y, parameters or {}, starts or ())
-        firsts = asked.firsts(engine, lambda start: self.started(lambda _: start).save())
+        firsts = asked.firsts(self._many.own, engine, lambda start: self.started(lambda _: start).save())
         return self._many.run(asked, firsts, engine, jobs, traces, each)
 
     def reset(self) -> None:

@@ -56,10 +56,12 @@ class Asked:
             raise BadShape(f"different numbers of records ({listing})", "must be one for all")
         return next(iter(lengths.values()), 1)
 
-    def firsts(self, engine: Engine, started: Started) -> Callable[[int], bytes]:
-        """The memory that a record starts from, by its number. Raises: what `started` raises."""
-        base, own = bytes(self.memory.whole), Kept(self.step, self.memory.real)
-        tune, states = own.entries(engine)["tune"], self._states(started)
+    def firsts(self, own: Kept, engine: Engine, started: Started) -> Callable[[int], bytes]:
+        """The memory that a record starts from, by its number, which `own` makes. Raises: what `started` raises."""
+        base, states = bytes(self.memory.whole), self._states(started)
+        if not states and not self._parameters:
+            return lambda _: base
+        tune = own.entries(engine)["tune"]
 
         def first(k: int) -> bytes:
             own.whole[:] = base
@@ -71,7 +73,7 @@ class Asked:
                 tune()
             return bytes(own.whole)
 
-        return first if states or self._parameters else lambda _: base
+        return first
 
     @cached_property
     def _parameters(self) -> dict[Place, Array]:

@@ -77,7 +77,7 @@ class Many:
 
     def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
         """One by one."""
-        own = Kept(self.step, self.real)
+        own = self.own
         own.entries(engine)
         for k in range(results.records):
             own.whole[:] = memory(k)
@@ -86,6 +86,11 @@ class Many:
             if results.traced:
                 results.traces[:, :, k] = traces
             yield k + 1
+
+    @cached_property
+    def own(self) -> Kept:
+        """A memory that is no caller's."""
+        return Kept(self.step, self.real)
 
     @cached_property
     def lanes(self) -> "_Lanes | None":

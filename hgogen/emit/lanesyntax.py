@@ -60,6 +60,7 @@ def lanes(prefix: str, real: Real) -> Lanes:
         cast="__builtin_convertvector({value}, {type})",
         casted=ATOM,
         counted={op: wrapped.format(each, p) for op, each in _WRAPPED.items()},
+        function=("static inline {type} {name}({parameters})", "{{"),
         both=" & ",
         either=" | ",
         opposite="~{}",
