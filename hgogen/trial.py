@@ -21,6 +21,7 @@ import sympy as sp
 
 from hgogen.call import CallableStep
 from hgogen.calling.interrupt import heard
+from hgogen.calling.late import at_their_times
 from hgogen.calling.marched import March
 from hgogen.calling.samples import Engine
 from hgogen.form import Form
@@ -285,9 +286,7 @@ def try_out(
 
     Raises: `BadTrial`; `BadGain` for an estimate that the observer cannot start from.
     """
-    system = step.observer.form.system
-    plant = system.declared
-    truth = simulate(plant, trial, step.dt)
+    truth = simulate(step.observer.form.system.declared, trial, step.dt)
     seeds = trial.seeds if seeds is None else seeds
     yield from tried(step, trial, truth, first_memory(step, trial), seeds, engine)
 
@@ -307,23 +306,23 @@ def tried(
     step: CallableStep, trial: Trial, truth: Truth, start: bytes, seeds: Sequence[int], engine: Engine | None
 ) -> Iterator[Trajectory]:
     """The step over a truth of its plant, from the memory `start`, one trajectory for each seed."""
-    system = step.observer.form.system
-    plant = system.declared
-    u = truth.u if system.inputs == plant.inputs else sampled(system, trial, truth.t)
-    every = max(1, _TOGETHER // truth.y.size)
-    for first in range(0, len(seeds), every):
-        some = seeds[first : first + every]
-        for seed, measured in zip(some, noisy(plant, truth, trial, some), strict=True):
-            y = at_their_times(step, measured)
+    for some, u, measured in records(step, trial, truth, seeds):
+        for seed, y in zip(some, measured, strict=True):
             step.restore(start)
             run = step.run(u=u, y=step.arriving(y), engine=engine)
             yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
 
 
-def at_their_times(step: CallableStep, y: np.ndarray) -> np.ndarray:
-    """y (N, p) with NaN between the samples of a slower sensor."""
-    every = [round(period / step.dt) for period in step.periods]
-    return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
+def records(
+    step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]
+) -> Iterator[tuple[Sequence[int], np.ndarray, Iterator[np.ndarray]]]:
+    """As many seeds as are made at once, the inputs u (N, m), and what each seed measures, y (N, p)."""
+    system = step.observer.form.system
+    u = truth.u if system.inputs == system.declared.inputs else sampled(system, trial, truth.t)
+    every = max(1, _TOGETHER // truth.y.size)
+    for first in range(0, len(seeds), every):
+        some = seeds[first : first + every]
+        yield some, u, (at_their_times(step, y) for y in noisy(system.declared, truth, trial, some))
 
 
 def _validate(plant: System, trial: Trial, dt: float) -> None:

@@ -25,10 +25,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from hgogen.call import CallableStep
+from hgogen.calling.late import at_their_times
 from hgogen.emit import layout
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
-from hgogen.trial import BadTrial, Jump, Trial, Truth, at_their_times, noisy, sampled, simulate
+from hgogen.trial import BadTrial, Jump, Trial, Truth, noisy, sampled, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 WAIT = 10  # settling times that an estimate has to come back

@@ -24,12 +24,15 @@ from typer.testing import CliRunner, Result
 import hgogen as hg
 from hgogen import cli
 from hgogen import trial as trial_module
+from hgogen.call import CallableStep
+from hgogen.calling import native
 from hgogen.calling.marched import March
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.optional import NotInstalled
 from hgogen.target import CannotWrite, lines_of
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
+from hgogen.trials import campaign as campaign_module
 from hgogen.trials import tally as tally_module
 from hgogen.trials import varied as varied_module
 from hgogen.trials.campaign import BadCampaign, Outcome, earlier, head, line, outcome
@@ -179,6 +182,27 @@ def test_a_run_has_the_same_numbers_alone(vary: str | None) -> None:
 def test_processes_give_the_same_numbers() -> None:
     made = hg.campaign(step(), TRIAL, 20, "x1=20%,noise=50%")
     assert {one.run: one for one in made.run(jobs=2)} == {one.run: one for one in made.run(jobs=1)}
+
+
+@pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
+def test_a_long_campaign_takes_its_records_together_with_the_same_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 30 runs as many as are made at once, here 7 and then 2; the step takes late samples and shows its theta."""
+    theta = hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.staggered(0.2, predictors=2))
+    observer = hg.observers.riccati(hg.forms.triangular(PLANT), Q=[0.1, 0.1], R=0.1, theta=theta)
+    made, records = hg.sample(hg.delayed(observer, y=3), dt=0.02), list[int]()
+
+    def counted(self: Any, u: Any, y: Any, run_many: Any = CallableStep.run_many, **options: Any) -> Any:
+        records.append(len(y))
+        return run_many(self, u, y, **options)
+
+    monkeypatch.setattr(CallableStep, "run_many", counted)
+    alone = [line(one) for one in hg.campaign(made, TRIAL, 30).run(range(9), jobs=1)]
+    assert records == []
+    monkeypatch.setattr(trial_module, "_TOGETHER", 7 * 101)
+    monkeypatch.setattr(campaign_module, "WORTH", 30 * 101)
+    together = [line(one) for one in hg.campaign(made, TRIAL, 30).run(range(9), jobs=1)]
+    assert together == alone
+    assert records == [0, 7, 2]
 
 
 def test_noise_of_many_seeds_together_has_the_bits_of_each_alone() -> None:

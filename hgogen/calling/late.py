@@ -26,6 +26,12 @@ def arriving(step: Step, y: Array) -> Array:
     return np.column_stack(came)
 
 
+def at_their_times(step: Step, y: Array) -> Array:
+    """y (N, p) with NaN between the samples of a slower sensor."""
+    every = [round(period / step.dt) for period in step.periods]
+    return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
+
+
 def in_time(step: Step, samples: Array) -> Array:
     """Samples (N, p + ages) in the order of arrival by the rows in which they were taken, (N, p), NaN where none came
     in time; of one row the first."""

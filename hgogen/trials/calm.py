@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.trial import Trial, at_their_times, noisy, sampled, simulate
+from hgogen.calling.late import at_their_times
+from hgogen.trial import Trial, noisy, sampled, simulate
 
 
 def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray:

@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from hashlib import sha256
 from typing import Any
 
@@ -25,6 +26,7 @@ from hgogen.system import System
 from hgogen.trial import BadTrial, Plant, Trial, Truth, first_memory, tried
 from hgogen.trials.metrics import Metrics, Response, metrics
 from hgogen.trials.spread import Workers
+from hgogen.trials.together import WORTH, tried_together
 from hgogen.trials.varied import Draws, hypercube, varied
 
 MOST = 10_000_000  # runs
@@ -126,7 +128,7 @@ def campaign(
 
 def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, scheduler: str | None) -> Iterator[Outcome]:
     # meets what does not fit, and compiles once for all
-    ready = Ready(replace(each, draws=each.drawn(())), len(each.draws) >= MANY)
+    ready = Ready(replace(each, draws=each.drawn(())), len(each.draws))
     size = ALONE if each.draws.moves else BATCH
     batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
     pieces = ((batch, each.drawn(batch)) for batch in batches)
@@ -142,13 +144,14 @@ class Ready:
     """A campaign with what its runs share: the plant's equations, the step's first memory, and where nothing moves the
     plant from run to run, its truth.
 
-    `many`: as `Plant` takes it.
+    `runs`: how many there are, few of which are not worth what is compiled for many.
 
     Raises: `BadTrial` of a trial that does not fit its plant.
     """
 
-    def __init__(self, campaign: Campaign, many: bool) -> None:
-        self.campaign, self.many = campaign, many
+    def __init__(self, campaign: Campaign, runs: int) -> None:
+        self.campaign, self.runs = campaign, runs
+        many = runs >= MANY
         step, trial, moves = campaign.step, campaign.trial, campaign.draws.moves
         free = campaign.draws.free(campaign.plant)
         self._plant = Plant(campaign.plant, trial, step.dt, free, many and moves)
@@ -157,12 +160,15 @@ class Ready:
         if many and moves:
             with suppress(BadTrial):
                 self._plant.truth(trial.start, [float(campaign.plant.nominal[p]) for p in free])
-        if campaign.engine == "c":
-            step.run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
+        compiled, samples = campaign.engine == "c", 0 if self._truth is None else runs * len(self._truth.t)
+        self._together = compiled and not campaign.draws.varied and samples >= WORTH
+        if compiled:
+            run = step.run_many if self._together else step.run
+            run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The campaign, which makes it again: a pickle holds no graphs."""
-        return Ready, (self.campaign, self.many)
+        return Ready, (self.campaign, self.runs)
 
     def outcomes(self, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
         """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made
@@ -182,7 +188,8 @@ class Ready:
 
     def _tried(self, truth: Truth, trial: Trial, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
         step, engine = self.campaign.step, self.campaign.engine
-        for row, trajectory in enumerate(tried(step, trial, truth, self._memory, numbers, engine)):
+        take = tried_together if self._together else partial(tried, engine=engine)
+        for row, trajectory in enumerate(take(step, trial, truth, self._memory, numbers)):
             yield Outcome(trajectory.seed, draws.named(row), metrics(step, trajectory))
 
 
