@@ -11,6 +11,7 @@ import hgogen as hg
 from hgogen.calling import native
 from hgogen.calling.batch import Batch
 from hgogen.calling.samples import BadShape, Engine, Run
+from hgogen.emit import lanewriter
 from hgogen.emit.syntax import Real
 from hgogen.model import load
 from hgogen.reading.given import BadGain
@@ -157,6 +158,15 @@ def test_a_compiler_without_vectors_runs_one_by_one_and_says_so(monkeypatch: pyt
     for k in range(3):
         made.reset()
         assert is_run(many, k, made.run(u[k], y[k]))
+
+
+@lanes
+def test_a_step_with_a_kernel_that_has_no_lanes_runs_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = step("many_states").made_again()
+    monkeypatch.setattr(lanewriter, "TOGETHER", lanewriter.TOGETHER - {"cap"})
+    assert made.run_many(*signals(made, 2, 5)).engine == "c"
+    with pytest.raises(lanewriter.NoLanes, match="the kernel cap goes another way in each lane"):
+        hg.targets.lanes(made)
 
 
 def test_without_a_compiler_it_is_python(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ from hgogen.calling.asked import Asked
 from hgogen.calling.readers import Kept
 from hgogen.calling.samples import Engine
 from hgogen.emit import layout
+from hgogen.emit.lanewriter import NoLanes
 from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.syntax import Real
 from hgogen.reading.given import count
@@ -94,11 +95,11 @@ class Many:
 
     @cached_property
     def lanes(self) -> "_Lanes | None":
-        """The step in lanes; None where the compiler does not know them."""
+        """The step in lanes; None where it has none, or the compiler does not know them."""
         try:
             files = targets.lanes(self.step, real=self.real)
             return _Lanes(self.step, self.real, native.library(files, native.own()))
-        except native.CompilerFailed:
+        except (NoLanes, native.CompilerFailed):
             return None
 
 

@@ -22,12 +22,15 @@ BYTES: Mapping[Real, int] = {"float": 4, "double": 8}
 
 @dataclass(frozen=True)
 class Lanes(Syntax):
-    """The syntax for a file whose names begin with `prefix`."""
+    """The syntax for a file whose names begin with `prefix`; `alike`: where counts are the same in all lanes."""
 
     prefix: str = ""
+    alike: bool = False
 
     def marked(self, digits: str, kind: Number) -> str:
         """A number, the same in each lane."""
+        if self.alike and kind == "unsigned":
+            return C.marked(digits, kind)
         fill = "count" if kind == "unsigned" else "fill"
         return f"{own(self.prefix)}_{fill}({C.marked(digits, kind)})"
 
@@ -73,6 +76,18 @@ def lanes(prefix: str, real: Real) -> Lanes:
     return Lanes(**{each.name: getattr(inherited, each.name) for each in fields(Syntax)}, prefix=prefix)
 
 
+def alike(prefix: str, real: Real) -> Lanes:
+    """The syntax for functions whose counts are alike in all lanes: a test is one of counts, or holds in any lane."""
+    syntax, condition = lanes(prefix, real), f"if ({own(prefix)}_holds({{}})) {{{{"
+    return replace(
+        syntax,
+        types={**syntax.types, "unsigned": "unsigned", "index": "unsigned"},
+        counted={},
+        condition=condition,
+        alike=True,
+    )
+
+
 def prelude(prefix: str, real: Real) -> list[str]:
     """The types, and what C has no sign for."""
     p, bits, width = own(prefix), 8 * BYTES[real], f"{prefix.upper()}_LANES"
@@ -96,8 +111,10 @@ def prelude(prefix: str, real: Real) -> list[str]:
         f"static inline {p}_numbers {p}_fill({real} v) {{ return v - ({p}_numbers){{0}}; }}",
         f"static inline {p}_counts {p}_count({kinds['counts']} v) {{ return v + ({p}_counts){{0}}; }}",
         *(line for kind in kinds for line in _pick(p, kind)),
-        f"#define {p}_pick(test, yes, no) \\",
-        f"    _Generic((no), {', '.join(f'{p}_{kind}: {p}_pick_{kind}' for kind in kinds)})(test, yes, no)",
+        f"static inline {p}_numbers {p}_pick_alike(int test, {p}_numbers yes, {p}_numbers no)",
+        *("{", "    return test ? yes : no;", "}"),
+        f"#define {p}_pick(test, yes, no) _Generic((test), int: {p}_pick_alike, default: \\",
+        f"    _Generic((no), {', '.join(f'{p}_{kind}: {p}_pick_{kind}' for kind in kinds)}))(test, yes, no)",
         f"static inline int {p}_any({p}_truth test)",
         "{",
         f"    {kinds['truth']} any = 0;",
@@ -106,6 +123,8 @@ def prelude(prefix: str, real: Real) -> list[str]:
         "    }",
         "    return any != 0;",
         "}",
+        f"static inline int {p}_alike(int test) {{ return test; }}",
+        f"#define {p}_holds(test) _Generic((test), int: {p}_alike, default: {p}_any)(test)",
         "",
     ]
 

@@ -3,7 +3,8 @@
     When    its body runs if any lane wants it, and what it writes is blended in where a lane does
     Loop    the members in order; of one that begins where each lane has it, every member in turn, for the lanes that
             are at it
-    Copy, Kernel, table     lane by lane, by the scalar C
+    Kernel  in all lanes, of which those that do not want it have back what they had
+    Copy, table     lane by lane
 
 A work value that only one body knows is written without a blend: the lanes that do not want the body never read it.
 """
@@ -11,17 +12,31 @@ A work value that only one body knows is written without a blend: the lanes that
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 from hgogen.algebra.lookup import Lookup
 from hgogen.emit import matrix_loops
-from hgogen.emit.code import Code, Uses, braced, code
+from hgogen.emit.code import Code, braced, code
 from hgogen.emit.lanesyntax import own
-from hgogen.emit.portable import functions_of, is_array
+from hgogen.emit.portable import functions_of, writes
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real
+from hgogen.errors import HgogenError
 from hgogen.program import Call, Copy, Kernel, Loop, Place, Program, Statement, When, places, walk
+
+# kernels whose way depends on counts alone, but for a scaling by ones in lanes that need none
+TOGETHER = frozenset({"expand", "triangularise", "add", "correct", "cap", "renew"})
+
+
+@dataclass(eq=False)
+class NoLanes(HgogenError):
+    """A matrix kernel whose way depends on its numbers."""
+
+    kernel: str
+
+    def __str__(self) -> str:
+        return f"the kernel {self.kernel} goes another way in each lane; call the scalar step"
 
 
 @dataclass(frozen=True)
@@ -177,36 +192,51 @@ class LaneWriter(Writer):
         return braced("{", declared + self._each(bytes_)) + Code((), self.uses(array, copy.target, copy.source))
 
     def _kernel(self, kernel: Kernel) -> Code:
-        """A call of the scalar kernel, on the numbers of a lane."""
-        before, after, passed = Code(), Code(), list[str]()
-        operands = [(kernel.columns, kernel.size)] if kernel.columns else []
-        tree = functions_of(matrix_loops)[kernel.name].args.args
-        for k, (place, size) in enumerate((*operands, *kernel.arguments)):
-            if not is_array(tree[k]):
-                passed.append(f"{self.whole(place)}[lane]")
-                continue
-            columns = place == kernel.columns
-            element = f"{self.own}_one_column" if columns else self.real
-            lies = self.whole(self._array(place.struct) if columns else place)
-            name = f"{self.own}_argument{k}"
-            ends = f"{name}[j]", (f"{lies}[j]" if size > 1 or columns else lies)
-            if columns:
-                head = f"for (unsigned j = 0u; j < {size}u; ++j) for (unsigned row = 0u; row < {size}u; ++row) {{"
-                ends = f"{name}[j].v[row]", f"{lies}[j].{place.name}[row]"
-            else:
-                head = f"for (unsigned j = 0u; j < {size}u; ++j) {{"
-            before += code(f"{element} {name}[{size}];") + braced(head, code(f"{ends[0]} = {ends[1]}[lane];"))
-            after += braced(head, code(f"{ends[1]}[lane] = {ends[0]};"))
-            passed.append(name)
-        counts = (f"{count}u" for count in kernel.counts)
-        call = f"{self.own}_one_{kernel.name}({', '.join((*passed, *counts))});"
-        if kernel.result:
-            call = f"{self.whole(kernel.result)}[lane] = -({call[:-1]});"
-        uses = self.uses(*(self._array(p.struct) if p == kernel.columns else p for p, _ in operands))
-        uses |= self.uses(*(place for place, _ in kernel.arguments))
-        return self._each(before + code(call) + after) + Code(
-            (), uses | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
-        )
+        """A call for all lanes at once, after which those that do not run have back what they had."""
+        if kernel.name not in TOGETHER:
+            raise NoLanes(kernel.name)
+        before, after, mask = Code(), Code(), self.masks[-1]
+        for k, each in enumerate(self._changed(kernel) if mask.name else ()):
+            if each.place not in mask.own:
+                kind = self.syntax.group(self.prefix, "column") if each.columns else self.syntax.types[self.real]
+                was = replace(each, text=f"{self.own}_before{k}")
+                back = self.syntax.choice.format(test=mask.name, yes=each.element, no=was.element)
+                before += code(f"{kind} {was.text}[{each.size}];") + each.all(f"{was.element} = {each.element};")
+                after += each.all(f"{each.element} = {back};")
+        return braced("{", before + super()._kernel(kernel) + after)
+
+    def _compiled_in(self, count: int) -> str:
+        return f"{count}u"
+
+    def _changed(self, kernel: Kernel) -> Iterator["_Array"]:
+        """The arrays that a kernel may write."""
+        operands = [*([(kernel.columns, kernel.size)] if kernel.columns else []), *kernel.arguments]
+        parameters = functions_of(matrix_loops)[kernel.name].args.args
+        for parameter, (place, size) in zip(parameters, operands, strict=False):  # and counts
+            if writes(parameter):
+                columns = place == kernel.columns
+                yield _Array(place, self.whole(self._array(place.struct) if columns else place), size, columns)
+
+
+@dataclass(frozen=True)
+class _Array:
+    """An array that a kernel is passed: its place and text, how many elements it has, whether they are the columns of a
+    matrix."""
+
+    place: Place
+    text: str
+    size: int
+    columns: bool
+
+    @property
+    def element(self) -> str:
+        """The text of an element, as `all` counts them."""
+        return f"{self.text}[j]{'.v[i]' * self.columns}"
+
+    def all(self, line: str) -> Code:
+        """A line for each element."""
+        heads = (f"for (unsigned {k} = 0u; {k} < {self.size}u; ++{k})" for k in ("j", "i")[: 1 + self.columns])
+        return code(f"{' '.join(heads)} {{ {line} }}")
 
 
 def table(prefix: str, real: Real, lookup: Lookup) -> Code:

@@ -141,9 +141,10 @@ def _calls(there: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
     return direct.union(*(_calls(there, other) for other in direct))
 
 
-def is_array(parameter: ast.arg) -> bool:
-    """Whether it is passed as an array."""
-    return _array(parameter) is not None
+def writes(parameter: ast.arg) -> bool:
+    """Whether it is an array that the function may write."""
+    kind = _array(parameter)
+    return kind is not None and kind[1]
 
 
 def _array(parameter: ast.arg) -> tuple[str, bool] | None:

@@ -177,11 +177,16 @@ class Writer:
     def _kernel(self, kernel: Kernel) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []
         operands += [place for place, _ in kernel.arguments]
-        values = [*map(self.whole, operands), *(self.literal(count, "unsigned") for count in kernel.counts)]
+        values = [*map(self.whole, operands), *map(self._compiled_in, kernel.counts)]
         texts = (how.format(value) for value, how in zip(values, passed(self.syntax, kernel.name), strict=True))
         call = f"{self.prefix}_{kernel.name}({', '.join(texts)})"
         uses = self.uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
-        return Code((f"{self.whole(kernel.result)} = {call};" if kernel.result else f"{call};",), uses)
+        result = kernel.result and self._assigned(kernel.result, self.whole(kernel.result), call)
+        return Code((result or f"{call};",), uses)
+
+    def _compiled_in(self, count: int) -> str:
+        """A count that a kernel is told."""
+        return self.literal(count, "unsigned")
 
     def _limited(self, block: Block, limited: Callable[[Rows], Sequence[str]]) -> Code:
         """A loop over a table of ranges."""

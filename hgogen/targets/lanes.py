@@ -15,8 +15,8 @@ from hgogen.emit.code import Code, Uses, braced, code, indented, joined
 from hgogen.emit.cstruct import named, struct
 from hgogen.emit.csyntax import C
 from hgogen.emit.functions import functions
+from hgogen.emit.lanesyntax import alike, own, prelude
 from hgogen.emit.lanesyntax import lanes as in_lanes
-from hgogen.emit.lanesyntax import own, prelude
 from hgogen.emit.lanewriter import LaneWriter, table
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
@@ -27,14 +27,18 @@ from hgogen.target import Files
 
 
 def lanes(step: Step, *, real: Real = "double") -> Files:
-    """The step in lanes as C text. Raises: `NoStep`, `BadReal`; as `c99` does for names and numbers."""
+    """The step in lanes as C text.
+
+    Raises: `NoStep`, `BadReal`; as `c99` does for names and numbers; `NoLanes` for a kernel that has no such text.
+    """
     demand_step(step, "lanes")
     demand_real(real)
     demand_names(step)
     writer = LaneWriter(in_lanes(step.name, real), step, real)
     text = _functions(writer)
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
-    parts = [_scalar(writer, text.uses), prelude(step.name, real), _structs(writer), _shared(writer, text.uses)]
+    searches = tables(C, f"{own(step.name)}_one", real, text.uses.lookups).lines
+    parts = [searches, prelude(step.name, real), _structs(writer), _shared(writer, text.uses)]
     lines = [*includes, "", *(line for part in parts for line in part), *text.lines, *_many(writer)]
     return Files(((f"{step.name}_lanes.c", "\n".join(lines) + "\n"),))
 
@@ -57,23 +61,12 @@ def _section(writer: LaneWriter, name: str, program: Program) -> Code:
     return code(f"static {counts} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
 
 
-def _scalar(writer: LaneWriter, uses: Uses) -> Sequence[str]:
-    """Tables and kernels, which are called lane by lane."""
-    one, real = f"{own(writer.prefix)}_one", writer.real
-    columns = [line for size in {size for _, size in uses.kernels} for line in _column(one, real, size)]
-    return [*columns, *(tables(C, one, real, uses.lookups) + kernels(C, one, real, uses.kernels)).lines]
-
-
-def _column(one: str, real: Real, size: int) -> list[str]:
-    return [*struct(f"{one}_column", [f"{real} v[{size}];"]), ""]
-
-
 def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
-    """Small and mathematical functions, and tables lane by lane."""
-    name, real, looked = writer.prefix, writer.real, sorted(uses.lookups, key=lambda each: each.name)
-    return (
-        functions(writer.syntax, name, real, uses.helpers) + joined(table(name, real, each) for each in looked)
-    ).lines
+    """Small and mathematical functions, kernels, and tables lane by lane."""
+    name, real = writer.prefix, writer.real
+    looked = (table(name, real, each) for each in sorted(uses.lookups, key=lambda each: each.name))
+    matrices = kernels(alike(name, real), name, real, uses.kernels)
+    return (functions(writer.syntax, name, real, uses.helpers) + joined(looked) + matrices).lines
 
 
 # --- memory
