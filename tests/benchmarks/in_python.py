@@ -18,17 +18,20 @@ from cases import Case
 from peers import Missing, casadi_function, start
 from scipy.integrate import solve_ivp
 
+RECORDS = 256  # at once
 CLOSE, ROUGH = 1e-12, 2e-2  # of the largest estimate
 Run = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A way to run a filter over rows (N, m + p), which gives the estimates (N, n) from the second row on."""
+    """A way to run a filter over rows (N, m + p), which gives the estimates (N, n) from the second row on; over so many
+    `records` of them at once, of which it gives those of the first."""
 
     make: Callable[[Case], Run]
     samples: int
     same: bool = True
+    records: int = 1
 
 
 def hgogen_run(case: Case) -> Run:
@@ -38,6 +41,18 @@ def hgogen_run(case: Case) -> Run:
     def run(rows: np.ndarray) -> np.ndarray:
         case.step.reset()
         return case.step.run(u=rows[:, :m], y=rows[:, m:], engine="c").x[1:]
+
+    return run
+
+
+def hgogen_many(case: Case) -> Run:
+    """`step.run_many` on one core."""
+    m = len(case.inputs)
+
+    def run(rows: np.ndarray) -> np.ndarray:
+        case.step.reset()
+        u, y = (np.broadcast_to(each, (RECORDS, *each.shape)) for each in (rows[:, :m], rows[:, m:]))
+        return case.step.run_many(u=u, y=y, jobs=1, engine="c").x[0, 1:]
 
     return run
 
@@ -172,6 +187,7 @@ def scipy(case: Case) -> Run:
 
 RIVALS: Mapping[str, Rival] = {
     "hgogen run": Rival(hgogen_run, 1200),
+    "hgogen run_many": Rival(hgogen_many, 1200, records=RECORDS),
     "hgogen calls": Rival(hgogen_calls, 1200),
     "casadi mapaccum": Rival(casadi_mapaccum, 1200),
     "casadi calls": Rival(casadi_calls, 1200),
@@ -198,10 +214,11 @@ def microseconds(case: Case, repeats: int) -> Iterator[tuple[str, list[float] | 
         demand_agreement(name, runs[name](rows), hgogen_run(case)(rows), CLOSE if rival.same else ROUGH)
     for _ in range(repeats):
         for name, run in runs.items():
-            rows = case.quiet[: RIVALS[name].samples]
+            rival = RIVALS[name]
+            rows = case.quiet[: rival.samples]
             begin = time.perf_counter()
             run(rows)
-            times.setdefault(name, []).append((time.perf_counter() - begin) / len(rows) * 1e6)
+            times.setdefault(name, []).append((time.perf_counter() - begin) / (len(rows) * rival.records) * 1e6)
     yield from times.items()
 
 
