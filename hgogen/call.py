@@ -185,7 +185,7 @@ class CallableStep(Step):
         which `started` would start, or B states that `save` gave. `jobs`: threads, None for one for each core;
         `each(done, B)` is called as records are done; `traces`: whether to give them; `engine` as in `run`. With C a
         compiler that knows vectors takes as many records at once as a register of this machine holds numbers. Beside
-        what goes in and what comes out a thread holds the signals of at most 192 records.
+        what goes in and what comes out a thread holds the signals of 64 records.
 
         Raises: as `run`; `BadShape` for lengths that differ, `BadNames`, `BadGain` for a start.
         """

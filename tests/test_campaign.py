@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -196,11 +197,12 @@ def test_a_long_campaign_takes_its_records_together_with_the_same_numbers(monkey
         return run_many(self, u, y, **options)
 
     monkeypatch.setattr(CallableStep, "run_many", counted)
-    alone = [line(one) for one in hg.campaign(made, TRIAL, 30).run(range(9), jobs=1)]
+    trial = replace(TRIAL, estimate={"x1": 0.5, "x2": 1.0})
+    alone = [line(one) for one in hg.campaign(made, trial, 30).run(range(9), jobs=1)]
     assert records == []
     monkeypatch.setattr(trial_module, "_TOGETHER", 7 * 101)
     monkeypatch.setattr(campaign_module, "WORTH", 30 * 101)
-    together = [line(one) for one in hg.campaign(made, TRIAL, 30).run(range(9), jobs=1)]
+    together = [line(one) for one in hg.campaign(made, trial, 30).run(range(9), jobs=1)]
     assert together == alone
     assert records == [0, 7, 2]
 

@@ -14,6 +14,7 @@ from hgogen.calling.samples import BadShape, Engine, Run
 from hgogen.emit import lanewriter
 from hgogen.emit.syntax import Real
 from hgogen.model import load
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 
 COUNT, SAMPLES = 21, 1200  # of no register's width
@@ -75,6 +76,47 @@ def test_lanes_have_the_bits_of_the_scalar_step(name: str, real: Real) -> None:
 
 
 @lanes
+@pytest.mark.parametrize("name", ["bank", "delayed", "fitzhugh_nagumo", "integrated", "many_states", "window_held"])
+def test_lanes_that_are_at_other_samples_go_their_own_way(name: str) -> None:
+    """Each goes on from where another number of samples left it, so that rings and members stand apart."""
+    made = step(name)
+    u, y = signals(made)
+    states = list[bytes]()
+    for k in range(COUNT):
+        made.reset()
+        made.run(u[-k, : 7 * k], y[-k, : 7 * k], "c")
+        states.append(made.save())
+    many, short = made.run_many(u, y, starts=states, traces=True), made.run_many(u[:, :25], y[:, :25], starts=states)
+    for k in range(COUNT):
+        made.restore(states[k])
+        assert is_run(short, k, made.run(u[k, :25], y[k, :25], "c")), k
+        assert made.save() == short.states[k]
+        made.restore(states[k])
+        assert is_run(many, k, made.run(u[k], y[k], "c")), k
+    rest = made.run_many(u[:, 25:], y[:, 25:], starts=short.states)
+    assert (rest.x.tobytes(), rest.states) == (many.x[:, 25:].tobytes(), many.states)
+
+
+@lanes
+def test_a_member_is_copied_in_the_lanes_that_are_due_alone() -> None:
+    """Of a bank whose members differ, and of which one is selected that is not the next to restart."""
+    made = step("bank")
+    u, y = signals(made)
+    states = list[bytes]()
+    for k in range(COUNT):
+        made.reset()
+        made.run(u[k, :k], y[k, :k], "c")
+        made._kept.places[Place("state", "selected")][0] = k % 3
+        made._kept.places[Place("member", "z")][:] += 0.01 * np.arange(3)[:, None]
+        states.append(made.save())
+    many = made.run_many(u[:, :5], y[:, :5], starts=states)
+    for k in range(COUNT):
+        made.restore(states[k])
+        assert is_run(many, k, made.run(u[k, :5], y[k, :5], "c")), k
+        assert made.save() == many.states[k]
+
+
+@lanes
 def test_threads_chunks_and_lanes_without_a_record_change_no_byte() -> None:
     """150 records are three chunks, of which the last is no whole number of registers; one record is less than one."""
     made = step("fitzhugh_nagumo")
@@ -104,12 +146,14 @@ def test_records_differ_by_parameters_and_starts(engine: Engine, real: Real) -> 
         made.tune(Q=Q[k], R=0.3, theta_1=wanted["theta_1"][k])
         made.restore(made.started(lambda _, k=k: {"x1": starts[k], "eta": 0.25}).save())
         assert is_run(many, k, made.run(u[0], y[k], engine)), k
+        assert made.save() == many.states[k]
     made.tune(**before)
 
 
 @lanes
 def test_records_go_on_from_the_present_state_which_stays() -> None:
-    made = step("pendulum")
+    """The state has counters: the oldest of the samples in a window, and how many there are."""
+    made = step("window_held")
     u, y = signals(made, 3, 60)
     made.reset()
     made.run(u[0], y[0])
@@ -146,6 +190,20 @@ def test_a_callback_is_told_how_many_are_done() -> None:
     calls: list[tuple[int, int]] = []
     made.run_many(u, y, jobs=2, each=lambda *counts: calls.append(counts))
     assert calls == [(64, 130), (128, 130), (130, 130)]
+
+
+@lanes
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_narrower_registers_have_the_same_bits(real: Real, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that any machine of this kind has."""
+    made = step("fitzhugh_nagumo", real).made_again()
+    u, y = signals(made, 5, 200)
+    monkeypatch.setattr(native, "own", tuple)
+    many = made.run_many(u, y)
+    assert many.engine == "lanes"
+    for k in range(5):
+        made.reset()
+        assert is_run(many, k, made.run(u[k], y[k])), k
 
 
 @lanes

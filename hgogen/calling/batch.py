@@ -9,7 +9,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import Literal
@@ -39,13 +39,20 @@ Each = Callable[[int, int], object]  # is told how many records are done, and of
 @dataclass(frozen=True)
 class Batch:
     """What many records give: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by name
-    where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one."""
+    where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one; `memory`
+    (B, bytes) of the states at their ends."""
 
     x: Array
     names: tuple[str, ...]
     status: Array
     traces: Mapping[str, Array]
     engine: Literal["lanes", "c", "python"]
+    memory: Array = field(repr=False)
+
+    @property
+    def states(self) -> tuple[bytes, ...]:
+        """The state that each record leaves, as `save` gives it: the `starts` of what comes after."""
+        return tuple(map(bytes, self.memory))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +67,7 @@ class Many:
     ) -> Batch:
         """The records, each from its memory. Raises: `BadShape`, `BadNames`; `BadGain` for jobs that are no number."""
         u, y, number = asked.u, asked.y, asked.count
-        results = _Results.of(self.step, y.shape[-2], number, traces, DTYPE[self.real])
+        results = _Results.of(self.step, y.shape[-2], number, traces, self.real)
         lanes, threads = self.lanes if engine == "c" else None, _threads(jobs)
         alone = self._alone(u, y, memory, results, engine)
         for done in _threaded(lanes, u, y, memory, results, threads) if lanes else alone:
@@ -74,6 +81,7 @@ class Many:
             status.T,
             {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
             "lanes" if lanes else engine,
+            results.states,
         )
 
     def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
@@ -84,6 +92,7 @@ class Many:
             own.whole[:] = memory(k)
             x, traces, status = own.run(engine, *(array[k] if array.ndim == 3 else array for array in (u, y)))
             results.x[:, :, k], results.status[:, k] = x, status
+            results.states[k] = np.frombuffer(own.state, np.uint8)
             if results.traced:
                 results.traces[:, :, k] = traces
             yield k + 1
@@ -106,20 +115,23 @@ class Many:
 @dataclass(frozen=True, eq=False)
 class _Results:
     """What comes out, with the records beside each other: x (N, n, B), traces (N, number, B), status (N, B), and room
-    for lanes without a record."""
+    for lanes without a record; and the states (B, bytes) at their ends."""
 
     records: int
     traced: bool
     x: Array
     traces: Array
     status: Array
+    states: Array
 
     @classmethod
-    def of(cls, step: Step, samples: int, records: int, traced: bool, kind: type) -> "_Results":
+    def of(cls, step: Step, samples: int, records: int, traced: bool, real: Real) -> "_Results":
+        kind, size = DTYPE[real], layout.state_type(step, real).itemsize
         width = -(-records // LANES) * LANES
         x: Array = np.empty((samples, len(step.states), width), kind)
         traces: Array = np.empty((samples, len(step.observer.traces) * traced, width), kind)
-        return cls(records, traced, x, traces, np.empty((samples, width), np.uint32))
+        status, states = np.empty((samples, width), np.uint32), np.empty((records, size), np.uint8)
+        return cls(records, traced, x, traces, status, states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +155,8 @@ class _Lanes:
             x, traces, status = map(_address, shown)
             arrays = (*map(_address, signals), x, traces if results.traced else ctypes.c_void_p(), status)
             call(_address(lanes), ctypes.c_size_t(len(results.x)), width, *arrays)
+        self._remembered(memory, records)
+        results.states[first : first + len(records)] = records[:, : results.states.shape[1]]
         return len(records)
 
     @cached_property
@@ -156,25 +170,36 @@ class _Lanes:
         return int(size())
 
     @cached_property
-    def _numbers(self) -> list[tuple[int, np.dtype]]:
-        """Where the numbers of a record lie that are in the memory, and their types, in the order of that."""
-        record = layout.kept_type(self.step, self.real)
-        return [place for part in ("state", "params") for place in _numbers(*_field(record, part))]
+    def _numbers(self) -> list[tuple[Array, Array, np.dtype, np.dtype]]:
+        """Of each type of numbers their places in the memory and in a record, counted in such numbers, and their types
+        there."""
+        record, real = layout.kept_type(self.step, self.real), np.dtype(DTYPE[self.real])
+        every = [place for part in ("state", "params") for place in _numbers(*_field(record, part))]
+
+        def of(kind: np.dtype, lanes: np.dtype) -> tuple[Array, Array, np.dtype, np.dtype]:
+            there = [k for k, (_, each) in enumerate(every) if each == kind]
+            here = [every[k][0] // kind.itemsize for k in there]
+            return np.array(there, int), np.array(here, int), lanes, kind
+
+        return [of(real, real), of(np.dtype(np.uint32), np.dtype(f"u{real.itemsize}"))]
 
     def _memory(self, records: Array) -> Array:
-        """The memory (blocks, numbers, lanes) of records; lanes without a record do what the last does."""
-        blocks, kind = -(-len(records) // self.width), DTYPE[self.real]
-        shape = (blocks, len(self._numbers), self.width)
-        room = np.zeros(ALIGNED + blocks * self._size("size"), np.uint8)
+        """The memory (blocks, bytes) of records (B, bytes); lanes without a record do what the last does."""
+        blocks, size = -(-len(records) // self.width), self._size("size")
+        room = np.zeros(ALIGNED + blocks * size, np.uint8)
         start = -room.ctypes.data % ALIGNED
-        memory: Array = room[start : start + blocks * self._size("size")].view(kind).reshape(shape)
-        counters = memory.view(np.uint64 if self.real == "double" else np.uint32)
-        taken = np.minimum(np.arange(blocks * self.width), len(records) - 1)
-        whole = records[taken]
-        for k, (offset, number) in enumerate(self._numbers):
-            values = np.ascontiguousarray(whole[:, offset : offset + number.itemsize]).view(number)
-            (memory if number == kind else counters)[:, k, :] = values.reshape(blocks, self.width)
+        memory: Array = room[start : start + blocks * size].reshape(blocks, size)
+        records = records[np.minimum(np.arange(blocks * self.width), len(records) - 1)]
+        for there, here, lanes, kind in self._numbers:
+            numbers = records.view(kind)[:, here].reshape(blocks, self.width, -1)
+            memory.view(lanes).reshape(blocks, -1, self.width)[:, there] = numbers.transpose(0, 2, 1)
         return memory
+
+    def _remembered(self, memory: Array, records: Array) -> None:
+        """The numbers of the memory in the records that it was made of."""
+        for there, here, lanes, kind in self._numbers:
+            numbers = memory.view(lanes).reshape(len(memory), -1, self.width)[:, there].transpose(0, 2, 1)
+            records.view(kind)[:, here] = numbers.reshape(-1, len(here))[: len(records)]
 
 
 def _field(kind: np.dtype, name: str) -> tuple[np.dtype, int]:

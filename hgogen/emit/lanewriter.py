@@ -142,8 +142,8 @@ class LaneWriter(Writer):
             return self._members(loop, k, loop.count, tests, taken)
         tests += [f"({at} == {self._number(i)})"]
         inside = self._members(loop, i, total, tests, taken)
-        once = code(f"{at} = {at} + {self._number('1')};", f"{at} = {self._within(at, total)};")
-        start = code(f"{whole} {at} = {self._within(self.whole(loop.start), total)};")
+        once = code(f"{at} = {at} + {self._number('1')};", f"{at} = {self.within(at, total)};")
+        start = code(f"{whole} {at} = {self.within(self.whole(loop.start), total)};")
         turns = f"for (unsigned {k} = 0u; {k} < {loop.count}u; ++{k}) {{"
         return braced("{", start + braced(turns, inside + once))
 
@@ -165,13 +165,6 @@ class LaneWriter(Writer):
         """A number that is the same in each lane."""
         return f"{self.own}_count({text})"
 
-    def _within(self, index: str, total: int) -> str:
-        return self.syntax.choice.format(
-            test=f"({index} >= {self._number('0')}) & ({index} < {self._number(str(total))})",
-            yes=index,
-            no=self._number("0"),
-        )
-
     # --- lane by lane
 
     def _each(self, inner: Code) -> Code:
@@ -182,7 +175,7 @@ class LaneWriter(Writer):
 
     def _copy(self, copy: Copy) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
-        numbers = [f"{self._within(self.whole(place), total)}" for place in (copy.target, copy.source)]
+        numbers = [self.within(self.whole(place), total) for place in (copy.target, copy.source)]
         whole, size = self.syntax.types["unsigned"], f"sizeof({self.real})"
         declared = code(*(f"const {whole} {name} = {n};" for name, n in zip(("into", "from"), numbers, strict=True)))
         ends = (f"(char *)&{self.whole(array)}[{name}[lane]] + byte" for name in ("into", "from"))

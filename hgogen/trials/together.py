@@ -7,7 +7,7 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.trial import Trajectory, Trial, Truth, records
 
-WORTH = 10_000_000  # samples of a step from which on it takes less time than to compile what takes them together
+WORTH = 5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
 
 
 def tried_together(
