@@ -39,8 +39,16 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
     searches = tables(C, f"{own(step.name)}_one", real, text.uses.lookups).lines
     parts = [searches, prelude(step.name, real), _structs(writer), _shared(writer, text.uses)]
-    lines = [*includes, "", *(line for part in parts for line in part), *text.lines, *_many(writer)]
+    lines = [*includes, "", *_NEEDS, *(line for part in parts for line in part), *text.lines, *_many(writer)]
     return Files(((f"{step.name}_lanes.c", "\n".join(lines) + "\n"),))
+
+
+_NEEDS = (  # vector types, conversions between them, and operations that round to the working precision
+    "#if !defined(__GNUC__) || (!defined(__clang__) && (__GNUC__ < 9)) || (__FLT_EVAL_METHOD__ != 0)",
+    '#error "needs vectors of GCC 9 or Clang, and FLT_EVAL_METHOD 0"',
+    "#endif",
+    "",
+)
 
 
 # --- functions
