@@ -186,8 +186,12 @@ def test_processes_give_the_same_numbers() -> None:
 
 
 @pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
-def test_a_long_campaign_takes_its_records_together_with_the_same_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of 30 runs as many as are made at once, here 7 and then 2; the step takes late samples and shows its theta."""
+@pytest.mark.parametrize(("vary", "batches"), [(None, [0, 7, 2]), ("noise=50%", [0, 9]), ("x1=20%,a=10%", [0, 8, 1])])
+def test_a_long_campaign_takes_its_records_together_with_the_same_numbers(
+    vary: str | None, batches: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 30 runs as many as are made at once, here 7 and then 2, or go out together; the step takes late samples and
+    shows its theta."""
     theta = hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.staggered(0.2, predictors=2))
     observer = hg.observers.riccati(hg.forms.triangular(PLANT), Q=[0.1, 0.1], R=0.1, theta=theta)
     made, records = hg.sample(hg.delayed(observer, y=3), dt=0.02), list[int]()
@@ -198,13 +202,13 @@ def test_a_long_campaign_takes_its_records_together_with_the_same_numbers(monkey
 
     monkeypatch.setattr(CallableStep, "run_many", counted)
     trial = replace(TRIAL, estimate={"x1": 0.5, "x2": 1.0})
-    alone = [line(one) for one in hg.campaign(made, trial, 30).run(range(9), jobs=1)]
+    alone = [line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
     assert records == []
     monkeypatch.setattr(trial_module, "_TOGETHER", 7 * 101)
     monkeypatch.setattr(campaign_module, "WORTH", 30 * 101)
-    together = [line(one) for one in hg.campaign(made, trial, 30).run(range(9), jobs=1)]
+    together = [line(one) for one in hg.campaign(made, trial, 30, vary).run(range(9), jobs=1)]
     assert together == alone
-    assert records == [0, 7, 2]
+    assert records == batches
 
 
 def test_noise_of_many_seeds_together_has_the_bits_of_each_alone() -> None:
@@ -216,8 +220,8 @@ def test_noise_of_many_seeds_together_has_the_bits_of_each_alone() -> None:
         assert (together == np.column_stack(alone)).all()
 
 
-def test_a_plant_that_escapes_is_said_and_counted() -> None:
-    """x' = a x^2 from 1: for a = 1 it is gone at 1."""
+def test_a_plant_that_escapes_is_said_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """x' = a x^2 from 1: for a = 1 it is gone at 1. It keeps its place among runs that are taken together."""
     x, a, y = hg.Signal("x", low=-9, high=9), hg.Signal("a", nominal=0.1, low=0.1, high=3), hg.Signal("y")
     system = hg.System("escapes", states=(x,), outputs=(y,), parameters=(a,), flow=(a * x**2,), output=(x,))
     observer = hg.observers.riccati(hg.forms.original(system), Q=(1,), R=0.1)
@@ -229,6 +233,8 @@ def test_a_plant_that_escapes_is_said_and_counted() -> None:
     assert all("cannot be integrated" in one.failed for one in gone)
     assert spreads(outcomes)[0].run not in {one.run for one in gone}
     assert spreads(gone) == []
+    monkeypatch.setattr(campaign_module, "WORTH", 1)
+    assert list(hg.campaign(hg.sample(observer, dt=0.01), trial, 12, "a").run(jobs=1)) == outcomes
 
 
 @pytest.mark.parametrize(("runs", "seed"), [(0, 0), (-1, 0), (1.5, 0), (NAN, 0), (math.inf, 0), (True, 0), (3, -1)])

@@ -9,8 +9,8 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from hashlib import sha256
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,10 @@ from hgogen.calling.samples import Engine
 from hgogen.errors import BadArgument
 from hgogen.reading.given import count
 from hgogen.system import System
-from hgogen.trial import BadTrial, Plant, Trial, Truth, first_memory, tried
+from hgogen.trial import BadTrial, Plant, Trajectory, Trial, Truth, first_memory, tried
 from hgogen.trials.metrics import Metrics, Response, metrics
 from hgogen.trials.spread import Workers
-from hgogen.trials.together import WORTH, tried_together
+from hgogen.trials.together import HELD, WORTH, Ahead, ahead, together
 from hgogen.trials.varied import Draws, hypercube, varied
 
 MOST = 10_000_000  # runs
@@ -160,8 +160,9 @@ class Ready:
         if many and moves:
             with suppress(BadTrial):
                 self._plant.truth(trial.start, [float(campaign.plant.nominal[p]) for p in free])
-        compiled, samples = campaign.engine == "c", 0 if self._truth is None else runs * len(self._truth.t)
-        self._together = compiled and not campaign.draws.varied and samples >= WORTH
+        compiled, samples = campaign.engine == "c", len(self._plant.times)
+        held = (ALONE if moves else BATCH if campaign.draws.varied else 1) * samples * len(campaign.plant.outputs)
+        self._together = compiled and runs * samples >= WORTH and held <= HELD
         if compiled:
             run = step.run_many if self._together else step.run
             run(np.zeros((0, len(step.inputs))), np.zeros((0, len(step.samples))), engine="c")
@@ -176,21 +177,32 @@ class Ready:
         if not draws.varied and self._truth is not None:
             yield from self._tried(self._truth, self.campaign.trial, numbers, draws)
             return
-        for row, number in enumerate(numbers):
-            alone = replace(draws, values=draws.values[row : row + 1])
+        step, later, made = self.campaign.step, list[Ahead](), dict[int, Outcome]()
+        named = {number: replace(draws, values=draws.values[row : row + 1]) for row, number in enumerate(numbers)}
+        for number, alone in named.items():
             trial = alone.trial(self.campaign.trial, 0)
             try:
                 truth = self._truth or self._plant.truth(trial.start, alone.parameters(0))
             except BadTrial as error:
-                yield Outcome(number, alone.named(0), None, error.reason)
+                made[number] = Outcome(number, alone.named(0), None, error.reason)
+                continue
+            if self._together:
+                later += next(ahead(step, trial, truth, [number]))
             else:
-                yield from self._tried(truth, trial, [number], alone)
+                made |= {one.run: one for one in self._tried(truth, trial, [number], alone)}
+        for one in together(step, self._memory, later) if later else ():
+            made[one.seed] = Outcome(one.seed, named[one.seed].named(0), metrics(step, one))
+        yield from (made[number] for number in numbers)
 
     def _tried(self, truth: Truth, trial: Trial, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
-        step, engine = self.campaign.step, self.campaign.engine
-        take = tried_together if self._together else partial(tried, engine=engine)
-        for row, trajectory in enumerate(take(step, trial, truth, self._memory, numbers)):
-            yield Outcome(trajectory.seed, draws.named(row), metrics(step, trajectory))
+        for row, trajectory in enumerate(self._trajectories(truth, trial, numbers)):
+            yield Outcome(trajectory.seed, draws.named(row), metrics(self.campaign.step, trajectory))
+
+    def _trajectories(self, truth: Truth, trial: Trial, numbers: Sequence[int]) -> Iterator[Trajectory]:
+        step = self.campaign.step
+        if not self._together:
+            return tried(step, trial, truth, self._memory, numbers, self.campaign.engine)
+        return chain.from_iterable(together(step, self._memory, runs) for runs in ahead(step, trial, truth, numbers))
 
 
 # --- results in a file ----------------------------------------------------------------------------------------
