@@ -285,7 +285,9 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
 
 def test_a_bit_that_is_never_raised_is_not_printed() -> None:
     graph = ca.Function("graph", [], [ca.SX(0), ca.SX(1)])
-    never, always = (Target(lambda _, line=f"raise {name};": line, condition=True) for name in ("never", "always"))
+    never, always = (
+        Target(lambda _, line=f"raise {name};": line, raised=lambda test: (test,)) for name in ("never", "always")
+    )
     printer = Printer(C, "float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
     constants, result = body(printer, graph, [never, always], [], [])
     assert (constants.lines, result.lines) == ((), ("raise always;",))
