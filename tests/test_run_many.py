@@ -23,6 +23,11 @@ WORST = (np.nan, np.inf, -np.inf, 1e30, -1e30, 3.2e38, -0.0, 1e-300)
 lanes = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
 
 
+# a program of each kind; to compile all takes a minute
+QUICK = {(name, "double") for name in ("bank", "delayed", "many_states", "pendulum", "tables", "window_held")}
+QUICK |= {("fitzhugh_nagumo", "float"), ("sin", "float")}
+
+
 @cache
 def step(name: str, real: Real = "double") -> hg.Step:
     made = emitted.step(name) if name in emitted.STEPS else load(plants.MODELS / f"{name}.py").step()
@@ -61,8 +66,14 @@ def is_run(many: Batch, k: int, alone: Run) -> bool:
 
 
 @lanes
-@pytest.mark.parametrize("real", ["float", "double"])
-@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize(
+    ("name", "real"),
+    [
+        pytest.param(name, real, marks=() if (name, real) in QUICK else pytest.mark.slow, id=f"{name}-{real}")
+        for name in STEPS
+        for real in ("float", "double")
+    ],
+)
 def test_lanes_have_the_bits_of_the_scalar_step(name: str, real: Real) -> None:
     made = step(name, real)
     u, y = signals(made)
