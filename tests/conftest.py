@@ -22,9 +22,12 @@ settings.load_profile("hgogen")
 
 @pytest.fixture
 def interruptible() -> Iterator[None]:
-    """Ctrl-C is heard, which a process ignores that a shell began in its background."""
+    """Ctrl-C is heard, which a process ignores that a shell began in its background; and not in what hypothesis has
+    the garbage collector call, where it would be lost."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    gc.disable()
     yield
+    gc.enable()
     signal.signal(signal.SIGINT, before)
 
 
