@@ -31,6 +31,7 @@ import sympy as sp
 
 from hgogen.algebra.definite import Matrix, root
 from hgogen.algebra.points import exact, points
+from hgogen.algebra.sampled_rows import on_arrays
 from hgogen.check import Verdict
 from hgogen.evidence.enclosing import enclosure, steep
 from hgogen.evidence.grounds import Evidence
@@ -327,7 +328,7 @@ def _samples(
     n = range(form.n)
     matrix = [scale[i] * slopes[i, j] / scale[j] for i in n for j in n]
     free = [s for s in symbols if s not in fixed(form)]
-    graph = sp.lambdify(free, matrix, "numpy", dummify=True)  # a signal may be named sin
+    graph = on_arrays(free, matrix)
     columns = np.array([[float(point[s]) for s in free] for point in points(free)]).T.reshape(len(free), -1)
     with np.errstate(all="ignore"):
         rows = np.broadcast_arrays(*graph(*columns), np.zeros(columns.shape[1] or 1))[:-1]

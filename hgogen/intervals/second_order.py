@@ -22,6 +22,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.pointwise import values
+from hgogen.algebra.sampled_rows import on_arrays
 from hgogen.algebra.tape import Tape, tape
 from hgogen.check import Verdict
 from hgogen.intervals.box import Box, Point, Sides
@@ -126,7 +127,7 @@ class _Program:
     def of(cls, claim: SecondOrder) -> "_Program":
         others = sorted(claim.value.free_symbols - {*claim.errors}, key=str)
         symbols = (*claim.errors, *others)
-        graph = sp.lambdify(symbols, [claim.value], "numpy", dummify=True)  # a list: a symbol may be named cos
+        graph = on_arrays(symbols, [claim.value])
         return cls(claim, symbols, tape([claim.value], symbols), lambda *point: graph(*point)[0])
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
@@ -316,7 +317,7 @@ class _Eigenvalues:
     def of(cls, matrix: sp.Matrix, box: Box) -> "_Eigenvalues":
         symbols = tuple(box)
         sides = tuple(_cut(box[s]) for s in symbols)
-        graph = sp.lambdify(symbols, list(matrix), "numpy", dummify=True)  # one may be named sin
+        graph = on_arrays(symbols, list(matrix))
         rng, size = np.random.default_rng(1), len(symbols)
         corners = rng.integers(0, 2, size=(size, _FEW)) * _GRID
         inner = rng.integers(0, _GRID + 1, size=(size, _FEW))
