@@ -1,6 +1,7 @@
 """An observer: the estimator's parts as CasADi graphs, with the form it stands on, its gains and its paper."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial, wraps
 from inspect import signature
@@ -142,7 +143,7 @@ def _again(make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mappi
 
 def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
     """A case of `hg.observers` whose observers remember how they were made. The last ones are remembered too: the same
-    arguments on the same form give the same observer, of which nothing changes."""
+    arguments on the same form give the same observer, of which nothing changes, nor do the arguments in its memory."""
 
     def new(call: _Call) -> Observer:
         with one_thread():
@@ -152,7 +153,8 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
     last = lru_cache(maxsize=_LAST)(new)
 
     @wraps(make)
-    def made(*args: Any, **keywords: Any) -> Observer:
+    def made(*every: Any, **named: Any) -> Observer:
+        args, keywords = tuple(map(_as_now, every)), _as_now(named)
         call = _Call((_comparable(args), _comparable(keywords)), args, keywords)
         try:
             hash(call)
@@ -170,6 +172,23 @@ class _Call:
     comparable: Any
     args: tuple[Any, ...] = field(compare=False)
     keywords: Mapping[str, Any] = field(compare=False)
+
+
+def _as_now(value: Any) -> Any:
+    """An argument that stays as it is, whatever becomes of a list, an array or the like outside; an iterator's items,
+    which it gives once."""
+    match value:
+        case Form():
+            return value
+        case Mapping():
+            return {name: _as_now(entry) for name, entry in value.items()}
+        case Iterator():
+            return tuple(value)
+    try:
+        hash(value)
+    except TypeError:
+        return deepcopy(value)
+    return value
 
 
 def _comparable(value: Any) -> Any:
