@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from test_cli import as_json
 
 import hgogen as hg
@@ -72,6 +73,19 @@ def written(folder: Path) -> Path:
 
 def step() -> CallableStep:
     return hg.sample(observers.high_gain(forms.phase(PLANT), theta=8, poles=[-1, -1]), methods.rk4, DT)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("name", ["u", "u_"])
+def test_a_derivative_is_that_of_the_input_that_the_form_read(name: str, order: tuple[int, int]) -> None:
+    """u_dot is the name of either's: the input that is in the coordinates counts, wherever it stands."""
+    both = [hg.Signal(each, low=-1, high=1, rates=((-4, 4),)) for each in ("u", "u_")]
+    used, other = sorted(both, key=lambda each: each.name != name)
+    flow = [V + used, -X - V**3 / 9 + other]
+    plant = hg.System(
+        "driven", states=(X, V), inputs=tuple(both[i] for i in order), outputs=(Y,), flow=flow, output=[X]
+    )
+    assert derived(forms.phase(plant).system.inputs) == {"u_dot": (name, 1)}
 
 
 def test_differences_are_exact_on_polynomials_of_their_order() -> None:

@@ -7,6 +7,7 @@ before it.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -16,10 +17,14 @@ HIGHEST = 60  # order of a derivative: a form reads fewer than it has states
 
 
 def derived(inputs: Sequence[Signal]) -> dict[str, tuple[str, int]]:
-    """Of each input that is the derivative of another one by its name: that one's name, and the order."""
-    names = {u.name for u in inputs}
-    rates = {u.derivative(k).name: (u.name, k) for u in inputs for k in range(1, HIGHEST + 1) if len(inputs) > 1}
-    return {name: of for name, of in rates.items() if name in names}
+    """Of each input that is the derivative of another one by its name: that one's name, and the order. Of two inputs
+    whose derivatives have one name, as u and u_, it is the one of which the signal is the derivative."""
+    names, rates = {u.name: u for u in inputs}, dict[str, tuple[str, int]]()
+    for u, k in product(inputs if len(inputs) > 1 else (), range(1, HIGHEST + 1)):
+        rate = u.derivative(k)
+        if rate.name in names and (rate.name not in rates or rate == names[rate.name]):
+            rates[rate.name] = (u.name, k)
+    return rates
 
 
 def said_of(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
