@@ -577,3 +577,53 @@ def test_a_root_that_is_no_norm_keeps_its_own_slope() -> None:
         assert computed(row, ends) == row
     assert computed(sp.sqrt(v**2 + w**2), ends) == sp.sqrt(sp.Max(v**2 + w**2, sp.Rational(1, 2**120)))
     assert computed(sp.sqrt(sp.expand((v - w) ** 2)), ends) == sp.Abs(v - w)
+
+
+def row_and_slopes(row: sp.Expr, *states: hg.Signal) -> ca.Function:
+    """A row of a plant and its slopes, as programs compute them."""
+    flow = [row] * len(states)
+    system = hg.System("norm", states=states, outputs=(hg.Signal("y"),), flow=flow, output=[states[0]])
+    dynamics, z, none = Dynamics(forms.original(system)), ca.SX.sym("z", len(states)), ca.SX(0, 1)
+    return ca.Function("f", [z], [dynamics.flow(z, none)[0], dynamics.jacobian(z, none)[0, :]])
+
+
+A, B = (hg.Signal(name, low=-1, high=1) for name in "ab")
+SIZE = sp.sqrt(A**2 + B**2)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        sp.Piecewise((sp.sin(SIZE) / SIZE, SIZE > 0), (1, True)),
+        sp.Piecewise((1, sp.Eq(SIZE, 0)), (sp.sin(SIZE) / SIZE, True)),
+        sp.Piecewise((sp.sin(SIZE) / SIZE, A**2 + B**2 > 0), (1, True)),
+        sp.Piecewise((SIZE + 1, SIZE > 0), (1 + B / 8, True)),
+    ],
+)
+def test_what_a_model_chooses_where_a_norm_is_zero_is_taken(row: sp.Expr) -> None:
+    """A norm that is no less than 2^-60 would be above 0 there, and its sine over the norm infinite."""
+    (value, slopes), (beside, _) = row_and_slopes(row, A, B)([0, 0]), row_and_slopes(row, A, B)([1e-30, 1e-30])
+    assert float(value) == float(beside) == 1
+    assert slopes.full().ravel().tolist() == ([0, 0.125] if row.has(sp.Rational(1, 8)) else [0, 0])
+
+
+def test_a_branch_has_a_slope_where_its_norm_is_zero() -> None:
+    row = sp.Piecewise((A * SIZE, SIZE < HALF), (A / 2, True))
+    assert np.abs(row_and_slopes(row, A, B)([0, 0])[1].full()).max() < 1e-18
+
+
+@pytest.mark.parametrize(
+    ("real", "scale", "power"),
+    [("double", 1e-16, 1), ("double", 1e-20, 1), ("double", 1e-19, 3), ("float", 1e-16, 1)],
+)
+def test_a_norm_of_small_things_is_their_norm(real: Any, scale: float, power: int) -> None:
+    """Charges in coulombs, say: 2^-60 would be a large part of them."""
+    v, w = (hg.Signal(name, low=-scale, high=scale) for name in "vw")
+    run = evaluated(row_and_slopes(sp.sqrt(v**2 + w**2) ** power, v, w), real)
+    for at in ([1.0, -1.0], [0.25, 0.5], [1e-3, 0.0]):
+        value, slopes = run([np.array(at, DTYPE[real]) * DTYPE[real](scale)])
+        size, close = float(np.hypot(*at)), 1e-5 if real == "float" else 1e-13
+        assert float(np.ravel(value)[0]) == pytest.approx((size * scale) ** power, rel=close)
+        slope = power * (size * scale) ** (power - 1) * np.array(at) / size
+        assert np.ravel(slopes) == pytest.approx(slope, rel=close, abs=0)
+    assert np.ravel(run([np.zeros(2, DTYPE[real])])[1]).tolist() == [0, 0]

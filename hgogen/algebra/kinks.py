@@ -12,6 +12,7 @@ from itertools import combinations
 from typing import Any
 
 import sympy as sp
+from sympy.logic.boolalg import Boolean
 
 from hgogen.algebra.points import exact, put
 
@@ -111,13 +112,28 @@ def bent(row: sp.Expr) -> sp.Expr:
     return over_reals(lambda e, _: _bent(e), row)
 
 
-def off_zero(e: sp.Expr, least: sp.Rational) -> sp.Expr:
-    """The expression with sqrt(e_1^2 + .. + e_k^2) as the root of no less than a number: its derivative as
-    programs have it, e_i e_i' over it, is then 0 where all e_i are 0, and no 0/0."""
-    return e.replace(_vanishes, lambda node: sp.Max(node.base, least) ** node.exp)
+def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Rational]) -> sp.Expr:
+    """The expression with sqrt(e_1^2 + .. + e_k^2) as the root of no less than a number, of squares in their `unit`:
+    its derivative as programs have it, e_i e_i' over it, is then 0 where all e_i are 0, and no 0/0.
+
+    In conditions it is left as it is, and where something is divided by it as well: sin |e|/|e| where |e| > 0, else 1.
+    """
+    divisors = {node.base for node in e.atoms(sp.Pow) if node.exp.is_negative}
+
+    def visited(node: sp.Basic) -> sp.Basic:
+        if not node.args or isinstance(node, Boolean):
+            return node
+        args = tuple(map(visited, node.args))
+        built = node if args == node.args else node.func(*args)
+        if not _vanishes(built) or node.base in divisors:
+            return built
+        square = unit(built.base)
+        return square**built.exp * sp.Max(built.base / square, least) ** built.exp
+
+    return visited(e)
 
 
-def _vanishes(node: sp.Expr) -> bool:
+def _vanishes(node: sp.Basic) -> bool:
     """Whether it is a root of a sum of squares, which may be 0."""
     return isinstance(node, sp.Pow) and _rooted(node) and node.exp.is_positive and _squares(node.base) is not None
 

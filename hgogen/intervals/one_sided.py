@@ -5,6 +5,7 @@ finite real number there: max(sqrt(x - 1), 5) stays where x may be below 1, for 
 would be 1, where x may be 0.
 """
 
+import math
 from collections.abc import Iterable
 from functools import lru_cache
 
@@ -26,6 +27,8 @@ _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
 _OPERATIONS = 200  # of an argument whose side is asked for
 _BOXES = 60
 _LEAST = sp.Rational(1, 2**120)  # of a sum of squares whose root is computed: a number in float as well, of root 2^-60
+_SMALL = 2.0**-40  # below it the least is taken of squares in a unit of their own: it would be no small part of them
+_MOST = 60  # halvings of their root, so that a float holds one over the unit
 
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
@@ -76,7 +79,15 @@ def _computed(expression: sp.Expr, sides: tuple[tuple[sp.Symbol, tuple[End, End]
     def cells(node: Table) -> Cells:
         return between(node, [one_sided(part, box) for part in node.args], box, program=True)
 
-    return off_zero(shared(one_sided(replaced(expression, cells), box)), _LEAST)
+    return off_zero(shared(one_sided(replaced(expression, cells), box)), _LEAST, lambda squares: _unit(squares, box))
+
+
+def _unit(squares: sp.Expr, box: Box) -> sp.Rational:
+    """1, or of what is small on the whole box a power of 4 about as large, which is exact to divide by."""
+    _, high = rational(squares, box)
+    if not 0 < high < _SMALL:
+        return sp.S.One
+    return sp.Rational(1, 4 ** min(int(-math.log2(high) / 2), _MOST))
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:
