@@ -88,6 +88,24 @@ def test_a_derivative_is_that_of_the_input_that_the_form_read(name: str, order: 
     assert derived(forms.phase(plant).system.inputs) == {"u_dot": (name, 1)}
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_the_derivative_of_an_input_that_is_a_derivative_is_taken_of_the_input(
+    order: tuple[int, int], tmp_path: Path
+) -> None:
+    """A log that holds u alone gives u_dot, which the plant reads, and u_dot_dot, which its form does."""
+    rate, written_to = hg.Signal("u_dot", low=-4, high=4, rates=((-9, 9),)), tmp_path / "log.csv"
+    inputs = tuple((U, rate)[i] for i in order)
+    plant = hg.System(
+        "driven", states=(X, V), inputs=inputs, outputs=(Y,), flow=[V + rate, -X - V**3 / 9 + U], output=[X]
+    )
+    wanted = forms.phase(plant).system.inputs
+    np.savetxt(written_to, np.column_stack([TIMES, TIMES**2]), delimiter=",", header="t,u", comments="")
+    record = read(written_to, {s.name: s.name for s in wanted}, dt=DT, time="t", rates=derived(wanted))
+    assert set(record.names) == {"u", "u_dot", "u_dot_dot"}
+    assert np.allclose(record.values[2:, record.names.index("u_dot")], 2 * TIMES[2:] - DT)
+    assert np.allclose(record.values[:, record.names.index("u_dot_dot")], 2)
+
+
 def test_differences_are_exact_on_polynomials_of_their_order() -> None:
     t = 0.25 * np.arange(6)
     assert difference(3 * t + 1, 1, 0.25).tolist() == [3.0] * 6

@@ -18,13 +18,19 @@ HIGHEST = 60  # order of a derivative: a form reads fewer than it has states
 
 def derived(inputs: Sequence[Signal]) -> dict[str, tuple[str, int]]:
     """Of each input that is the derivative of another one by its name: that one's name, and the order. Of two inputs
-    whose derivatives have one name, as u and u_, it is the one of which the signal is the derivative."""
+    whose derivatives have one name, as u and u_, it is the one of which the signal is the derivative; of u_dot that is
+    an input too, and has a derivative, it is u of which both are."""
     names, rates = {u.name: u for u in inputs}, dict[str, tuple[str, int]]()
     for u, k in product(inputs if len(inputs) > 1 else (), range(1, HIGHEST + 1)):
         rate = u.derivative(k)
         if rate.name in names and (rate.name not in rates or rate == names[rate.name]):
             rates[rate.name] = (u.name, k)
-    return rates
+
+    def root(name: str, order: int) -> tuple[str, int]:
+        source, more = rates.get(name, ("", 0))
+        return root(source, order + more) if source else (name, order)
+
+    return {name: root(*of) for name, of in rates.items()}
 
 
 def said_of(rates: Mapping[str, tuple[str, int]]) -> tuple[str, ...]:
