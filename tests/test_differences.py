@@ -189,3 +189,17 @@ def test_the_commands_take_such_a_record(tmp_path: Path) -> None:
     assert "u_dot is taken as differences of u from sample to sample: no column gives it" in tuned["notes"]
     hidden = {row["name"]: row["hidden"]["v"] for row in tuned["rows"] if row["hidden"]}
     assert hidden["high_gain, as declared"] < 0.1  # its mean is 1.1
+
+
+def test_an_input_of_the_plant_has_its_column_whatever_its_name(tmp_path: Path) -> None:
+    """u_dot is an input of its own here, which the log holds, and which is the derivative of u by its name alone."""
+    model, log = tmp_path / "driven.toml", tmp_path / "log.csv"
+    declared = MODEL.replace('flow = "v + u"', 'flow = "v"').replace("- v**3/9", "- v**3/9 + u + u_dot")
+    declared = declared.replace("rates = [[-4, 4]]", "[inputs.u_dot]\nlow = -2\nhigh = 2")
+    model.write_text(declared.replace('form = {kind = "phase"}\n', ""))
+    u, states = course()
+    columns = np.column_stack([TIMES, u, 1.3 * np.cos(1.3 * TIMES), states[:, 0]])
+    np.savetxt(log, columns, delimiter=",", header="t,u,u_dot,y", comments="")
+    options = ("--data", str(log), "--time", "t", "--observers", "high_gain", "--out", str(tmp_path / "out"))
+    tuned = as_json("tune", str(model), *options)
+    assert not [note for note in tuned["notes"] if "differences" in note]

@@ -154,7 +154,8 @@ def tune_(
     declared = _declared(loaded, logs.whole[0].dt)
     rows = judged(plant, calibration, declared, held, aheads, engine_here())
     steps = (*(one.first.step for one in calibration.rows), *declared.values())
-    rates = {name: of for step in steps for name, of in derived(step.inputs).items()}
+    own = {u.name for u in plant.inputs}
+    rates = {name: of for step in steps for name, of in derived(step.inputs).items() if name not in own}
     said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
     notes = (*logs.notes(), *said_of(rates), *said, *too_far(aheads, rows[0].errors))
     paths = folder.demand("tuned.json")
