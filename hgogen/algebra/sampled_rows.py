@@ -18,9 +18,10 @@ _FUNCTIONS = {
 def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
     """The values of rows where the symbols are arrays; of a row that reads none a number. A symbol may have the name of
     a function."""
-    replaced = [
-        row.replace(lambda e: type(e) in _EXTREMES, lambda e: _EXTREMES[type(e)](*e.args))
-        for row in map(sp.sympify, rows)
-    ]
+    replaced = [sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, _named) for row in rows]
     function: Callable[..., list[Any]] = sp.lambdify(symbols, replaced, [_FUNCTIONS, "numpy"], dummify=True)
     return function
+
+
+def _named(extreme: sp.Expr) -> sp.Expr:
+    return _EXTREMES[type(extreme)](*extreme.args)
