@@ -238,6 +238,14 @@ def test_what_jumps_has_no_phase_form(jump: Any) -> None:
         hg.forms.phase(plant("jump", x, [(2 + jump(x1)) * x2, -x1], x1))
 
 
+def test_a_kink_that_cancels_a_choice_refutes_no_rank() -> None:
+    """2 max(v, 0) - (v where v >= 0, else -v) = v, whose slope at 0 SymPy has as 2/2 - 1; that of -v^3/3 is 0 there."""
+    x1, x2 = x = states((-1, 1), (-1, 1))
+    choice = sp.Piecewise((x2, x2 >= 0), (-x2, True))
+    for row, verdict in ((2 * sp.Max(x2, 0) - choice, Verdict.UNKNOWN), (-(x2**3) / 3, Verdict.REFUTED)):
+        assert checks(hg.forms.phase(plant("kink", x, [row, -x1 - x2], x1)))["rank"].verdict is verdict
+
+
 def test_nearby_is_not_one_to_one() -> None:
     """A full turn: (cos, sin) has full rank everywhere and meets each value twice."""
     x1, x2 = states((0.1, 7), (0.1, 7))

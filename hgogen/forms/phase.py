@@ -37,7 +37,7 @@ from hgogen.sentence import NONE, Sentence, because, equations
 from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
-from hgogen.structure.lipschitz import JUMPS, lipschitz
+from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)
@@ -237,8 +237,9 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
     determinant is not 0 identically and its zeros are not excluded."""
     id = ClaimId("phase", "rank")
     claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=whole.shown)
-    jumps = any(row.has(*JUMPS) for row in (*whole.before.flow, *whole.before.output))
-    det = whole.determinant if jumps else at_kinks(whole.determinant)
+    # a sign that the plant itself reads is 0 at 0; one that SymPy took for a slope at a kink is a set
+    own = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
+    det = whole.determinant if own else at_kinks(whole.determinant)
     sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
     witness = {s.name: float(value) for s, value in sign.witness.items()}
     fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
