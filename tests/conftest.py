@@ -5,6 +5,7 @@ import os
 import signal
 from collections.abc import Iterator
 from itertools import groupby
+from typing import Any
 
 import pytest
 from forgetful import forget, know
@@ -31,15 +32,26 @@ def interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.fixture(autouse=True)
-def remembered(request: pytest.FixtureRequest) -> Iterator[None]:
-    """A test that patches the package gets nothing that was made before, and leaves nothing that it made."""
-    patches = "monkeypatch" in request.fixturenames
-    if patches:
+class Patching(pytest.MonkeyPatch):
+    """What is patched is asked anew of observers and steps, and so is what was before, afterwards."""
+
+    def setattr(self, *args: Any, **options: Any) -> None:
+        super().setattr(*args, **options)
         forget()
-    yield
-    if patches:
-        forget()
+
+    def undo(self) -> None:
+        patched = bool(self._setattr)
+        super().undo()
+        if patched:
+            forget()
+
+
+@pytest.fixture
+def monkeypatch() -> Iterator[pytest.MonkeyPatch]:
+    """Pytest's own, by which a test gets nothing that was made before it patched the package, and leaves nothing."""
+    patch = Patching()
+    yield patch
+    patch.undo()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

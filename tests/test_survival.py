@@ -11,7 +11,6 @@ from typing import Any
 import neuron
 import numpy as np
 import pytest
-from forgetful import forget
 from native_step import NativeStep
 from oracle import fitzhugh_nagumo as oracle
 
@@ -52,10 +51,7 @@ def forced(monkeypatch: pytest.MonkeyPatch, theta: float, how: Any, dt: float, *
     with monkeypatch.context() as patch:
         patch.setattr(recovery, "patience", lambda *_: 1e5)
         patch.setattr(method, "covariance_limits", lambda *_: [Limit(np.inf, "")])
-        forget()
-        step = neuron.step(float(theta), how, dt, **options)
-    forget()
-    return step
+        return neuron.step(float(theta), how, dt, **options)
 
 
 def survives(step: Any, real: Any = None, duration: float = 30.0) -> bool:
