@@ -51,8 +51,8 @@ def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int
 def without_rates(plant: System) -> System:
     """The plant without the derivatives of its inputs that it does not read itself, as a form adds them."""
     read = set().union(*(sp.sympify(e).free_symbols for e in (*plant.flow, *plant.output)))
-    own = tuple(u for u in plant.inputs if u in read or u.name not in derived(plant.inputs))
-    return replace(plant, inputs=own)
+    known = derived(plant.inputs)
+    return replace(plant, inputs=tuple(u for u in plant.inputs if u in read or u.name not in known))
 
 
 def without_derivative(expressions: Iterable[sp.Expr]) -> Reason:

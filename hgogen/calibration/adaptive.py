@@ -79,8 +79,7 @@ def _innovations(task: Task, first: First) -> np.ndarray:
     parts = []
     for record in task.records:
         first.step.reset()
-        innovation = first.step.run(u=record.of(first.step.inputs).u, y=record.y, engine=task.judge.engine).traces[
-            "innovation"
-        ]
+        log = record.of(first.step.inputs)
+        innovation = first.step.run(u=log.u, y=log.y, engine=task.judge.engine).traces["innovation"]
         parts.append(innovation[round(BEGIN * len(innovation)) :])
     return np.concatenate(parts)

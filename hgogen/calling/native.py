@@ -127,7 +127,7 @@ def _macros(command: str, flags: tuple[str, ...]) -> str:
 
 
 @cache
-def _load(command: str, digest: str, files: tuple[tuple[str, str], ...], flags: tuple[str, ...] = ()) -> ctypes.CDLL:
+def _load(command: str, digest: str, files: tuple[tuple[str, str], ...], flags: tuple[str, ...]) -> ctypes.CDLL:
     path = demand([f"{digest}.so"], cache_folder())[0]
     if not path.exists():
         with tempfile.TemporaryDirectory() as folder:
