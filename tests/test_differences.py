@@ -17,6 +17,7 @@ from hgogen.reading.differences import derived, difference
 from hgogen.reading.measured import read
 from hgogen.trials.prediction import predictions
 from hgogen.trials.shifts import _others
+from hgogen.which_forms import of
 
 X, V = hg.Signal("x", low=-3, high=3), hg.Signal("v", low=-3, high=3)
 U, Y = hg.Signal("u", low=-1, high=1, rates=((-4, 4),)), hg.Signal("y")
@@ -177,6 +178,17 @@ def test_such_a_form_predicts_as_its_plant_does() -> None:
     assert ten.model < 7e-4
     assert one.copying is not None
     assert one.copying > 1e-3
+
+
+def test_the_noise_of_such_a_form_is_found_in_a_record() -> None:
+    """The likelihood of a filter on it reads u' as well; the forms that a survey asks for at once do not."""
+    u, x = course()
+    y = x[:, :1] + 0.01 * np.random.default_rng(0).normal(size=(COUNT, 1))
+    made = hg.tune(PLANT, hg.Log(u, y, DT), observers=["riccati"], rows=[of("phase", PLANT)])
+    best = made.best
+    assert best.first.row.kind == "phase"
+    assert best.noise is not None
+    assert best.noise.sample["y"] == pytest.approx(0.01, rel=0.15)  # of 400 samples: .01/sqrt(800) is 3.5 %
 
 
 def test_the_commands_take_such_a_record(tmp_path: Path) -> None:

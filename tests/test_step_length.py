@@ -6,11 +6,14 @@ import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import neuron
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from step_lengths import pairs, row
+from threadpoolctl import ThreadpoolController
 
 import hgogen as hg
 from hgogen.chains.frozen import frozen
@@ -22,6 +25,7 @@ from hgogen.kalman.closed_loop import loops
 from hgogen.method import Method
 from hgogen.model import load
 from hgogen.step import StepMayFail, StepTooLong
+from hgogen.stepping import discretise
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 WAYS = ("euler", "heun", "rk4", "exponential", "bilinear")
@@ -396,3 +400,24 @@ def test_what_is_advised_is_neither_too_long_nor_too_short(model: str) -> None:
     rows = [row(pair) for pair in pairs(load(MODELS / f"{model}.py"), OBSERVERS)]
     assert {verdict.pair.tuning for verdict in rows} >= {"high_gain", "filtered"}
     assert not [str(verdict) for verdict in rows if not verdict.holds]
+
+
+def test_a_step_is_made_on_one_thread_of_the_linear_algebra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever it is made of; then there are as many as before."""
+    threads: list[int] = []
+
+    def counted() -> list[int]:
+        return [each["num_threads"] for each in ThreadpoolController().info() if each["user_api"] == "blas"]
+
+    def seen(name: str, module: Any) -> None:
+        function = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *args: (threads.extend(counted()), function(*args))[1])
+
+    with ThreadpoolController().limit(limits=2, user_api="blas"):
+        if not (before := counted()):
+            pytest.skip("this numpy has a BLAS whose threads nobody counts")
+        seen("lengths", discretise)
+        seen("pieces", discretise)
+        hg.sample(neuron.observer(1.0), dt=0.01)
+        assert set(threads) == {1}
+        assert counted() == before
