@@ -42,6 +42,20 @@ def tree(name: str) -> ast.Module:
     return ast.parse(FILES[name].read_text(), str(FILES[name]))
 
 
+@cache
+def within(node: ast.AST) -> tuple[ast.AST, ...]:
+    """A node and all that is in it, which many rules go through."""
+    return tuple(ast.walk(node))
+
+
+def called(node: ast.expr) -> str:
+    """The dotted name that a call is of; "" where it is of something else."""
+    if isinstance(node, ast.Attribute):
+        start = called(node.value)
+        return start and f"{start}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
 def alone(name: str) -> bool:
     """Whether a file is the checker's, which shares nothing with the rest."""
     return name.startswith("hgogen.recheck")
@@ -57,7 +71,7 @@ def imports(name: str) -> frozenset[str]:
     """The modules of the package that a module imports, anywhere in it, for types as well; a folder imports its
     cases. Relative are the imports of the checker alone, whose folder can be copied."""
     modules = set()
-    for node in ast.walk(tree(name)):
+    for node in within(tree(name)):
         if isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -194,9 +208,9 @@ def test_everything_public_has_a_docstring() -> None:
 
     bare = [name for name in FILES if not ast.get_docstring(tree(name))]
     for name in FILES:
-        nodes = shown(tree(name).body)
-        nodes += [inner for node in nodes if isinstance(node, ast.ClassDef) for inner in shown(node.body)]
-        bare += [f"{name}.{node.name}" for node in nodes if not ast.get_docstring(node)]
+        public = shown(tree(name).body)
+        public += [inner for node in public if isinstance(node, ast.ClassDef) for inner in shown(node.body)]
+        bare += [f"{name}.{node.name}" for node in public if not ast.get_docstring(node)]
     assert not bare
 
 
@@ -216,7 +230,7 @@ def test_only_a_models_own_code_is_executed() -> None:
     calls = {
         (name, node.func.id)
         for name in FILES
-        for node in ast.walk(tree(name))
+        for node in within(tree(name))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("eval", "exec")
     }
     assert calls == {("hgogen.model", "exec"), ("hgogen.emit.pygraph", "exec")}
@@ -238,12 +252,13 @@ def test_no_printer_reads_what_it_printed() -> None:
 
 def takes_apart(name: str) -> bool:
     """Whether a file imports re, or calls a method that takes a text apart; numpy's `split` is none."""
-    nodes = list(ast.walk(tree(name)))
-    modules = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    modules |= {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
-    methods = (node.func for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute))
+    modules = {alias.name for node in within(tree(name)) if isinstance(node, ast.Import) for alias in node.names}
+    modules |= {node.module for node in within(tree(name)) if isinstance(node, ast.ImportFrom) and node.module}
+    methods = (
+        node.func for node in within(tree(name)) if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+    )
     return "re" in modules or any(
-        method.attr in TEXT_METHODS and ast.unparse(method.value) not in ("np", "self") for method in methods
+        method.attr in TEXT_METHODS and called(method.value) not in ("np", "self") for method in methods
     )
 
 
@@ -252,17 +267,25 @@ def takes_apart(name: str) -> bool:
 SAYS_NOTHING = {"found", "told", "kept", "given", "near", "apart", "dear"}
 
 
+def lines(node: ast.AST) -> Iterator[ast.AST]:
+    """The statements in a statement, and in those: no expression holds one."""
+    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for line in getattr(node, block, ()):
+            yield line
+            yield from lines(line)
+
+
 def names(module: ast.AST) -> Iterator[tuple[int, str]]:
     """The line and name of each variable, argument, and private or inner function or class; a public function, class
     or field is a name that users read."""
     fields = {
         target
-        for node in ast.walk(module)
+        for node in within(module)
         if isinstance(node, ast.ClassDef)
         for line in node.body
         for target in (line.targets if isinstance(line, ast.Assign) else [getattr(line, "target", None)])
     }
-    for node in ast.walk(module):
+    for node in within(module):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node not in fields:
             yield node.lineno, node.id
         elif isinstance(node, ast.arg):
@@ -272,8 +295,9 @@ def names(module: ast.AST) -> Iterator[tuple[int, str]]:
         elif isinstance(node, ast.alias) and node.asname:
             yield node.lineno, node.asname
         elif isinstance(node, ast.FunctionDef):
-            inner = (each for line in node.body for each in ast.walk(line))
-            yield from ((each.lineno, each.name) for each in inner if isinstance(each, ast.FunctionDef | ast.ClassDef))
+            yield from (
+                (line.lineno, line.name) for line in lines(node) if isinstance(line, ast.FunctionDef | ast.ClassDef)
+            )
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name.startswith("_"):
             yield node.lineno, node.name
 
@@ -313,9 +337,8 @@ def test_it_passes_public_names_and_uses(text: str) -> None:
 def test_a_value_is_named_for_what_it_holds() -> None:
     """A local called found or kept can be anything, and cannot be searched for: a solution, a bound and an index are
     called so, in the tests and their fixtures as in the package."""
-    modules = {
-        path: ast.parse(path.read_text()) for folder in (PACKAGE, TESTS) for path in sorted(folder.rglob("*.py"))
-    }
+    modules = {path: tree(name) for name, path in FILES.items()}
+    modules |= {path: ast.parse(path.read_text()) for path in sorted(TESTS.rglob("*.py"))}
     assert Path(__file__).resolve() in modules
     assert not [
         f"{path.relative_to(ROOT)}:{line}: {word}" for path in modules for line, word in say_nothing(modules[path])
@@ -352,7 +375,7 @@ def test_values_are_frozen() -> None:
     loose = {
         f"{name}.{node.name}"
         for name in FILES
-        for node in ast.walk(tree(name))
+        for node in within(tree(name))
         if isinstance(node, ast.ClassDef) and not {"HgogenError", "RecheckError"} & set(map(ast.unparse, node.bases))
         for decorator in map(ast.unparse, node.decorator_list)
         if decorator.startswith("dataclass") and "frozen=True" not in decorator
@@ -386,7 +409,7 @@ def test_no_text_is_parsed_for_what_is_claimed() -> None:
     assert parses_an_id(ast.parse('check.id.endswith(".theta")', mode="eval").body)
     assert parses_an_id(ast.parse('id == "phase.rank"', mode="eval").body)
     ours = [name for name in FILES if not name.startswith("hgogen.recheck")]
-    assert not [name for name in ours if any(map(parses_an_id, ast.walk(tree(name))))]
+    assert not [name for name in ours if any(map(parses_an_id, within(tree(name))))]
 
 
 def test_who_knows_claims_searches_no_texts() -> None:
@@ -405,20 +428,20 @@ def writes(node: ast.AST) -> bool:
     if isinstance(node, ast.IfExp | ast.BoolOp):
         return any(map(writes, [node.body, node.orelse] if isinstance(node, ast.IfExp) else node.values))
     if isinstance(node, ast.Call):
-        method = node.func.attr if isinstance(node.func, ast.Attribute) else ast.unparse(node.func)
+        method = node.func.attr if isinstance(node.func, ast.Attribute) else called(node.func)
         return method in ("str", "join", "format")
     texts = isinstance(node, ast.BinOp) and any(
-        isinstance(side, ast.Constant) and isinstance(side.value, str) for side in ast.walk(node)
+        isinstance(side, ast.Constant) and isinstance(side.value, str) for side in within(node)
     )
     return isinstance(node, ast.JoinedStr) or texts
 
 
 def written_reasons(module: ast.AST) -> list[int]:
     """The lines where a pattern or a reason is a text that is made there, or above in the same function."""
-    scopes = [module, *(node for node in ast.walk(module) if isinstance(node, ast.FunctionDef))]
+    scopes = [module, *(node for node in within(module) if isinstance(node, ast.FunctionDef))]
     lines = set()
     for scope in scopes:
-        assigned = [node for node in ast.walk(scope) if isinstance(node, ast.Assign)]
+        assigned = [node for node in within(scope) if isinstance(node, ast.Assign)]
         made = {
             target.id
             for node in assigned
@@ -430,15 +453,13 @@ def written_reasons(module: ast.AST) -> list[int]:
             )
             if isinstance(target, ast.Name) and writes(value) and scope is not module
         }
-        for node in ast.walk(scope):
+        for node in within(scope):
             if not isinstance(node, ast.Call):
                 continue
-            called = ast.unparse(node.func)
-            place = 0 if called in PATTERNED else REASONED.get(called)
-            handed = (
-                [keyword.value for keyword in node.keywords if keyword.arg == "reason"] if called in REASONED else []
-            )
-            if called == "replace":
+            case = called(node.func)
+            place = 0 if case in PATTERNED else REASONED.get(case)
+            handed = [keyword.value for keyword in node.keywords if keyword.arg == "reason"] if case in REASONED else []
+            if case == "replace":
                 handed = [keyword.value for keyword in node.keywords if keyword.arg == "reason"]
             if place is not None and len(node.args) > place:
                 handed.append(node.args[place])
@@ -474,13 +495,13 @@ def unnamed(module: ast.AST) -> list[int]:
     """The lines where a pattern names other values than those that come with it; one that is the name of a constant is
     that of the same function."""
     lines = []
-    for scope in (node for node in ast.walk(module) if isinstance(node, ast.FunctionDef)):
+    for scope in (node for node in within(module) if isinstance(node, ast.FunctionDef)):
         patterns: dict[str, list[ast.expr]] = {}
-        for node in ast.walk(scope):
+        for node in within(scope):
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
                 patterns.setdefault(node.targets[0].id, []).append(node.value)
-        for node in ast.walk(scope):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) in PATTERNED and node.args:
+        for node in within(scope):
+            if isinstance(node, ast.Call) and called(node.func) in PATTERNED and node.args:
                 first = node.args[0]
                 each = patterns.get(first.id, []) if isinstance(first, ast.Name) else [first]
                 texts = {part.value for one in each for part in chosen(one) if isinstance(part, ast.Constant)}
@@ -520,7 +541,7 @@ def cuts_a_reason(node: ast.AST) -> bool:
 
 
 def is_reason(node: ast.AST) -> bool:
-    if isinstance(node, ast.Call) and ast.unparse(node.func) == "str":
+    if isinstance(node, ast.Call) and called(node.func) == "str":
         return len(node.args) == 1 and is_reason(node.args[0])
     name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
     return name in ("reason", "why")
@@ -530,14 +551,14 @@ def test_no_text_of_a_reason_is_read() -> None:
     """What a verdict rests on is in the values of its reason."""
     seen = ('check.reason.split(";")', '"box" in str(check.reason)', "str(row.why)[:9]", 'reason == "by hand"')
     assert all(cuts_a_reason(ast.parse(text, mode="eval").body) for text in seen)
-    assert not [name for name in FILES if not alone(name) and any(map(cuts_a_reason, ast.walk(tree(name))))]
+    assert not [name for name in FILES if not alone(name) and any(map(cuts_a_reason, within(tree(name))))]
 
 
 def standard(name: str) -> set[str]:
     """What a module imports by name, of Python's own among it."""
-    nodes = [node for node in ast.walk(tree(name)) if isinstance(node, ast.Import | ast.ImportFrom)]
-    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    return plain | {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    imported = [node for node in within(tree(name)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    plain = {alias.name for node in imported if isinstance(node, ast.Import) for alias in node.names}
+    return plain | {node.module or "" for node in imported if isinstance(node, ast.ImportFrom)}
 
 
 # --- what is not said ---------------------------------------------------------------------------------------
