@@ -23,8 +23,9 @@ def direction(parts: Sequence[Pair], index: int, wide: bool) -> Pair:
     zero = np.zeros(low.shape)
     rest = reduce(add, (power(a, 2) for i, a in enumerate(parts) if i != index), (zero, zero))
     alone = np.full(low.shape, len(parts) == 1)
-    least = np.where(low < 0, _share(low, rest[0])[0], np.where(alone, 1.0, _share(low, rest[1])[0]))
-    most = np.where(high > 0, _share(high, rest[0])[1], np.where(alone, -1.0, _share(high, rest[1])[1]))
+    below, above = _share(np.stack((low, low, high, high)), np.stack((*rest, *rest)))
+    least = np.where(low < 0, below[0], np.where(alone, 1.0, below[1]))
+    most = np.where(high > 0, above[2], np.where(alone, -1.0, above[3]))
     free = (low <= 0) & (high >= 0) & (rest[0] <= 0)  # e may be 0
     least = np.where(free, np.where(low < 0, -1.0, np.where(alone, 1.0, 0.0)), least)
     most = np.where(free, np.where(high > 0, 1.0, np.where(alone, -1.0, 0.0)), most)

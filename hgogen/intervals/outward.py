@@ -10,6 +10,7 @@ result is known to be exact and stays as it is: 4 - 2*2 is 0 and has a square ro
 """
 
 import math
+from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
@@ -20,6 +21,7 @@ Flags = NDArray[np.bool_]
 Pair = tuple[Array, Array]
 
 _SPLIT = 134217729.0  # 2^27 + 1
+_LEAST = 5e-324
 _SMALL, _LARGE = 1e-280, 1e290  # between them Dekker's and Newton's residuals neither underflow nor overflow
 
 
@@ -53,9 +55,17 @@ def up(x: Array) -> Array:
 
 def add(a: Pair, b: Pair) -> Pair:
     """a + b."""
-    low, below = _sum(a[0], b[0])
-    high, above = _sum(a[1], b[1])
-    return np.where(below >= 0.0, low, down(low)), np.where(above <= 0.0, high, up(high))
+    return add_down(a[0], b[0]), add_up(a[1], b[1])
+
+
+def add_down(x: Array, y: Array) -> Array:
+    """A float below x + y, or the sum where it is exact."""
+    return _below(*_sum(x, y))
+
+
+def add_up(x: Array, y: Array) -> Array:
+    """A float above x + y, or the sum where it is exact."""
+    return _above(*_sum(x, y))
 
 
 def negate(a: Pair) -> Pair:
@@ -69,26 +79,36 @@ def multiply(a: Pair, b: Pair) -> Pair:
     x[0], x[2] = a
     y[0], y[1] = b
     x[1], x[3], y[2], y[3] = x[0], x[2], y[0], y[1]
-    low, high = _product(x, y)
-    least, most = low.min(axis=0), high.max(axis=0)
-    return np.where(_same(a, b), np.maximum(least, 0.0), least), np.where(_other(a, b), np.minimum(most, 0.0), most)
+    product, error = _product(x, y)
+    least, most = _below(product, error).min(axis=0), _above(product, error).max(axis=0)
+    if (least == -_LEAST).any():  # the next float below 0
+        least = np.where(_same(a, b), np.maximum(least, 0.0), least)
+    if (most == _LEAST).any():
+        most = np.where(_other(a, b), np.minimum(most, 0.0), most)
+    return least, most
 
 
 def scale(a: Pair, b: Pair) -> Pair:
     """a b without a look for exact products: cheaper, and one float wider; not negative where the signs say so."""
-    zeros, others = (a[0] == 0, a[1] == 0), (b[0] == 0, b[1] == 0)
-    products = [
-        np.where(p | q, 0.0, x * y) for x, p in zip(a, zeros, strict=True) for y, q in zip(b, others, strict=True)
-    ]
-    low, high = products[0], products[0]
-    for product in products[1:]:
-        low, high = np.minimum(low, product), np.maximum(high, product)
+    low, high = _ends([x * y for x in a for y in b])
+    if np.isnan(low).any():  # 0 times an infinite end
+        low, high = _ends([np.where((x == 0) | (y == 0), 0.0, x * y) for x in a for y in b])
     least, most, edges = down(low), up(high), (low == 0, high == 0)
     if edges[0].any() or edges[1].any():
-        none = (zeros[0] & zeros[1]) | (others[0] & others[1])  # a true 0 (both ends of one factor 0) stays
+        none = _zero(a) | _zero(b)  # a true 0 (both ends of one factor 0) stays
         least = np.where(edges[0] & (none | _same(a, b)), 0.0, least)
         most = np.where(edges[1] & (none | _other(a, b)), 0.0, most)
     return least, most
+
+
+def _ends(products: list[Array]) -> Pair:
+    """The least and the largest of four."""
+    a, b, c, d = products
+    return np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
+
+
+def _zero(a: Pair) -> Flags:
+    return np.asarray((a[0] == 0) & (a[1] == 0))
 
 
 def _same(a: Pair, b: Pair) -> Flags:
@@ -106,11 +126,14 @@ def reciprocal(a: Pair) -> Pair:
     low, high = a
     positive, negative = low > 0, high < 0
     clear = positive | negative
+    if clear.all():
+        least, most = _inverse_down(high), _inverse_up(low)
+        return np.where(positive, np.maximum(least, 0.0), least), np.where(negative, np.minimum(most, 0.0), most)
     safe_low, safe_high = np.where(clear, low, 1.0), np.where(clear, high, 1.0)
-    least, most = _inverse(safe_high)[0], _inverse(safe_low)[1]
+    least, most = _inverse_down(safe_high), _inverse_up(safe_low)
     least, most = np.where(positive, np.maximum(least, 0.0), least), np.where(negative, np.minimum(most, 0.0), most)
-    one_sided_low = np.where((low == 0) & (high > 0), _inverse(np.where(high > 0, high, 1.0))[0], -np.inf)
-    one_sided_high = np.where((high == 0) & (low < 0), _inverse(np.where(low < 0, low, 1.0))[1], np.inf)
+    one_sided_low = np.where((low == 0) & (high > 0), _inverse_down(np.where(high > 0, high, 1.0)), -np.inf)
+    one_sided_high = np.where((high == 0) & (low < 0), _inverse_up(np.where(low < 0, low, 1.0)), np.inf)
     return np.where(clear, least, one_sided_low), np.where(clear, most, one_sided_high)
 
 
@@ -118,18 +141,40 @@ def power(a: Pair, n: int) -> Pair:
     """a^n for whole n; for n < 0 where a is not 0."""
     if n < 0:
         return reciprocal(power(a, -n))
+    if n == 1:
+        return a
     low, high = a
     size_low, size_high = absolute(a)
     if n % 2 == 0:
-        return _power_down(size_low, n), _power_up(size_high, n)
-    least = np.where(low >= 0, _power_down(np.maximum(low, 0.0), n), -_power_up(np.maximum(-low, 0.0), n))
-    most = np.where(high >= 0, _power_up(np.maximum(high, 0.0), n), -_power_down(np.maximum(-high, 0.0), n))
+        return power_down(size_low, n), power_up(size_high, n)
+    least = np.where(low >= 0, power_down(np.maximum(low, 0.0), n), -power_up(np.maximum(-low, 0.0), n))
+    most = np.where(high >= 0, power_up(np.maximum(high, 0.0), n), -power_down(np.maximum(-high, 0.0), n))
     return least, most
+
+
+def power_down(x: Array, n: int) -> Array:
+    """A float below x^n or equal, x >= 0."""
+    return _repeated(x, n, _below)
+
+
+def power_up(x: Array, n: int) -> Array:
+    """A float above x^n or equal, x >= 0."""
+    return _repeated(x, n, _above)
 
 
 def square_root(a: Pair) -> Pair:
     """The square root of what of a is not negative."""
-    return _root_ends(np.maximum(a[0], 0.0))[0], _root_ends(np.maximum(a[1], 0.0))[1]
+    return root_down(a[0]), root_up(a[1])
+
+
+def root_down(x: Array) -> Array:
+    """A float below the square root or equal, of what is negative 0."""
+    return np.maximum(_below(*_root(np.maximum(x, 0.0))), 0.0)
+
+
+def root_up(x: Array) -> Array:
+    """A float above the square root or equal, of what is negative 0."""
+    return np.maximum(_above(*_root(np.maximum(x, 0.0))), 0.0)
 
 
 def absolute(a: Pair) -> Pair:
@@ -147,6 +192,17 @@ def hull(a: Pair, b: Pair) -> Pair:
 def meet(a: Pair, b: Pair) -> Pair:
     """The intersection of two enclosures of one thing."""
     return np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
+
+
+def _below(value: Array, error: Array) -> Array:
+    """A rounded result, or the float below it unless its error, the exact result less it, is known not to be
+    negative."""
+    return np.where(error >= 0.0, value, down(value))
+
+
+def _above(value: Array, error: Array) -> Array:
+    """A rounded result, or the float above it unless its error is known not to be positive."""
+    return np.where(error <= 0.0, value, up(value))
 
 
 def _sum(x: Array, y: Array) -> Pair:
@@ -167,54 +223,52 @@ def _residual(x: Array, y: Array, product: Array) -> Array:
 
 
 def _product(x: Array, y: Array) -> Pair:
-    """Floats below and above x y, equal where it is exact."""
+    """The rounded product and its error, NaN where that is not known; 0 times infinity is 0."""
     zero = (x == 0) | (y == 0)
     product = np.where(zero, 0.0, x * y)
     size = np.abs(product)
     known = (size > _SMALL) & (size < _LARGE) & (np.abs(x) < _LARGE) & (np.abs(y) < _LARGE)
     error = np.where(known, _residual(x, y, product), np.nan)
-    error = np.where(zero, 0.0, error)
-    return np.where(error >= 0, product, down(product)), np.where(error <= 0, product, up(product))
+    return product, np.where(zero, 0.0, error)
+
+
+def _inverse_down(x: Array) -> Array:
+    """A float below 1/x or equal, x not 0; 1/inf is 0, from the side that x says."""
+    inverse, rest = _inverse(x)
+    return np.where(np.isinf(x), np.minimum(inverse, 0.0), _below(inverse, rest))
+
+
+def _inverse_up(x: Array) -> Array:
+    inverse, rest = _inverse(x)
+    return np.where(np.isinf(x), np.maximum(inverse, 0.0), _above(inverse, rest))
 
 
 def _inverse(x: Array) -> Pair:
-    """Floats below and above 1/x, x not 0; 1/inf is 0, from the side that x says."""
+    """1/x rounded, and a number of the sign of its error."""
     inverse = 1.0 / x
     size = np.abs(x)
     known = (size > _SMALL) & (size < 1.0 / _SMALL)
     product = inverse * x
     rest = np.where(known, (1.0 - product) - _residual(inverse, x, product), np.nan)
-    rest = np.where(x > 0, rest, -rest)  # 1/x - inverse has the sign of rest / x
-    low, high = np.where(rest >= 0, inverse, down(inverse)), np.where(rest <= 0, inverse, up(inverse))
-    endless = np.isinf(x)
-    return np.where(endless, np.minimum(inverse, 0.0), low), np.where(endless, np.maximum(inverse, 0.0), high)
+    return inverse, np.where(x > 0, rest, -rest)  # 1/x - inverse has the sign of rest / x
 
 
-def _root_ends(x: Array) -> Pair:
+def _root(x: Array) -> Pair:
+    """The root rounded, and a number of the sign of its error."""
     root = np.sqrt(x)
     known = (x > _SMALL) & (x < _LARGE)
     product = root * root
     rest = np.where(known, (x - product) - _residual(root, root, product), np.nan)
-    rest = np.where(x == 0, 0.0, rest)
-    low, high = np.where(rest >= 0, root, down(root)), np.where(rest <= 0, root, up(root))
-    return np.maximum(low, 0.0), np.maximum(high, 0.0)
+    return root, np.where(x == 0, 0.0, rest)
 
 
-def _power_down(x: Array, n: int) -> Array:
-    return _repeated(x, n, 0)
-
-
-def _power_up(x: Array, n: int) -> Array:
-    return _repeated(x, n, 1)
-
-
-def _repeated(x: Array, n: int, side: int) -> Array:
-    """x^n, x >= 0, by squaring, each product rounded to one side (0: down, 1: up)."""
+def _repeated(x: Array, n: int, rounded: Callable[[Array, Array], Array]) -> Array:
+    """x^n, x >= 0, by squaring, each product rounded to one side."""
     result = None
     while n:
         if n & 1:
-            result = x if result is None else np.maximum(_product(result, x)[side], 0.0)
+            result = x if result is None else np.maximum(rounded(*_product(result, x)), 0.0)
         n >>= 1
         if n:
-            x = np.maximum(_product(x, x)[side], 0.0)
+            x = np.maximum(rounded(*_product(x, x)), 0.0)
     return np.ones_like(x) if result is None else result

@@ -8,6 +8,7 @@ by the factor n^(1/(2m)) at most. A lower bound is |J v| / |v| at points, with a
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,23 @@ from numpy.typing import NDArray
 from hgogen.algebra.tape import Tape
 from hgogen.intervals.enclosure import Flags, enclose
 from hgogen.intervals.floats import corners, middle
-from hgogen.intervals.outward import Array, Pair, add, down, meet, negate, power, scale, square_root, up
+from hgogen.intervals.outward import (
+    Array,
+    Pair,
+    absolute,
+    add,
+    add_down,
+    add_up,
+    down,
+    meet,
+    negate,
+    power_down,
+    power_up,
+    root_down,
+    root_up,
+    scale,
+    up,
+)
 from hgogen.intervals.search import Tree, split_tree
 
 _BATCH = 128
@@ -153,10 +170,10 @@ def _norm(matrix: Pair) -> Array:
     """Upper bounds of the spectral norms of interval matrices (rows x columns x k)."""
     (low, high), exponent = _scaled(matrix)
     size = np.maximum(np.abs(low), np.abs(high))
-    plain = _frobenius((size, size))
+    plain = _frobenius(size)
     centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
     radius = np.maximum(up(high - centre), up(centre - low))
-    sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius((radius, radius)))
+    sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
     sums = _largest_sum(size), _largest_sum(np.swapaxes(size, 0, 1))
     mixed = up(np.sqrt(up(sums[0] * sums[1])))
     norm = np.fmin(np.fmin(plain, mixed), sharp)
@@ -182,11 +199,9 @@ def _largest_sum(size: Array) -> Array:
     return np.asarray(total.max(axis=0))
 
 
-def _frobenius(matrix: Pair) -> Array:
-    total: Pair = (np.zeros(matrix[0].shape[2:]), np.zeros(matrix[0].shape[2:]))
-    for square in zip(*(end.reshape(-1, *end.shape[2:]) for end in power(matrix, 2)), strict=True):
-        total = add(total, (square[0], square[1]))
-    return square_root(total)[1]
+def _frobenius(size: Array) -> Array:
+    """Upper bounds of the root of the sum of squares, of nonnegative matrices (rows x columns x k)."""
+    return root_up(reduce(add_up, power_up(size, 2).reshape(-1, *size.shape[2:])))
 
 
 def _point_norm(matrix: Array) -> Array:
@@ -203,13 +218,13 @@ def _point_norm(matrix: Array) -> Array:
         gram = np.ldexp(gram[0], -out), np.ldexp(gram[1], -out)
         logarithm = 2.0 * logarithm + out
     size = np.maximum(np.abs(gram[0]), np.abs(gram[1]))
-    root = _frobenius((size, size))
+    root = _frobenius(size)
     # |M|^(2 times) <= root 2^logarithm; the roots are square roots, rounded up
     parts = 2 * times
     whole = np.floor_divide(logarithm, parts)
     norm = np.ldexp(root, (logarithm - parts * whole).astype(int))
     for _ in range(_SQUARINGS + 1):
-        norm = square_root((norm, norm))[1]
+        norm = root_up(norm)
     norm = up(np.ldexp(norm, whole.astype(int)) + _LOST)
     return np.asarray(np.where(largest > 0, up(np.ldexp(norm, exponent)), 0.0))
 
@@ -220,13 +235,8 @@ def _swap(matrix: Pair) -> Pair:
 
 def _product(a: Pair, b: Pair) -> Pair:
     """The product of interval matrices (n x m x k) (m x l x k)."""
-    shape = (a[0].shape[0], b[0].shape[1], a[0].shape[2])
-    total: Pair = (np.zeros(shape), np.zeros(shape))
-    for i in range(a[0].shape[1]):
-        left = a[0][:, i, None], a[1][:, i, None]
-        right = b[0][None, i, :], b[1][None, i, :]
-        total = add(total, scale(left, right))
-    return total
+    low, high = scale((a[0][:, :, None], a[1][:, :, None]), (b[0][None], b[1][None]))  # n x m x l x k
+    return reduce(add_down, np.moveaxis(low, 1, 0)), reduce(add_up, np.moveaxis(high, 1, 0))
 
 
 def _attained(field: Field, points: Array) -> tuple[float, Array | None]:
@@ -240,12 +250,8 @@ def _attained(field: Field, points: Array) -> tuple[float, Array | None]:
     floats = np.moveaxis(matrix[0] / 2.0 + matrix[1] / 2.0, -1, 0)
     vectors = np.linalg.svd(floats)[2][:, 0, :].T[:, None, :]  # columns x 1 x k
     image = _product(matrix, (vectors, vectors))
-    squares = power(image, 2)
-    below: Pair = (np.zeros(vectors.shape[2]), np.zeros(vectors.shape[2]))
-    for low, high in zip(squares[0][:, 0], squares[1][:, 0], strict=True):
-        below = add(below, (low, high))
-    length = _frobenius((vectors, vectors))
-    values = down(square_root(below)[0] / length)
+    below = reduce(add_down, power_down(absolute(image)[0][:, 0], 2))
+    values = down(root_down(below) / _frobenius(np.abs(vectors)))
     values = np.maximum(down(np.ldexp(np.maximum(down(values - _LOST), 0.0), exponent)), 0.0)
     best = int(np.argmax(values))
     return float(values[best]), points[:, usable][:, best]
