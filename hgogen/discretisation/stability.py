@@ -222,7 +222,7 @@ def _riccati(jacobians: Array, C: Array, Q: Array, R: Array, scaling: Scaling | 
 
 
 def _t(X: Array) -> Array:
-    return np.swapaxes(X, -1, -2)
+    return X.swapaxes(-1, -2)
 
 
 def _steady_limit(riccati: _Riccati, thetas: Sequence[float], polynomial: Sequence[float]) -> Limit:
@@ -353,7 +353,8 @@ def _step(X: Array, L: Array, W: Array, V: Array, tableau: Tableau, dt: Array) -
 def _combined(X: Array, slopes: list[Array], weights: Sequence[float], dt: Array) -> Array:
     X = X.copy()
     for weight, slope in zip(weights, slopes, strict=True):
-        X += dt * weight * slope
+        if weight:
+            X += dt * weight * slope
     return X
 
 

@@ -16,6 +16,7 @@ doubling: Chu, Fan, Lin, Wang, International Journal of Control 77 (2004).
 
 import math
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,7 +119,7 @@ class Loops:
         """A, G, H (k, n, n) of P <- H + A' P (1 + G P)^-1 A, of P before a sample."""
         grown = math.exp(min(self.rho * h, 100.0))  # beyond which all is forgotten
         Phi = polynomial(h * self.F, HEUN.polynomial)
-        return np.swapaxes(math.sqrt(grown) * Phi, 1, 2), h * self.N + self._forgotten(h), h * self.Q
+        return (math.sqrt(grown) * Phi).swapaxes(1, 2), h * self.N + self._forgotten(h), h * self.Q
 
     def _transition(self, h: float, P: Array) -> Array:
         """T(h) by P before a sample."""
@@ -222,8 +223,8 @@ def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array
         with np.errstate(all="ignore"):
             W = one + G @ H
             left, right = _solved(W, np.array((A, G)))
-            more = np.swapaxes(A, 1, 2) @ H @ left
-            G, H, A = G + A @ right @ np.swapaxes(A, 1, 2), H + (more + np.swapaxes(more, 1, 2)) / 2, A @ left
+            more = A.swapaxes(1, 2) @ H @ left
+            G, H, A = G + A @ right @ A.swapaxes(1, 2), H + (more + more.swapaxes(1, 2)) / 2, A @ left
             if not (np.abs(more) > SETTLED * np.abs(H).max(axis=(1, 2), keepdims=True)).any():
                 break
     yield A, G, H
@@ -233,13 +234,17 @@ def _moved(P: Array, steps: tuple[Array, Array, Array]) -> Array:
     """P (s, k, n, n) after them."""
     A, G, H = steps
     with np.errstate(all="ignore"):
-        return np.asarray(H + np.swapaxes(A, 1, 2) @ P @ _solved(np.eye(A.shape[-1]) + G @ P, A))
+        return np.asarray(H + A.swapaxes(1, 2) @ P @ _solved(np.eye(A.shape[-1]) + G @ P, A))
 
 
 def _solved(W: Array, B: Array) -> Array:
     """The solutions W^-1 B (.., n, n), nan where W is not finite or singular."""
     W, B = np.broadcast_arrays(W, B)
-    good = np.isfinite(W).all(axis=(-2, -1))
+    finite = np.isfinite(W)
+    if finite.all():
+        with suppress(np.linalg.LinAlgError):  # raised for one that is singular
+            return np.asarray(np.linalg.solve(W, B))
+    good = finite.all(axis=(-2, -1))
     good[good] = np.abs(np.linalg.det(W[good])) > 0
     solution = np.full(B.shape, np.nan)
     solution[good] = np.linalg.solve(W[good], B[good])
