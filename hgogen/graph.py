@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -76,6 +76,18 @@ def sx(value: Graph) -> Graph:
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 
+def dense(value: Graph) -> Graph:
+    """The value as an SX whose every element is stored, to be read only."""
+    value = sx(value)
+    return value if value.is_dense() else ca.densify(value)
+
+
+def binary(operation: int, a: Graph, b: Graph) -> Graph:
+    """An operation of CasADi, one of its OP_ADD, .., on an SX and another or a number. Its operators give the same, and
+    take ten times as long to see of which kind each of them is."""
+    return ca.SX.binary(operation, a, b)
+
+
 def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
     """The expressions as SX graphs, one scalar each; a subexpression is built once.
 
@@ -130,7 +142,7 @@ def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
         if total is None:
             total = -value if negative else value
         else:
-            total = total - value if negative else total + value
+            total = binary(ca.OP_SUB if negative else ca.OP_ADD, total, value)
     return total
 
 
@@ -138,12 +150,12 @@ def _product(node: sp.Mul, inner: Callable[[sp.Basic], Graph]) -> Graph:
     """Number times numerator over denominator: one multiplication by the number, no division by constants."""
     number, rest = node.as_coeff_Mul()
     numerator, denominator = sp.fraction(rest, exact=True)
-    value = reduce(lambda a, b: a * b, map(inner, sp.Mul.make_args(numerator)))
+    value = reduce(partial(binary, ca.OP_MUL), map(inner, sp.Mul.make_args(numerator)))
     if denominator != 1:
-        value = value / inner(denominator)
+        value = binary(ca.OP_DIV, value, inner(denominator))
     if number == -1:
         return -value
-    return value if number == 1 else ca.SX(float(number)) * value
+    return value if number == 1 else binary(ca.OP_MUL, ca.SX(float(number)), value)
 
 
 def _power(node: sp.Pow, inner: Callable[[sp.Basic], Graph]) -> Graph:
@@ -176,8 +188,8 @@ def _repeated(base: Graph, times: int) -> Graph:
     if times == 0:
         return ca.SX(1)
     half = _repeated(base, times // 2)
-    square = half * half if times > 1 else ca.SX(1)
-    return square * base if times % 2 else square
+    square = binary(ca.OP_MUL, half, half) if times > 1 else ca.SX(1)
+    return binary(ca.OP_MUL, square, base) if times % 2 else square
 
 
 # --- from CasADi --------------------------------------------------------------------------------------------

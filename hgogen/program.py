@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 
-from hgogen.graph import Graph, sx
+from hgogen.graph import Graph, dense, sx
 
 INF = float("inf")
 
@@ -54,6 +54,8 @@ def address(symbol: Graph) -> tuple[Place, int, int]:
 def column(values: Iterable[Graph]) -> Graph:
     """SX column of scalars; an empty one for none."""
     values = list(values)
+    if len(values) == 1:
+        return sx(values[0])
     return ca.vertcat(*values) if values else ca.SX(0, 1)
 
 
@@ -200,7 +202,7 @@ class Block:
     def graph(self) -> ca.Function:
         """SX function from the places read to the places written, then the named values."""
         inputs = [sym(*place, size) for place, size in self.reads]
-        values = [ca.densify(sx(value)) for value in (*self.writes.values(), *self.names.values())]
+        values = [dense(value) for value in (*self.writes.values(), *self.names.values())]
         return ca.Function("block", inputs, ca.cse(values))
 
 

@@ -276,7 +276,8 @@ def jacobian(rows: Graph, x: Graph) -> Graph:
 
     where f_i' is the row of its derivatives by its arguments, and a_(i,x) has a row for each of them.
     """
-    symbols = ca.vertcat(*ca.symvar(rows)) if ca.symvar(rows) else ca.SX(0, 1)
+    read = ca.symvar(rows)
+    symbols = ca.vertcat(*read) if read else ca.SX(0, 1)
     program = ca.Function("rows", [symbols], [ca.densify(rows)])
     calls: list[tuple[Graph, Lookup, list[Graph]]] = []
 

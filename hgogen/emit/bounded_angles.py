@@ -8,7 +8,7 @@ A bound is an interval of what an operation gives where that is a number, and wh
 each operation, for which 3 pi/2 leaves room.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
 from typing import NamedTuple
 
@@ -43,16 +43,20 @@ _WAVE = Bound(-1.0, 1.0, False)
 
 def operations(function: ca.Function) -> list[int]:
     """The operation of each instruction of an SX function, with sines and cosines of bounded angles told apart."""
+    codes = [function.instruction_id(k) for k in range(function.n_instructions())]
+    return codes if _ANGLES.keys().isdisjoint(codes) else list(_parted(function, codes))
+
+
+def _parted(function: ca.Function, codes: Iterable[int]) -> Iterator[int]:
+    """The same of the operations of its instructions."""
     bounds: dict[int, Bound] = {}
-    codes = []
-    for k in range(function.n_instructions()):
-        op, read, wrote = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+    for k, op in enumerate(codes):
+        read, wrote = function.instruction_input(k), function.instruction_output(k)
         of = [bounds[place] for place in read] if op in _BOUNDS or op in _ANGLES else []
-        codes.append(next((code for limit, code in _ANGLES.get(op, ()) if of[0].size <= limit), op))
+        yield next((code for limit, code in _ANGLES.get(op, ()) if of[0].size <= limit), op)
         value = function.instruction_constant(k) if op == ca.OP_CONST else inf
         if op != ca.OP_OUTPUT:  # which names an output where others name a place of work
             bounds |= dict.fromkeys(wrote, Bound(value, value, True) if abs(value) < inf else _bound(op, of))
-    return codes
 
 
 def _bound(op: int, of: list[Bound]) -> Bound:

@@ -44,8 +44,9 @@ def read(function: ca.Function) -> list[list[Node]]:
     nodes: list[Node] = []
     outputs = [[Node(ca.OP_CONST)] * function.nnz_out(i) for i in range(function.n_out())]
     inputs: dict[tuple[int, int], Node] = {}
-    texts = instructions(function)
-    for k, op in enumerate(operations(function)):
+    codes = operations(function)
+    texts = instructions(function) if ca.OP_CALL in codes else []
+    for k, op in enumerate(codes):
         take, give = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
             outputs[give[0]][give[1]] = slots[take[0]]

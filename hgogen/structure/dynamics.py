@@ -9,7 +9,7 @@ are folded.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache, partial, reduce
 from typing import Any
 
 import casadi as ca
@@ -20,7 +20,7 @@ from hgogen.algebra.lookup import hessian, jacobian
 from hgogen.analysis.determinant import determinant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.graph import Graph, to_casadi
+from hgogen.graph import Graph, binary, to_casadi
 from hgogen.intervals.box import Box, box
 from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.intervals.one_sided import computed
@@ -49,14 +49,18 @@ class Singular(HgogenError):
 
 def clamp(value: Graph, low: float, high: float) -> Graph:
     """SX min(max(value, low), high); as it is where there is no bound."""
-    value = value if low == -INF else ca.fmax(value, low)
-    return value if high == INF else ca.fmin(value, high)
+    value = value if low == -INF else binary(ca.OP_FMAX, value, low)
+    return value if high == INF else binary(ca.OP_FMIN, value, high)
 
 
 def inside(value: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
     """Whether every element of a column is a number in its range; SX."""
-    tests = (ca.logic_and(low <= value[i], value[i] <= high) for i, (low, high) in enumerate(ends))
-    return reduce(ca.logic_and, tests)
+    elements = (value[i] for i in range(len(ends)))
+    tests = (
+        binary(ca.OP_AND, binary(ca.OP_LE, low, x), binary(ca.OP_LE, x, high))
+        for x, (low, high) in zip(elements, ends, strict=True)
+    )
+    return reduce(partial(binary, ca.OP_AND), tests)
 
 
 def widened(low: float, high: float, share: float) -> tuple[float, float]:
