@@ -82,8 +82,7 @@ def steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
 def _steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
     low, high = root[0][:, None], root[1][:, None]
     node = np.zeros(1, dtype=np.int64)
-    norm, smooth, cut = _norms(field, root, low, high)
-    best, at = _attained(field, corners(*root)[:, : limit + 1])
+    (norm, smooth, cut), (best, at) = _ends(field, root, low, high, corners(*root)[:, : limit + 1])
     splits: list[tuple[int, int]] = []
     while True:
         todo = ((norm > (1.0 + relative) * best) | ~smooth) & (cut >= 0)
@@ -95,8 +94,7 @@ def _steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
         children = boxes + np.arange(2 * len(rows), dtype=np.int64)
         splits += zip(node[rows].tolist(), cut[rows].tolist(), strict=True)
         new_low, new_high = _halves(low[:, rows], high[:, rows], cut[rows])
-        more = _norms(field, root, new_low, new_high)
-        value, point = _attained(field, middle(new_low, new_high))
+        more, (value, point) = _ends(field, root, new_low, new_high, middle(new_low, new_high))
         best, at = (value, point) if value > best else (best, at)
         remaining = np.ones(len(norm), dtype=bool)
         remaining[rows] = False
@@ -119,24 +117,53 @@ def _halves(low: Array, high: Array, cut: NDArray[np.int64]) -> Pair:
     return low, high
 
 
-def _norms(field: Field, root: Pair, low: Array, high: Array) -> tuple[Array, Flags, NDArray[np.int64]]:
-    """Upper bounds of |J| on boxes (m x k), whether the field is defined and continuous there, where to cut."""
-    matrix, smooth, weight = _matrices(field, low, high)
-    return np.where(smooth, _norm(matrix), np.inf), smooth, _cuts(root, low, high, weight)
+Cut = tuple[Array, Flags, NDArray[np.int64]]  # upper bounds of |J| (k), where it is smooth, and where to cut
+Attained = tuple[float, Array | None]
 
 
-def _matrices(field: Field, low: Array, high: Array, wide: bool = True) -> tuple[Pair, Flags, Array | None]:
-    """Enclosures of J (rows x states x k), where it can be used, and how much each variable matters (m x k).
+@dataclass(frozen=True)
+class _Slopes:
+    """Enclosures of J (rows x states x k) by the slopes of the tape, where they are `smooth` and can be used, and where
+    the field is `continuous`."""
 
-    `wide`: boxes and not points, for which the mean value form is no use."""
+    matrix: Pair
+    smooth: Flags
+    continuous: Flags
+
+    def only(self, columns: slice | Flags) -> "_Slopes":
+        return _Slopes(_columns(self.matrix, columns), self.smooth[columns], self.continuous[columns])
+
+
+def _columns(matrix: Pair, columns: slice | Flags) -> Pair:
+    return matrix[0][..., columns], matrix[1][..., columns]
+
+
+def _ends(field: Field, root: Pair, low: Array, high: Array, points: Array) -> tuple[Cut, Attained]:
+    """What is known on boxes (m x k), and the best lower bound at points (m x l): of one walk of the tape, which costs
+    little more for twice the columns."""
+    both = _slopes(field, np.hstack((low, points)), np.hstack((high, points)))
+    k = low.shape[1]
+    slopes, weight = _sharpened(field, low, high, both.only(slice(k)))
+    norm = np.where(slopes.smooth, _norm(slopes.matrix), np.inf)
+    return (norm, slopes.smooth, _cuts(root, low, high, weight)), _attained(both.only(slice(k, None)), points)
+
+
+def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
     rows = enclose(field.program, low, high, slopes=True)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
     continuous = np.logical_and.reduce([row.continuous for row in rows])
     slopes = [row.slope for row in rows if row.slope is not None]
     picked = list(field.states)
     matrix = np.stack([slope[0][picked] for slope in slopes]), np.stack([slope[1][picked] for slope in slopes])
-    if not (field.places and wide):
-        return matrix, smooth, None
+    return _Slopes(matrix, smooth, continuous)
+
+
+def _sharpened(field: Field, low: Array, high: Array, slopes: _Slopes) -> tuple[_Slopes, Array | None]:
+    """The slopes on boxes, sharper where the Jacobian is there as expressions, and how much each variable matters
+    (m x k)."""
+    matrix, smooth, continuous = slopes.matrix, slopes.smooth, slopes.continuous
+    if not field.places:
+        return slopes, None
     entries = enclose(field.jacobian, low, high, slopes=True)
     centre = middle(low, high)
     away = add((low, high), negate((centre, centre)))
@@ -158,7 +185,7 @@ def _matrices(field: Field, low: Array, high: Array, wide: bool = True) -> tuple
         joint = meet((first, last), _met(value, form, entry.defined))
         sound = (joint[0] <= joint[1]) & usable_everywhere
         matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
-    return matrix, smooth, weight
+    return slopes, weight
 
 
 def _met(value: Pair, form: Pair, defined: Flags) -> Pair:
@@ -239,14 +266,13 @@ def _product(a: Pair, b: Pair) -> Pair:
     return reduce(add_down, np.moveaxis(low, 1, 0)), reduce(add_up, np.moveaxis(high, 1, 0))
 
 
-def _attained(field: Field, points: Array) -> tuple[float, Array | None]:
+def _attained(slopes: _Slopes, points: Array) -> Attained:
     """The best lower bound of |J| at points (m x k), and the point."""
-    matrix, smooth, _ = _matrices(field, points, points, wide=False)
+    matrix, smooth = slopes.matrix, slopes.smooth
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0, None
-    matrix = matrix[0][:, :, usable], matrix[1][:, :, usable]
-    matrix, exponent = _scaled(matrix)
+    matrix, exponent = _scaled(_columns(matrix, usable))
     floats = np.moveaxis(matrix[0] / 2.0 + matrix[1] / 2.0, -1, 0)
     vectors = np.linalg.svd(floats)[2][:, 0, :].T[:, None, :]  # columns x 1 x k
     image = _product(matrix, (vectors, vectors))
