@@ -25,6 +25,7 @@ import numpy as np
 from hgogen.analysis.pace import NoSight, Pace, pace, slopes
 from hgogen.form import Form
 from hgogen.observer import Observer
+from hgogen.reading.door import remembers
 from hgogen.reading.given import BadGain, positive
 from hgogen.signal import Signal
 from hgogen.stepping.guards import readings
@@ -239,6 +240,7 @@ def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float
     return noise or {}
 
 
+@remembers
 def _pace(plant: System) -> Pace:
     try:
         return pace(plant)

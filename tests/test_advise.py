@@ -3,6 +3,7 @@
 import json
 from math import exp
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -206,6 +207,15 @@ def test_bad_input_is_refused(words: tuple[str, str], reason: str, tmp_path: Pat
     _, said = hgogen("advise", "pendulum", *words, "-o", str(tmp_path), status=2)
     assert reason in said
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", [{"dt": -1.0}, {"noise": {"z": 1.0}}, {"noise": {"y": 0.0}}, {"settling": 0.0}])
+def test_bad_input_is_refused_before_a_process_is_started(
+    words: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hgogen.trials.spread.Workers.results", lambda *_: pytest.fail("work began"))
+    with pytest.raises(BadGain):
+        advise(MODEL.plant, **words)
 
 
 def test_a_plant_that_no_observer_takes_is_refused(tmp_path: Path) -> None:

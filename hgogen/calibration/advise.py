@@ -22,6 +22,7 @@ from hgogen.calling import native
 from hgogen.check import Check, refuted
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.evidence.grounds import Grounds
+from hgogen.form import Form
 from hgogen.modelfiles.first import First, everywhere
 from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
 from hgogen.reading.door import asks_a_plant
@@ -125,6 +126,8 @@ def advise(
     asked, names = tuple(everywhere(plant, deep=deep) if rows is None else rows), observers_named(observers)
     ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial, asked)
     done: dict[str, Advised | str] = {}
+    for _, form in ask.usable[:1]:
+        ask.scale(form)  # refuses what is no period and no noise before a process is started
     for name, one in Workers(ask, jobs).results(_of, names):
         done[name] = one
         each(name)
@@ -144,15 +147,23 @@ class _Ask:
     rows: tuple[Row, ...]
     truths: dict[float, Truth] = field(default_factory=dict)  # by period: that of every theta is one
 
+    @property
+    def usable(self) -> list[tuple[Row, Form]]:
+        """The forms that the plant is in."""
+        return [(row, row.form) for row in self.rows if row.form is not None and not refuted(row.form.checks)]
+
+    def scale(self, form: Form) -> Scale:
+        """The numbers of a form. Raises: `BadGain`."""
+        base = scale(form, self.dt, self.noise)
+        if self.settling is None:
+            return base
+        return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
+
     def of(self, name: str) -> Advised | str:
         """On the first form that admits the observer, or why there is none."""
         refusals = ["the plant is in none of its forms"]
-        for row in self.rows:
-            if row.form is None or refuted(row.form.checks):
-                continue
-            base = scale(row.form, self.dt, self.noise)
-            if self.settling is not None:
-                base = replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
+        for row, form in self.usable:
+            base = self.scale(form)
             try:
                 first = _first(name, row, base)
             except HgogenError as error:
