@@ -131,16 +131,29 @@ class Cells:
     def range(self, box: Sequence[Ends], order: Index) -> Ends | None:
         """Numbers between which a derivative lies on a box, with all its limits where it jumps, as far as a program may
         take it; None where one before it jumps as well."""
-        (wide, spans), met = self.taken(box), self.met(box)
-        if not all(self.continuous(spans, [k - 1 for k in order])):
-            return None
-        if all((*self.continuous(spans, order), *self.continuous(met, order))):
-            wide, spans = list(box), met
+        return self.limits(box, order)[0]
+
+    def limits(self, box: Sequence[Ends], order: Index) -> tuple[Ends | None, tuple[bool, ...]]:
+        """The range of a derivative on a box, and for each axis whether it has no jump there, as far as a program may
+        take it."""
+        wide, spans = self.taken(box)
+        smooth = self.least_smooth(spans)
+        continuous = tuple(k < jump for jump, k in zip(smooth, order, strict=True))
+        if any(jump < k for jump, k in zip(smooth, order, strict=True)):
+            return None, continuous
+        if all(continuous) and any(axis.rounded is not None for axis in self.axes):
+            met = self.met(box)
+            if all(self.continuous(met, order)):
+                wide, spans = list(box), met
+        return self._range(wide, spans, order), continuous
+
+    def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
+        """Of a derivative on a box that meets the cells of `spans`."""
         whole, pieces = _whole(self, order)
         ends = [
             whole[cell]
             if all(a < k < b for k, (a, b) in zip(cell, spans, strict=True))
-            else self._over(pieces[cell], cell, spans, wide)
+            else self._over(pieces[cell], cell, spans, box)
             for cell in over(spans)
         ]
         sides = [side for side in ends if side is not None]

@@ -28,8 +28,8 @@ def apply(cells: Cells, order: Index, place: Sequence[Pair]) -> tuple[Pair, Flag
 
 @lru_cache(maxsize=1 << 16)  # boxes of a bisection share ends, and a slope asks for the cells again
 def _on(cells: Cells, order: Index, box: tuple[Ends, ...]) -> tuple[float, float, bool, tuple[bool, ...]]:
-    range = cells.range(box, order)
+    range, continuous = cells.limits(box, order)
     if range is None:
         return -np.inf, np.inf, False, (False,) * len(order)
     least, most = (end if isinstance(end, float) else number(end)[way] for way, end in enumerate(range))
-    return least, most, True, cells.continuous(cells.taken(box)[1], order)
+    return least, most, True, continuous
