@@ -73,3 +73,11 @@ def pytest_collection_finish() -> None:
     know()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish() -> None:
+    """Pytest looks for garbage five times at its end, and Python as it ends, among all that the tests have made: what
+    is none at the first look is none at the others."""
+    gc.collect()
+    gc.freeze()
