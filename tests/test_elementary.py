@@ -1,24 +1,30 @@
 """The elementary functions, their instructions read in float32 and float64, against mpmath and float64."""
 
 import math
-from collections.abc import Callable
+import subprocess
+from collections.abc import Callable, Sequence
 from fractions import Fraction
+from pathlib import Path
 from typing import Any, Literal
 
 import casadi as ca
+import emitted
 import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.emit import elementary as module
-from hgogen.emit.elementary import BINARY, BOUNDED, LN2, PI, ROUNDS, SMALL, UNARY, elementary
+from hgogen.algebra.lookup import called, instructions
+from hgogen.emit.csyntax import C
+from hgogen.emit.elementary import ARITHMETIC, BINARY, BOUNDED, LN2, PI, SMALL, UNARY, elementary, power_of_two
+from hgogen.emit.functions import functions
+from hgogen.emit.primitives import NEAREST, POWER_OF_TWO, ROUNDS
+from hgogen.emit.pygraph import evaluated
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")
 TYPE: dict[Real, type] = {"float": np.float32, "double": np.float64}
-ARITHMETIC = {"float": module._FLOAT, "double": module._DOUBLE}
 FLOOR_LIMIT = {"float": 2.0**31, "double": 2.0**53}  # C converts to int32_t or int64_t
 SIMPLE_RANGE = {"float": 200.0, "double": 1e4}  # of sin, cos, tan
 RANGE = {"float": 8192.0, "double": 1e6}
@@ -67,9 +73,23 @@ COMPUTE: dict[int, Callable[..., Any]] = {
 }
 
 
+def nearest(argument: np.ndarray, real: Real) -> np.ndarray:
+    rounds = TYPE[real](ROUNDS[real])
+    assert not np.any(np.abs(argument) >= rounds / 3), "an argument beyond those that are rounded"
+    return np.asarray((argument + rounds) - rounds)
+
+
+def two_to(k: np.ndarray, real: Real) -> np.ndarray:
+    assert np.all((k == np.floor(k)) & (np.abs(k) <= np.finfo(TYPE[real]).maxexp - 2)), "a power that is not normal"
+    return np.ldexp(TYPE[real](1), k.astype(int))
+
+
+PRIMITIVES = {NEAREST: nearest, POWER_OF_TWO: two_to}
+
+
 def evaluate(function: Any, real: Real, *arguments: Any, flush: bool = False) -> np.ndarray:
     """The function at arrays, each instruction rounded to `real`; `flush`: subnormal results become 0."""
-    number, slots = TYPE[real], {}
+    number, slots, calls = TYPE[real], {}, instructions(function)
     inputs = np.broadcast_arrays(*(np.asarray(a, number) for a in arguments))
     with np.errstate(all="ignore"):
         for i in range(function.n_instructions()):
@@ -89,10 +109,8 @@ def evaluate(function: Any, real: Real, *arguments: Any, flush: bool = False) ->
                 argument = slots[sources[0]]
                 assert np.all(np.abs(argument) < FLOOR_LIMIT[real]), "an argument that C cannot convert"
                 value = np.floor(argument)
-            elif op == ca.OP_CALL:  # of the nearest whole number
-                argument, rounds = slots[sources[0]], number(ROUNDS[real])
-                assert not np.any(np.abs(argument) >= rounds / 3), "an argument beyond those that are rounded"
-                value = (argument + rounds) - rounds
+            elif op == ca.OP_CALL:
+                value = PRIMITIVES[called(calls[i]).name()](slots[sources[0]], real)
             elif op == ca.OP_FABS:
                 value = np.abs(slots[sources[0]])
             else:  # KeyError: an operation that is no primitive
@@ -403,6 +421,42 @@ def test_conditional_factors_are_powers_of_two(real: Real) -> None:
         both = [arithmetic.lift_if(x > 0, n), arithmetic.lower_unless(x > 0, n)]
         values = [evaluate(ca.Function("f", [x], [graph]), real, [0.0, 1.0]).tolist() for graph in both]
         assert values == [[1.0, 2.0**n], [2.0**-n, 1.0]]
+
+
+PRINTED = """
+int main(void)
+{{
+    for (int k = {least}; k <= {most}; ++k) {{
+        printf("%a\\n", (double)two_power_of_two(({real})k));
+    }}
+    return 0;
+}}
+"""
+
+
+@pytest.mark.parametrize("other", [(), ("-D__FRAMAC__",)])
+@pytest.mark.parametrize("real", REALS)
+def test_powers_of_two_are_exact_in_every_reading(real: Real, other: tuple[str, ...], tmp_path: Path) -> None:
+    """Of bits in C, by choices where an analyser reads it, in Python, and by the graph itself."""
+    limits = np.finfo(TYPE[real])
+    exponents = range(int(limits.minexp), int(limits.maxexp))
+    exact = [2.0**k for k in exponents]
+    assert evaluate(power_of_two(real), real, list(exponents)).tolist() == exact
+    text = "\n".join(("#include <stdbool.h>", "#include <stdint.h>", "#include <stdio.h>", *_two(real)))
+    source = text + PRINTED.format(least=exponents[0], most=exponents[-1], real=real)
+    program = emitted.compiled(emitted.tool("gcc"), {"two.c": source}, tmp_path, *other)
+    printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    assert [float.fromhex(each) for each in printed.split()] == exact
+    x = ca.SX.sym("x")
+    by_call = evaluated(ca.Function("f", [x], [power_of_two(real)(x)]), real)
+    assert [float(by_call([[TYPE[real](k)]])[0][0]) for k in exponents] == exact
+
+
+def _two(real: Real) -> Sequence[str]:
+    """The text of the power of two, of the functions that call it."""
+    lines = functions(C, "two", real, {"exp"}).lines
+    start = next(k for k, line in enumerate(lines) if "two_power_of_two(" in line)
+    return lines[start : lines.index("}", start) + 1]
 
 
 # --- polynomials: the claims beside the coefficients, as log2 of the error

@@ -92,7 +92,7 @@ C = Syntax(
         "bool": "bool",
         "void": "void",
     }
-    | {"whole float": "int32_t", "whole double": "int64_t"},
+    | {"whole float": "int32_t", "whole double": "int64_t", "word float": "uint32_t", "word double": "uint64_t"},
     suffixes={"float": "f", "double": "", "unsigned": "u"},
     truth_is_number=True,
     name=c_name,
@@ -137,6 +137,16 @@ C = Syntax(
             "!defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)",
             "const volatile {type} sum = v + {ROUNDS};",
             "return sum - {ROUNDS};",
+        ),
+        "power_of_two": (
+            f"{_BUILT_IN} && (__SIZEOF_DOUBLE__ == 8)",
+            "const {type} sum = x + {BIASED};",
+            "{word} bits;",
+            "{type} power;",
+            "(void)__builtin_memcpy(&bits, &sum, sizeof(bits));",
+            "bits <<= {SHIFT}u;",
+            "(void)__builtin_memcpy(&power, &bits, sizeof(power));",
+            "return power;",
         ),
     },
 )

@@ -1,4 +1,4 @@
-"""Elementary functions as straight-line graphs of + - * /, comparison, selection, floor and the nearest whole number:
+"""Elementary functions as straight-line graphs of + - * /, comparison, selection, floor and what `emit.primitives` has:
 one result anywhere.
 
     sin x  = (-1)^k sin r,     r = x - k pi     exp x  = 2^k e^r,       r = x - k ln 2
@@ -24,20 +24,17 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property, reduce
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 
 from hgogen.emit.minimax import DOUBLE, FLOAT, Precision
+from hgogen.emit.primitives import POWER_OF_TWO, Real, nearest
 from hgogen.graph import Graph
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
 LN2 = Fraction("0.69314718055994530941723212145817656807550013436025525")
 SQRT2 = Fraction("1.41421356237309504880168872420969807856967187537694807")
-
-NEAREST = "nearest"  # the function of that name
-ALL_WHOLE = {"float": 2.0**23, "double": 2.0**52}  # numbers from here on are whole
-ROUNDS = {real: 1.5 * whole for real, whole in ALL_WHOLE.items()}
 
 SMALL, BOUNDED = 4.7, 100.0  # angles of `small_sin`, below 3 pi/2, and of `bounded_sin`; of cosines as well
 
@@ -50,7 +47,7 @@ BINARY = ("pow", "atan2", "hypot")  # pow(base, exponent), atan2(y, x), hypot(x,
 
 
 @cache
-def elementary(real: Literal["float", "double"]) -> Mapping[str, Any]:
+def elementary(real: Real) -> Mapping[str, Any]:
     """The functions by name, each a `casadi.Function` of one scalar (`BINARY`: two).
 
     Errors in ulp of the result (measured on every 13th number in float, on 2 million in double): at most 2 for sqrt,
@@ -63,7 +60,7 @@ def elementary(real: Literal["float", "double"]) -> Mapping[str, Any]:
     Every constant is a number of `real`, inf and nan among them. The argument of floor is finite and below 2^31 (float)
     or 2^53 (double).
     """
-    arithmetic = {"float": _FLOAT, "double": _DOUBLE}[real]
+    arithmetic = ARITHMETIC[real]
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     inputs = {name: [x] for name in UNARY} | {name: [x, y] for name in BINARY}
     return MappingProxyType(
@@ -86,28 +83,20 @@ def _polar(x: Graph) -> tuple[Graph, Graph]:
     return sign, sign * x
 
 
-def _nearest(real: Literal["float", "double"]) -> ca.Function:
-    """The whole number nearest to v, of two the even one: v + C - C, where C and its neighbours are whole numbers and
-    sums are rounded to them.
-
-    CasADi would make v of it; so the sum is a call, and the result goes through floor, whose slope is 0. Other readers
-    know this function by its name.
-    """
-    v, C = ca.SX.sym("v"), ROUNDS[real]
-    add = ca.Function("add", [v], [v + C], {"never_inline": True})
-    return ca.Function(NEAREST, [v], [ca.floor(add(v) - C + 0.25)], {"never_inline": True})
-
-
 @dataclass(frozen=True)
 class _Arithmetic(Precision):
     """The functions in one working precision."""
 
     # --- numbers of this precision
 
-    @cached_property
+    @property
+    def real(self) -> Real:
+        return "float" if self.letter == "f" else "double"
+
+    @property
     def nearest(self) -> ca.Function:
-        """`_nearest` in this precision."""
-        return _nearest("float" if self.letter == "f" else "double")
+        """The whole number nearest to a number."""
+        return nearest(self.real)
 
     def near(self, value: Fraction | float) -> float:
         """The nearest number of this precision."""
@@ -142,21 +131,23 @@ class _Arithmetic(Precision):
     def lower_unless(self, condition: Graph, n: int) -> Graph:
         return 2.0**-n + _when(condition, self.near(1 - 2.0**-n))
 
-    def power_of_two(self, k: Graph, octaves: int) -> Graph:
-        """2^k for whole k, 0 <= k < 2^octaves."""
-        power: Graph = 1.0
-        for i in reversed(range(octaves)):
-            bit = k >= 2**i
+    @cached_property
+    def power_of_two(self) -> ca.Function:
+        """2^k for whole k, where that is a normal number; of its bits where a reader knows how a number is stored."""
+        k = ca.SX.sym("k")
+        half, power = self.lower_unless(k >= 0, 2 ** (self.octaves - 1)), 1.0
+        rest = k + _when(k < 0, 2.0**self.octaves)
+        for i in reversed(range(self.octaves)):
+            bit = rest >= 2**i
             power = power * self.lift_if(bit, 2**i)
-            k = k - _when(bit, 2.0**i)
-        return power
+            rest = rest - _when(bit, 2.0**i)
+        return ca.Function(POWER_OF_TWO, [k], [half * power * half], {"never_inline": True})
 
     def scaling(self, k: Graph) -> Callable[[Graph], Graph]:
-        """v -> 2^k v for whole k, |k| <= 2^octaves; only the result may overflow or underflow (k < 0)."""
-        half = self.lower_unless(k >= 0, 2 ** (self.octaves - 1))
-        one = _when(k >= 1, 1.0)
-        power = self.power_of_two(k - one + _when(k < 0, 2.0**self.octaves), self.octaves)
-        return lambda v: v * (1 + one) * half * power * half
+        """v -> 2^k v for whole k, |k| < 2 (2^octaves - 2); only the result may overflow or underflow."""
+        half = self.nearest(k * 0.5)
+        first, second = self.power_of_two(half), self.power_of_two(k - half)
+        return lambda v: v * first * second
 
     # --- sqrt
 
@@ -232,7 +223,7 @@ class _Arithmetic(Precision):
         sign, a = _polar(x)
         last = self.bits + 3  # tanh rounds to 1 from (bits + 2) ln 2 / 2 on
         k, p = self.split(_select(a * 2 > self.near(last * LN2), self.near(last * LN2), a * 2))
-        power = self.power_of_two(k, last.bit_length())
+        power = self.power_of_two(k)
         e = power * p + (power - 1)
         return sign * (e / (e + 2))
 
@@ -396,4 +387,12 @@ class _Arithmetic(Precision):
         return _select(wide, outer, high - (sign * (s + c) - low))
 
 
-_FLOAT, _DOUBLE = (_Arithmetic(**vars(precision)) for precision in (FLOAT, DOUBLE))
+ARITHMETIC: Mapping[Real, _Arithmetic] = {
+    "float": _Arithmetic(**vars(FLOAT)),
+    "double": _Arithmetic(**vars(DOUBLE)),
+}
+
+
+def power_of_two(real: Real) -> ca.Function:
+    """The function of that name."""
+    return ARITHMETIC[real].power_of_two

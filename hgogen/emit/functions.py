@@ -8,11 +8,14 @@ import casadi as ca
 
 from hgogen.emit.body import Target, body
 from hgogen.emit.code import Code, code, joined, spaced
-from hgogen.emit.elementary import elementary
+from hgogen.emit.elementary import elementary, power_of_two
 from hgogen.emit.operations import CALLS
-from hgogen.emit.portable import called_by, small
+from hgogen.emit.portable import called_by, chosen, small
+from hgogen.emit.primitives import POWER_OF_TWO
 from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.syntax import Real, Syntax
+
+_MEANINGS = {POWER_OF_TWO: "2^x for whole x, where that is a normal number"}
 
 
 def needed(names: Collection[str], real: Real) -> list[str]:
@@ -32,13 +35,16 @@ def functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) ->
 
 
 def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:
-    """Mathematical functions, one after the other."""
-    return spaced(_bundled(syntax, prefix, real, name) for name in names) if names else Code()
+    """Mathematical functions, one after the other, after what they call."""
+    texts = [_bundled(syntax, prefix, real, name) for name in names]
+    if any(POWER_OF_TWO in text.uses.helpers for text in texts):
+        texts.insert(0, _bundled(syntax, prefix, real, POWER_OF_TWO))
+    return spaced(texts) if texts else Code()
 
 
 def arguments(name: str) -> tuple[str, ...]:
     """What the arguments of a mathematical function are called."""
-    return ("x", "y")[: elementary("double")[name].n_in()]
+    return ("x", "y")[: _graph(name, "double").n_in()]
 
 
 def head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
@@ -46,6 +52,14 @@ def head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
     parameters = ", ".join(syntax.parameter.format(type=syntax.types[real], name=each) for each in arguments(name))
     words = {"type": syntax.types[real], "name": f"{prefix}_{name}", "parameters": parameters}
     return [line.format(**words) for line in syntax.function]
+
+
+def _said(syntax: Syntax, name: str) -> list[str]:
+    return [syntax.comment(_MEANINGS[name])] if name in _MEANINGS else []
+
+
+def _graph(name: str, real: Real) -> ca.Function:
+    return power_of_two(real) if name == POWER_OF_TWO else elementary(real)[name]
 
 
 def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
@@ -59,5 +73,6 @@ def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
         calls=CALLS | {ca.OP_FLOOR: "whole"},  # their arguments are small
         taken=set(names),
     )
-    constants, result = body(printer, elementary(real)[name], [Target(syntax.result.format)], [], [])
-    return joined([code(*head(syntax, prefix, real, name)), (constants + result).indented(), code("}")])
+    constants, result = body(printer, _graph(name, real), [Target(syntax.result.format)], [], [])
+    inner = chosen(syntax, real, name, constants + result)
+    return joined([code(*_said(syntax, name), *head(syntax, prefix, real, name)), inner, code("}")])

@@ -71,7 +71,11 @@ def lanes(prefix: str, real: Real) -> Lanes:
         equal=False,
         limited=None,
         around={},
-        instead={"abs": ("1", f"return {absolute};"), "within": ("1", f"return {absolute} <= limit;")},
+        instead={
+            "abs": ("", f"return {absolute};"),
+            "within": ("", f"return {absolute} <= limit;"),
+            "power_of_two": ("", f"return ({number})(({counts})(x + {{BIASED}}) << {{SHIFT}});"),
+        },
     )
     return Lanes(**{each.name: getattr(inherited, each.name) for each in fields(Syntax)}, prefix=prefix)
 

@@ -8,7 +8,7 @@ import casadi as ca
 
 from hgogen.algebra.lookup import Lookup, called, instructions
 from hgogen.discretisation.routine import Argument, Routine
-from hgogen.emit import elementary
+from hgogen.emit import primitives
 from hgogen.emit.bounded_angles import operations
 
 
@@ -35,7 +35,10 @@ CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # such patterns
 ELEMENT = -5  # of what a routine computes
 NEAREST = -6  # the whole number nearest to one
 ARRAY = -7  # all of an argument, as a routine is passed it
-PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep", NEAREST: "nearest"}  # functions of ours
+POWER_OF_TWO = -12
+_PRIMITIVES = {primitives.NEAREST: NEAREST, primitives.POWER_OF_TWO: POWER_OF_TWO}
+PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}  # functions of ours
+PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
 
 
 def read(function: ca.Function) -> list[list[Node]]:
@@ -69,8 +72,8 @@ def _called(function: Lookup | ca.Function, args: tuple[Node, ...]) -> list[Node
     """The results of a call, element by element."""
     if isinstance(function, Lookup):
         return [Node(ca.OP_CALL, args, lookup=function)]
-    if function.name() == elementary.NEAREST:
-        return [Node(NEAREST, args)]
+    if function.name() in _PRIMITIVES:
+        return [Node(_PRIMITIVES[function.name()], args)]
     call = Node(ca.OP_CALL, args, routine=(routine := Routine(function)))
     places = [(k, i) for k, (_, size) in enumerate(routine.results) for i in range(size)]
     return [Node(ELEMENT, (call,), element=place) for place in places]

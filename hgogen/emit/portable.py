@@ -15,7 +15,7 @@ from hgogen.algebra.lookup import Argument, Lookup
 from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
 from hgogen.emit import helpers, lookup_functions, matrix_loops
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
-from hgogen.emit.elementary import ALL_WHOLE, ROUNDS
+from hgogen.emit.primitives import ALL_WHOLE, BIASED, ROUNDS, SHIFT
 from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
 
 _LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}
@@ -107,6 +107,21 @@ def _fixed(syntax: Syntax, real: Real, name: str, numbers: Sequence[float]) -> s
     """The declaration of an array that is never written."""
     values = ", ".join(syntax.literal(number, real) for number in numbers)
     return syntax.fixed.format(type=syntax.types[real], name=name, size=len(numbers), values=values)
+
+
+def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
+    """The body of a function, or where the language has another one, that; behind a switch, if it has one, both."""
+    if name not in syntax.instead:
+        return body.indented()
+    switch, *lines = syntax.instead[name]
+    word = syntax.types.get(f"word {real}", "")
+    words = {"type": syntax.types[real], "suffix": syntax.suffixes[real], "word": word, "SHIFT": SHIFT[real]}
+    words |= {"ROUNDS": syntax.literal(ROUNDS[real], real), "BIASED": syntax.literal(BIASED[real], real)}
+    uses = Uses(types=frozenset({word} if any("{word}" in line for line in lines) else ()))
+    other = Code(tuple(line.format(**words) for line in lines), uses).indented()
+    if not switch:
+        return other
+    return code(f"#if {switch}") + other + code("#else") + body.indented() + code("#endif")
 
 
 def called_by(names: Iterable[str]) -> set[str]:
@@ -209,12 +224,7 @@ class _Function:
 
     def _chosen(self, body: Code) -> Code:
         """The body, or where the language has another one, that behind its switch."""
-        if self.tree.name not in self.syntax.instead:
-            return body.indented()
-        condition, *lines = self.syntax.instead[self.tree.name]
-        words = {"type": self.words.type("real"), "suffix": self.syntax.suffixes[self.words.real], **self.words.reals}
-        other = code(*(line.format(**words) for line in lines))
-        return code(f"#if {condition}") + other.indented() + code("#else") + body.indented() + code("#endif")
+        return chosen(self.syntax, self.words.real, self.tree.name, body)
 
     def _type(self, kind: str) -> str:
         self.used += [TRUTH] if kind == "bool" else []

@@ -9,15 +9,30 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from math import ldexp
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.algebra.lookup import Lookup
-from hgogen.emit.elementary import ALL_WHOLE, ROUNDS, elementary
-from hgogen.emit.node import CHOOSE, CLAMP, ELEMENT, KEEP, NEAREST, WITHIN, Node, boolean, columns, ordered, read
+from hgogen.emit.elementary import elementary
+from hgogen.emit.node import (
+    CHOOSE,
+    CLAMP,
+    ELEMENT,
+    KEEP,
+    NEAREST,
+    POWER_OF_TWO,
+    WITHIN,
+    Node,
+    boolean,
+    columns,
+    ordered,
+    read,
+)
 from hgogen.emit.operations import CALLS
+from hgogen.emit.primitives import ALL_WHOLE, ROUNDS
 from hgogen.emit.printer import Operand
 from hgogen.emit.syntax import NotPrintable, Number, Real, demand_apart
 
@@ -38,6 +53,7 @@ _SIMPLE: dict[int, str] = {
     ca.OP_NE: "{} != {}",
     WITHIN: "-{1} <= {0} <= {1}",
     NEAREST: "({} + rounds) - rounds",
+    POWER_OF_TWO: "power_of_two({})",
 }
 _DIVIDED = "{0} / {1} if {1} else divided({0}, {1})"  # Python refuses a division by 0, which C carries out
 _LOGIC: dict[int, str] = {ca.OP_NOT: "not {}", ca.OP_AND: "{} and {}", ca.OP_OR: "{} or {}"}
@@ -61,6 +77,7 @@ class Writer:
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
         self.names |= {"rounds": number(ROUNDS[self.real])}
         self.names |= {"floor": _floor(number, int(ALL_WHOLE[self.real])), "divided": _divided}
+        self.names |= {"power_of_two": _power_of_two(number)}
 
     def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
         """The lines that compute a function; its outputs as nodes, each with its name or text in `name`."""
@@ -153,6 +170,10 @@ def _floor(number: Any, whole: int) -> Callable[[Any], Any]:
         return cut - number(cut > value)
 
     return floor
+
+
+def _power_of_two(number: Any) -> Callable[[Any], Any]:
+    return lambda k: number(ldexp(1.0, int(k)))
 
 
 def _divided(a: Any, b: Any) -> Any:

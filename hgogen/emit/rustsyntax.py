@@ -118,4 +118,5 @@ RUST = Syntax(
     called=_called,
     comment=_comment,
     limited=_limited,
+    instead={"power_of_two": ("", "{type}::from_bits((x + {BIASED}).to_bits() << {SHIFT})")},
 )

@@ -119,7 +119,8 @@ class Syntax:
     write themselves. The names in braces are the holes of a text, and {} is the only one.
 
     - Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void,
-      and "whole float", "whole double" (a signed integer for the whole numbers of that precision);
+      and "whole float", "whole double" (a signed integer for the whole numbers of that precision), and where `instead`
+      asks for them "word float", "word double";
       `truth_is_number`: whether a truth value is a number; `suffixes` of literals, by float, double, unsigned: a
       language that writes literals otherwise overrides `marked`; `cast`: {type}, {value}, toward zero from a real
       number to a whole one, of which 0 becomes +0; it binds as `casted`; `counted`: {}, {} of operations of counters
@@ -143,7 +144,8 @@ class Syntax:
       and `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, that
       of the struct of parameters, only read; `passed`: {}, an array as an argument, by whether it is written; `around`:
       lines before and after one of this name; `instead`, by its name: where the first holds, the other lines, with
-      {type}, {suffix} and constants of `emit.helpers`, stand in the place of its body.
+      {type}, {suffix}, {word}, an unsigned number of as many bits, and numbers of `emit.primitives`, stand in the
+      place of its body; where the first is empty, always.
     - Proofs: `analysed`, whether analysers read the language: of a `When` that is `idle` the test is a call of `acts`.
     - Equality: `equal`, whether real numbers are compared by a function of ours in the place of ==.
     - Tables: `limited`, lines that keep numbers in their ranges by a loop over `Rows`; None where each is written out.

@@ -43,7 +43,8 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     return Sources(texts, names=tuple(renamed(step).items()), notes=(f"in C {says(step)}",) * bool(renamed(step)))
 
 
-_HEADERS = {"bool": "stdbool.h", "int32_t": "stdint.h", "int64_t": "stdint.h"}  # where C99 declares a type
+_HEADERS = {"bool": "stdbool.h"}  # where C99 declares a type
+_HEADERS |= dict.fromkeys(("int32_t", "int64_t", "uint32_t", "uint64_t"), "stdint.h")
 _IEEE = (
     "#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))",
     '#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"',
