@@ -1,7 +1,7 @@
 """Which sines and cosines of a graph are of bounded angles: what it clamps, and sums and products of that, is bounded.
 
     |x| <= 100:           no test of whether x can be turned, and three pieces of pi are enough
-    |x| <= 4.7 < 3 pi/2:  one turn by pi at the most as well, whose parity is its square
+    |x| <= 4.7 < 3 pi/2:  one turn by pi at the most, which a comparison finds
 
 A bound is an interval of what an operation gives where that is a number, and whether it always is one: min(a, b) is
 `a < b ? a : b` in emitted code, which is b where a is no number. Rounding may pass a bound by 2^-24 of its size for

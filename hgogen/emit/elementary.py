@@ -18,18 +18,18 @@ be exact is so because constants are split, never by a two-sum.
 """
 
 import math
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, cached_property, reduce
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
 
-from hgogen.emit.minimax import DOUBLE, FLOAT, Precision
-from hgogen.emit.primitives import POWER_OF_TWO, Real, nearest
+from hgogen.emit.minimax import DOUBLE, FLOAT
+from hgogen.emit.primitives import Real
+from hgogen.emit.working_precision import Numbers, when
 from hgogen.graph import Graph
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
@@ -68,86 +68,19 @@ def elementary(real: Real) -> Mapping[str, Any]:
     )
 
 
-def _when(condition: Graph, value: Graph | float) -> Graph:
-    """value, or 0; a selection and no product, so that an unused inf or NaN vanishes."""
-    return ca.if_else(condition, value, 0.0)
-
-
 def _select(condition: Graph, value: Graph | float, otherwise: Graph | float) -> Graph:
     return ca.if_else(condition, value, otherwise)
 
 
 def _polar(x: Graph) -> tuple[Graph, Graph]:
     """The sign, 1 or -1, and |x|."""
-    sign = 1 - _when(x < 0, 2.0)
+    sign = 1 - when(x < 0, 2.0)
     return sign, sign * x
 
 
 @dataclass(frozen=True)
-class _Arithmetic(Precision):
+class _Arithmetic(Numbers):
     """The functions in one working precision."""
-
-    # --- numbers of this precision
-
-    @property
-    def real(self) -> Real:
-        return "float" if self.letter == "f" else "double"
-
-    @property
-    def nearest(self) -> ca.Function:
-        """The whole number nearest to a number."""
-        return nearest(self.real)
-
-    def near(self, value: Fraction | float) -> float:
-        """The nearest number of this precision."""
-        return float(struct.unpack(self.letter, struct.pack(self.letter, float(value)))[0])
-
-    def pieces(self, value: Fraction, widths: Sequence[int]) -> list[float]:
-        """Numbers of the given widths in bits that sum up to value, the largest first."""
-        rounded = []
-        for width in widths:
-            unit = Fraction(2) ** (math.frexp(float(value))[1] - width)
-            rounded.append(round(value / unit) * unit)
-            value -= rounded[-1]
-        return [float(piece) for piece in rounded]
-
-    @property
-    def largest(self) -> float:
-        return float((2 - 2.0 ** (1 - self.bits)) * 2.0 ** (2**self.octaves - 1))
-
-    @property
-    def smallest(self) -> float:
-        return float(2.0 ** (2 - 2**self.octaves))
-
-    def polynomial(self, x: Graph, coefficients: Sequence[float]) -> Graph:
-        rounded = [self.near(c) for c in reversed(coefficients)]
-        return reduce(lambda value, c: value * x + c, rounded[1:], rounded[0])
-
-    # --- powers of two: conditional factors, each exactly 2^n or 1 because 2^n - 1 is exact or rounds to 2^n
-
-    def lift_if(self, condition: Graph, n: int) -> Graph:
-        return 1 + _when(condition, self.near(2.0**n - 1))
-
-    def lower_unless(self, condition: Graph, n: int) -> Graph:
-        return 2.0**-n + _when(condition, self.near(1 - 2.0**-n))
-
-    @cached_property
-    def power_of_two(self) -> ca.Function:
-        """2^k for whole k, where that is a normal number; of its bits where a reader knows how a number is stored."""
-        k = ca.SX.sym("k")
-        half, power = self.lower_unless(k >= 0, 2 ** (self.octaves - 1)), 1.0
-        rest = k + _when(k < 0, 2.0**self.octaves)
-        for i in reversed(range(self.octaves)):
-            bit = rest >= 2**i
-            power = power * self.lift_if(bit, 2**i)
-            rest = rest - _when(bit, 2.0**i)
-        return ca.Function(POWER_OF_TWO, [k], [half * power * half], {"never_inline": True})
-
-    def scaling(self, k: Graph) -> Callable[[Graph], Graph]:
-        """v -> 2^k v for whole k, |k| < 2 (2^octaves - 2); only the result may overflow or underflow."""
-        half = self.nearest(k * 0.5)
-        first, second = self.power_of_two(half), self.power_of_two(k - half)
-        return lambda v: v * first * second
 
     # --- sqrt
 
@@ -167,7 +100,7 @@ class _Arithmetic(Precision):
         lift = 2**self.octaves - 2
         y = self.root(x * self.lift_if(x < 1, lift), self.octaves) * self.lower_unless(x >= 1, lift // 2)
         y = _select(x > self.largest, x, y)
-        return _select(x < self.smallest, _when(x < 0, math.nan), y)
+        return _select(x < self.smallest, when(x < 0, math.nan), y)
 
     def hypot(self, x: Graph, y: Graph) -> Graph:
         (_, a), (_, b) = _polar(x), _polar(y)
@@ -180,7 +113,7 @@ class _Arithmetic(Precision):
     def split(self, x: Graph) -> tuple[Graph, Graph]:
         """k and p = e^r - 1, with x = k ln 2 + r, |r| <= ln 2 / 2, for |x| < 2^octaves (else k = 0)."""
         inside = x * x < 4.0**self.octaves
-        k = self.nearest(_when(inside, x * self.near(1 / LN2)))
+        k = self.nearest(when(inside, x * self.near(1 / LN2)))
         r = x
         for piece in self.pieces(LN2, self.ln2_widths):
             r = r - k * piece
@@ -204,7 +137,7 @@ class _Arithmetic(Precision):
     def halves(self, x: Graph) -> tuple[Callable[[Graph], Graph], Graph, Graph]:
         """v -> 2^(k-1) v, p = e^r - 1 and 4^-k, with x = k ln 2 + r >= 0: all that sinh and cosh need."""
         k, p = self.split(x)
-        one = _when(k >= 1, 1.0)
+        one = when(k >= 1, 1.0)
         times = self.scaling(k - one)
         inverse = (1 - 0.5 * one) / times(1.0)
         return lambda v: times(v * (0.5 + 0.5 * one)), p, inverse * inverse
@@ -233,13 +166,13 @@ class _Arithmetic(Precision):
         """m and k with x = 2^k m, sqrt(1/2) < m <= sqrt 2, for a normal number x > 0."""
         low, lift = x < 1, 2**self.octaves - 2
         m = x * self.lift_if(low, lift)
-        k = 2.0**self.octaves - 1 - _when(low, lift)
+        k = 2.0**self.octaves - 1 - when(low, lift)
         for i in reversed(range(self.octaves)):
             small = m < 2.0**2**i
             m = m * self.lower_unless(small, 2**i)
-            k = k - _when(small, 2.0**i)
+            k = k - when(small, 2.0**i)
         upper = m > self.near(SQRT2)
-        return m * (1 - _when(upper, 0.5)), k + _when(upper, 1.0)
+        return m * (1 - when(upper, 0.5)), k + when(upper, 1.0)
 
     def logarithm(self, x: Graph, f: Graph, k: Graph) -> Graph:
         """log x for x = 2^k (1 + f); x serves the exceptional cases only."""
@@ -248,7 +181,7 @@ class _Arithmetic(Precision):
         z = s * s
         y = k * high - ((h - (s * (h + z * self.polynomial(z, self.log_tail)) + k * low)) - f)
         y = _select(x > self.largest, x, y)
-        return _select(x < self.smallest, _when(x < 0, math.nan) - math.inf, y)
+        return _select(x < self.smallest, when(x < 0, math.nan) - math.inf, y)
 
     def log(self, x: Graph) -> Graph:
         m, k = self.normal(x)
@@ -261,14 +194,14 @@ class _Arithmetic(Precision):
 
     def asinh(self, x: Graph) -> Graph:
         (sign, a), huge = _polar(x), 2.0 ** (self.bits + 1)  # above it the root is a
-        square = _when(a < huge, a * a)
+        square = when(a < huge, a * a)
         root = self.root(1 + square, (2 * self.bits + 3).bit_length())
-        return sign * (self.log1p(a + square / (1 + root)) + _when(a >= huge, self.near(LN2)))
+        return sign * (self.log1p(a + square / (1 + root)) + when(a >= huge, self.near(LN2)))
 
     def acosh(self, x: Graph) -> Graph:
         huge = 2.0 ** (self.bits + 1)
-        root = self.sqrt(_when(x < huge, (x - 1) * (x + 1)))
-        y = self.log1p((x - 1) + root) + _when(x >= huge, self.near(LN2))
+        root = self.sqrt(when(x < huge, (x - 1) * (x + 1)))
+        y = self.log1p((x - 1) + root) + when(x >= huge, self.near(LN2))
         return _select(x < 1, math.nan, y)
 
     def atanh(self, x: Graph) -> Graph:
@@ -278,7 +211,7 @@ class _Arithmetic(Precision):
     def pow(self, x: Graph, y: Graph) -> Graph:
         (_, a), (_, b) = _polar(x), _polar(y)
         magnitude = self.exp(_select(y == 0, 0.0, y * self.log(a)))
-        whole = _when(b < 2.0**self.bits, y)  # larger numbers are even
+        whole = when(b < 2.0**self.bits, y)  # larger numbers are even
         half = whole * 0.5
         negative = _select(ca.floor(whole) < whole, math.nan, 1 - (half - ca.floor(half)) * 4)
         return magnitude * _select(x < 0, negative, 1.0)
@@ -288,15 +221,19 @@ class _Arithmetic(Precision):
     def folded(self, x: Graph) -> tuple[Graph, Graph]:
         """x and x / pi; beyond the limit both are 0 (of inf and NaN: NaN and 0)."""
         inside = ca.fabs(x) <= self.angle_limit
-        return x - _select(inside, 0.0, x), _when(inside, x * self.near(1 / PI))
+        return x - _select(inside, 0.0, x), when(inside, x * self.near(1 / PI))
+
+    def arch(self, r: Graph) -> Graph:
+        """sin r, |r| <= pi / 2."""
+        z = r * r
+        return r + z * (r * self.polynomial(z, self.sin_tail))
 
     def wave(self, a: Graph, k: Graph, widths: Sequence[int] = ()) -> Graph:
         """sin(a - k pi), |a - k pi| <= pi / 2; `widths`: of the pieces of pi, times k exact but for the last."""
         r = a
         for piece in self.pieces(PI, widths or self.pi_widths):
             r = r - k * piece
-        z = r * r
-        return r + z * (r * self.polynomial(z, self.sin_tail))
+        return self.arch(r)
 
     def odd(self, k: Graph) -> Graph:
         """1/4 for an odd whole number, 0 for an even one."""
@@ -331,14 +268,18 @@ class _Arithmetic(Precision):
         wide = self.bits - 7
         return (wide, wide, self.bits)
 
+    def beyond(self, constant: Fraction, a: Graph) -> Graph:
+        """constant - a, to the last bit where they are near each other."""
+        high, low = self.pieces(constant, (self.bits, self.bits))
+        return (high - a) + low
+
     def small_sin(self, x: Graph) -> Graph:
-        k = self.nearest(x * self.near(1 / PI))  # -1, 0 or 1
-        return self.wave(x, k, (self.bits, self.bits)) * (1 - k * k * 2)
+        turned = _select(x > 0, self.beyond(PI, x), self.beyond(-PI, x))
+        return self.arch(_select(ca.fabs(x) <= self.near(PI / 2), x, turned))
 
     def small_cos(self, x: Graph) -> Graph:
         a = ca.fabs(x)
-        k = self.nearest(a * self.near(1 / PI) - 0.5)  # 0 or 1
-        return self.wave(a, k + 0.5, (self.bits - 2, self.bits - 2, self.bits)) * (k * 2 - 1)
+        return self.arch(_select(a <= self.near(PI), self.beyond(PI / 2, a), -self.beyond(3 * PI / 2, a)))
 
     def tan(self, x: Graph) -> Graph:
         sign, a = _polar(x)  # the cosine of a negative angle is not rounded as that of a
@@ -351,7 +292,7 @@ class _Arithmetic(Precision):
         """atan(b / a) for a, b >= 0, not both 0."""
         steep, upright = b > self.near(SQRT2 - 1) * a, b > self.near(SQRT2 + 1) * a
         z = _select(upright, -a, _select(steep, b - a, b)) / _select(upright, b, _select(steep, b + a, a))
-        octants = _when(steep, 1.0) + _when(upright, 1.0)
+        octants = when(steep, 1.0) + when(upright, 1.0)
         high, low = self.pieces(PI / 4, (self.bits, self.bits))
         w = z * z
         return octants * high + (z + (z * (w * self.polynomial(w, self.atan_tail)) + octants * low))
@@ -362,7 +303,7 @@ class _Arithmetic(Precision):
 
     def atan2(self, y: Graph, x: Graph) -> Graph:
         (_, a), (sign, b) = _polar(x), _polar(y)
-        angle = self.slope_angle(b, a + _when(a + b == 0, 1.0))
+        angle = self.slope_angle(b, a + when(a + b == 0, 1.0))
         high, low = self.pieces(PI, (self.bits, self.bits))
         return sign * _select(x < 0, high - (angle - low), angle)
 
@@ -372,7 +313,7 @@ class _Arithmetic(Precision):
         wide = a > 0.5
         z = _select(wide, (1 - a) * 0.5, a * a)
         root = self.root(z * 2.0**2**octaves, octaves) * 2.0 ** -(2 ** (octaves - 1))
-        s = _select(wide, _when(a < 1, root) + _when(a > 1, math.nan), a)
+        s = _select(wide, when(a < 1, root) + when(a > 1, math.nan), a)
         return sign, wide, s, s * (z * self.polynomial(z, self.asin_tail))
 
     def asin(self, x: Graph) -> Graph:
