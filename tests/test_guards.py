@@ -50,6 +50,20 @@ def test_a_lost_value_restarts_the_whole_state(field: str, lost: float) -> None:
     assert step(y=np.nan).flags == ("MISSING_Y",)
 
 
+@pytest.mark.parametrize(("element", "at"), [(0, "update_y"), (1, "predict")])
+def test_an_update_asks_for_what_it_changes_and_the_next_predict_for_all(element: int, at: str) -> None:
+    """Of y = q a factor's update changes the variance of q; that of w it leaves as predict has kept it in its box."""
+    q, w, y = hg.Signal("q", low=-4, high=4), hg.Signal("w", low=-20, high=20), hg.Signal("y")
+    plant = hg.System("pendulum", states=(q, w), outputs=(y,), flow=[w, -sp.sin(q)], output=[q])
+    made = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=(0.1, 0.1), R=0.1), dt=0.01)
+    reader = machine(made, "double")
+    reader.call()
+    reader.section("predict")
+    reader.memory[Place("state", "D")][element] = np.nan
+    restarted = [name for name in ("update_y", "predict") if "RESTARTED" in made.flags(reader.section(name))]
+    assert restarted[0] == at
+
+
 def test_outside_the_box_is_said_of_the_estimate_that_is_returned() -> None:
     """A reading of 7 or -7 for .1 s leads the estimate out of the box on each side, and back."""
     step, seen = pendulum(low=-4, high=4), set()

@@ -7,6 +7,7 @@ its box; each guard says in the status what it did.
 from collections.abc import Iterable
 from fractions import Fraction
 from functools import reduce
+from itertools import compress
 
 import casadi as ca
 
@@ -17,7 +18,7 @@ from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
 from hgogen.part import Clock
-from hgogen.program import INF, Block, Field, Place, Program, When, column, sym, walk
+from hgogen.program import INF, Block, Field, Kernel, Place, Program, When, column, sym, walk
 from hgogen.signal import Signal
 from hgogen.structure.dynamics import HUGE, clamp, inside, widened
 
@@ -234,15 +235,21 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     )
 
 
-def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()) -> Program:
+def guard_state(program: Program, state: tuple[Field, ...], others: Program = (), before: Program = ()) -> Program:
     """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
-    by `others` what else there is. Of values that are in their boxes, as nearly always, nothing more is asked."""
-    written = _written(program)
+    by `others` what else there is. Of values that are in their boxes, as nearly always, nothing more is asked.
+
+    `before`: a program after which the same was done in this call. What it has written and this one leaves as it is
+    need not be asked for again.
+    """
+    written, known = _written(program), _written(before)
     fields = [f for f in state if Place("state", f.name) in written and f.kind == "real"]
     if not fields:
         return ()
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
-    usual = inside(values, [end for f in fields for end in f.box_within(LOST)])
+    asked = [k in written[place] or place not in known for place, size in _places(fields) for k in range(size)]
+    ends = [end for f in fields for end in f.box_within(LOST)]
+    usual = inside(values[[k for k, ask in enumerate(asked) if ask]], [*compress(ends, asked)])
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     beyond = Block("is a value beyond its box, or lost?", {Place("work", "beyond"): ca.logic_not(usual)})
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)})
@@ -253,23 +260,27 @@ def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()
     return (beyond, When(Place("work", "beyond"), limited, idle=True))
 
 
-def _written(program: Program) -> set[Place]:
-    """The places that a program changes."""
-    writes = ((s, *item) for s in walk(program) if isinstance(s, Block) for item in s.written)
-    return {
-        place
-        for block, place, size in writes
-        if not _same(block.writes[place], sym(*place, size)) and not _of_member(block, place)
-    }
+def _places(fields: Iterable[Field]) -> list[tuple[Place, int]]:
+    return [(Place("state", field.name), field.size) for field in fields]
+
+
+def _written(program: Program) -> dict[Place, set[int]]:
+    """The elements that a program changes, by the places that its blocks write."""
+    changed: dict[Place, set[int]] = {}
+    for block, place, size in ((s, *item) for s in walk(program) if isinstance(s, Block) for item in s.written):
+        value, same = ca.densify(sx(block.writes[place])), sym(*place, size)
+        elements = {k for k in range(size) if not ca.is_equal(value[k], same[k], 1)}
+        if elements and not _of_member(block, place):
+            changed.setdefault(place, set()).update(elements)
+    for kernel in (s for s in walk(program) if isinstance(s, Kernel)):
+        for place, size in kernel.arguments:
+            changed.get(place, set()).update(range(size))
+    return changed
 
 
 def _of_member(block: Block, place: Place) -> bool:
     """Whether the value written is that of a field of a group, which is kept in its box there."""
     return place in block.copies and all(source.struct not in STRUCTS for source in block.copies[place])
-
-
-def _same(a: Graph, b: Graph) -> bool:
-    return bool(ca.is_equal(ca.densify(sx(a)), b, 1))
 
 
 def _in_its_box(field: Field) -> Block:

@@ -87,8 +87,9 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     show = _show(shown)
     moved = Moved({Place("state", f.name): Place("member", f.name) for f in every.fields}, {})
 
-    def loop(program: Program) -> Program:
-        return (Loop("member", part.count, moved.program((*program, *guard_state(program, every.fields)))),)
+    def loop(program: Program, before: Program = ()) -> Program:
+        guarded = (*program, *guard_state(program, every.fields, before=before))
+        return (Loop("member", part.count, moved.program(guarded)),)
 
     updates = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
     return replace(
@@ -97,7 +98,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
         bits=(*every.bits, RESTARTED),
         groups=(Group("member", part.count, every.fields, "the observers in parallel", every.groups),),
         predict=(*loop(every.predict), show),
-        update=tuple((*loop(_update(part, clock, j, *both)), show) for j, both in enumerate(updates)),
+        update=tuple((*loop(_update(part, clock, j, *both), every.predict), show) for j, both in enumerate(updates)),
         adapt=(*(loop(every.adapt) if every.adapt else ()), *_choose(part, period), *_restart(part, alone), show),
     )
 

@@ -132,9 +132,12 @@ class Assembly:
         counters = fresh("state", [field for field in whole.fields if field.kind == "index"])
         return (*counters, *fresh_groups("state", whole.fields, whole.groups, self.observer.z))
 
-    def _guarded(self, program: Program) -> Program:
-        """A program, and what keeps the state that it leaves behind in its box, or makes it anew."""
-        return (*program, *guard_state(program, self.state, self._fresh)) if self.clock.guarded else program
+    def _guarded(self, program: Program, before: Program = ()) -> Program:
+        """A program, and what keeps the state that it leaves behind in its box, or makes it anew; `before`: one that
+        was guarded before it."""
+        if not self.clock.guarded:
+            return program
+        return (*program, *guard_state(program, self.state, self._fresh, before))
 
     @property
     def _predict(self) -> Section:
@@ -170,7 +173,8 @@ class Assembly:
 
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
-        program = self._guarded(flat(piece.update[j] for piece in self.pieces if piece.update))
+        correct = flat(piece.update[j] for piece in self.pieces if piece.update)
+        program = self._guarded(correct, before=self.whole.predict)
         if not self.clock.guarded:
             plain = (unguarded.sample(self.observer, self.clock, j), *program)
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)
