@@ -1,7 +1,7 @@
 """A method turns the differential equations of an observer into the statements of a step, and says how long a step may
 be."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -12,7 +12,7 @@ from hgogen.chains.transient import lengths
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.routine import Values, routine
-from hgogen.discretisation.runge_kutta import RK4, Tableau, advance
+from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, one_by_one
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
@@ -24,6 +24,7 @@ from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Place, sym
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
+Rate = Callable[[Values, float], Values]
 FACTORED = "the method continuous_discrete keeps it definite at any dt"
 
 
@@ -135,20 +136,34 @@ class Explicit:
             slopes = rhs({**values, **clock.signals(c)})
             return {name: slopes[f"d{name}"] for name in start}
 
-        stages = advance(self.tableau, rate, start, clock.dt)
-        block = Block(
-            f"{', '.join(start)}: one step of {self.tableau.name}",
-            {Place("state", name): value for name, value in stages.result.items()},
-            {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names,
-        )
         return Pieces(
             fields=part.fields,
             derived=part.derived,
             tune=part.tune,
-            predict=(block,),
+            predict=tuple(self._blocks(rate, start, clock)),
             uses_output=True,
             rule=self.tableau.name,
         )
+
+    def _blocks(self, rate: Rate, start: Values, clock: Clock) -> Iterator[Block]:
+        """The step as one block, or where a stage needs little of those before it a block for each, whose slopes then
+        need not stay in memory."""
+        title = f"{', '.join(start)}: one step of {self.tableau.name}"
+        middle = {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)}
+        if not self.tableau.chained:
+            stages = advance(self.tableau, rate, start, clock.dt)
+            writes = {Place("state", name): value for name, value in stages.result.items()}
+            yield Block(title, writes, middle | stages.names)
+            return
+
+        def held(kind: str, key: str) -> Graph:
+            return sym("work", f"{key}_{kind}", start[key].numel())
+
+        for k, stage in enumerate(one_by_one(self.tableau, rate, start, clock.dt, held), 1):
+            left = {Place("work", f"{key}_{kind}"): value for (kind, key), value in stage.remembered.items()}
+            new = {Place("state", key): value for key, value in stage.values.items()}
+            slopes = {f"k{k}_{key}": slope for key, slope in stage.slopes.items()}
+            yield Block(f"{title}, stage {k} of {len(self.tableau.b)}", left | new, middle | slopes)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """z and S, or z and P, as one differential equation."""

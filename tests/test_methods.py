@@ -15,7 +15,7 @@ from plants import chain, fitzhugh_nagumo, pendulum
 
 import hgogen as hg
 from hgogen.discretisation import kernels
-from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, repeated
+from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, advance, one_by_one, repeated
 from hgogen.discretisation.stability import Limit, core_limit
 from hgogen.emit.exact import evaluate, machine
 from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
@@ -141,6 +141,28 @@ def test_tableaux_are_consistent(tableau: Tableau) -> None:
     assert sum(tableau.b) == pytest.approx(1, abs=4 * EPS)
     exponential = np.cumprod([1.0, *(1 / k for k in range(1, tableau.order + 1))])
     assert tableau.polynomial[: tableau.order + 1] == pytest.approx(exponential, abs=8 * EPS)
+
+
+THIRD = Tableau("Ralston", ((), (1 / 2,), (0, 3 / 4)), (2 / 9, 1 / 3, 4 / 9), (0, 1 / 2, 3 / 4), 3)
+
+
+@pytest.mark.parametrize("tableau", [RK4, THIRD])
+def test_a_step_by_stages_has_the_bits_of_one_at_once(tableau: Tableau) -> None:
+    """Each stage reads what the one before has left, no other."""
+    start, left = {"z": np.array([0.3, -1.7])}, dict[tuple[str, str], np.ndarray]()
+    rate = lambda values, c: {"z": np.sin(3 * values["z"]) + c}  # noqa: E731
+    at_once = advance(tableau, rate, start, 0.1)
+    stages = one_by_one(tableau, rate, start, 0.1, lambda kind, key: left[kind, key])
+    for stage, slopes in zip(stages, at_once.slopes, strict=True):
+        np.testing.assert_array_equal(stage.slopes["z"], slopes["z"])
+        left |= stage.remembered
+    np.testing.assert_array_equal(stage.values["z"], at_once.result["z"])
+    assert tableau.chained
+
+
+@pytest.mark.parametrize("tableau", [EULER, HEUN, repeated(RK4, 2)])
+def test_a_step_of_few_stages_or_whose_stages_read_many_is_one_block(tableau: Tableau) -> None:
+    assert not tableau.chained
 
 
 def test_a_repeated_method_is_that_many_steps() -> None:

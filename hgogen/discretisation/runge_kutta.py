@@ -1,6 +1,6 @@
 """Explicit Runge-Kutta methods as data: k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -24,6 +24,12 @@ class Tableau:
         """A line for each stage, and one for the result; a stage reads the input and the samples at its own time."""
         stages = (f"k_{i} = f(z{' + ' * any(row)}{_slopes(row)})" for i, row in enumerate(self.a, 1))
         return (*stages, f"z+ = z + {_slopes(self.b)}")
+
+    @property
+    def chained(self) -> bool:
+        """Whether there are many stages, and each starts with the slope of the one before it alone: a sum of slopes is
+        then all that need be remembered of the others."""
+        return len(self.a) > 2 and not any(any(row[:-1]) for row in self.a)
 
     @property
     def polynomial(self) -> tuple[float, ...]:
@@ -98,6 +104,39 @@ def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Va
     return Stages(_weighted(start, slopes, tableau.b, h), tuple(arguments), tuple(slopes))
 
 
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a step: its slopes, and what is remembered for the next, by what stands for it there and name; of
+    the last stage the new `values`."""
+
+    slopes: dict[str, Graph]
+    remembered: dict[tuple[str, str], Graph]
+    values: dict[str, Graph]
+
+
+def one_by_one(
+    tableau: Tableau,
+    rate: Callable[[Values, float], Values],
+    start: Values,
+    h: float,
+    held: Callable[[str, str], Graph],
+) -> Iterator[Stage]:
+    """The same step of a `chained` tableau, stage by stage. `held` is what stands for what the stage before has left:
+    of each value that with which the step began, "from", the sum of slopes, "sum", and the argument, "at"."""
+    keys, ratios = list(start), _ratios(tableau.b)
+    for i, (ratio, c) in enumerate(zip(ratios, tableau.c, strict=True)):
+        begun = {key: held("from", key) for key in keys} if i else start
+        slopes = rate({key: held("at", key) for key in keys} if i else start, c)
+        sums = {key: _added(held("sum", key) if i else None, ratio, slopes[key]) for key in keys}
+        if i + 1 == len(ratios):
+            yield Stage(dict(slopes), {}, {key: begun[key] + h * tableau.b[0] * sums[key] for key in keys})
+            return
+        weight = h * tableau.a[i + 1][-1]
+        left = {} if i else {("from", key): start[key] for key in keys}
+        left |= {("sum", key): sums[key] for key in keys}
+        yield Stage(dict(slopes), left | {("at", key): begun[key] + weight * slopes[key] for key in keys}, {})
+
+
 def _combined(start: Values, slopes: list[dict[str, Graph]], weights: list[float]) -> dict[str, Graph]:
     result = dict(start)
     for slope, weight in zip(slopes, weights, strict=False):
@@ -110,9 +149,18 @@ def _weighted(start: Values, slopes: list[dict[str, Graph]], b: tuple[float, ...
     """z + h b_1 (k_1 + b_2/b_1 k_2 + ...): whole ratios cost no multiplication."""
     result = {}
     for key, value in start.items():
-        total = slopes[0][key]
-        for weight, slope in zip(b[1:], slopes[1:], strict=True):
-            ratio = round(weight / b[0], 12)
-            total = total + (slope[key] if ratio == 1 else ratio * slope[key])
+        total: Graph = None
+        for ratio, slope in zip(_ratios(b), slopes, strict=True):
+            total = _added(total, ratio, slope[key])
         result[key] = value + h * b[0] * total
     return result
+
+
+def _ratios(b: tuple[float, ...]) -> list[float]:
+    return [round(weight / b[0], 12) for weight in b]
+
+
+def _added(total: Graph | None, ratio: float, slope: Graph) -> Graph:
+    """A sum of slopes with one more."""
+    more = slope if ratio == 1 else ratio * slope
+    return more if total is None else total + more
