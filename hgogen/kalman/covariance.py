@@ -86,7 +86,8 @@ def covariance_ode(part: Riccati) -> Ode:
         z, P = values[part.z.name], unpack(values["P"], part.dynamics.n)
         F, C, weight, error = _along(part, z, u, y, valid)
         gain = P @ C.T @ ca.diag(weight)
-        slope = F @ P + P @ F.T + part.noise() - gain @ C @ P
+        drift = F @ P
+        slope = drift + drift.T + part.noise() - gain @ C @ P
         slope += part.rho * (P - P @ ca.diag(ca.SX(ca.DM(1 / part.cap))) @ P)
         return {part.z.name: part.flow(z, u, y, valid) + gain @ error, "P": pack(slope)}
 
@@ -98,8 +99,7 @@ def _along(part: Riccati, z: Graph, u: Graph, y: Graph, valid: Graph) -> tuple[G
     F, C = part.jacobian(z, u, y, valid), part.dynamics.output_jacobian(z, u)
     theta, outputs = part.theta.value, part.dynamics.outputs
     weights = ca.vertcat(*(part.scaling.weight(part.R[j], theta, j) for j in range(outputs)))
-    weight = ca.if_else(valid, weights, 0)
-    return F, C, weight, y - part.dynamics.output(z, u)
+    return F, C, valid * weights, y - part.dynamics.output(z, u)
 
 
 def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
