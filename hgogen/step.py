@@ -276,6 +276,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, limit: float) -
         bits=(),
         tuning=(),
         sections=made.sections,
+        inner=made.inner,
         estimate=made.estimate,
         limit=limit,
         timed=made.timed,

@@ -1,6 +1,7 @@
 """Guards that a firmware engineer found wanting: each was seen to fail."""
 
 import casadi as ca
+import emitted
 import neuron
 import numpy as np
 import pytest
@@ -62,6 +63,13 @@ def test_an_update_asks_for_what_it_changes_and_the_next_predict_for_all(element
     reader.memory[Place("state", "D")][element] = np.nan
     restarted = [name for name in ("update_y", "predict") if "RESTARTED" in made.flags(reader.section(name))]
     assert restarted[0] == at
+
+
+@pytest.mark.parametrize(("name", "inner"), [("fitzhugh_nagumo", ["keep_in_box"]), ("pendulum", [])])
+def test_one_function_keeps_the_state_in_its_box_where_several_ask(name: str, inner: list[str]) -> None:
+    made = emitted.step(name)
+    assert [section.name for section in made.inner] == inner
+    assert emitted.files(name)[f"{made.name}.c"].count("/* is a value lost? */") == 1
 
 
 def test_outside_the_box_is_said_of_the_estimate_that_is_returned() -> None:

@@ -141,7 +141,7 @@ class _Delayed:
             groups=(*plain.groups, *self._rings),
             sections=tuple(map(_pruned, (self._predict, *map(self._update, plain.outputs), self._adapt))),
             timed=(),
-            inner=tuple(map(_pruned, (*self._sections, self._remember, self._go_back))),
+            inner=tuple(map(_pruned, (*plain.inner, *self._sections, self._remember, self._go_back))),
             ages=tuple(self._ages.values()),
             plain=plain,
         )

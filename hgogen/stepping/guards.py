@@ -235,29 +235,45 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     )
 
 
-def guard_state(program: Program, state: tuple[Field, ...], others: Program = (), before: Program = ()) -> Program:
+def guard_state(
+    program: Program,
+    state: tuple[Field, ...],
+    others: Program = (),
+    before: Program = (),
+    keep: Program = (),
+) -> Program:
     """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
     by `others` what else there is. Of values that are in their boxes, as nearly always, nothing more is asked.
 
     `before`: a program after which the same was done in this call. What it has written and this one leaves as it is
-    need not be asked for again.
+    need not be asked for again. `keep`: what does all that in the place of a program of its own, as `boxed`.
     """
-    written, known = _written(program), _written(before)
-    fields = [f for f in state if Place("state", f.name) in written and f.kind == "real"]
+    fields = guarded(program, state)
     if not fields:
         return ()
+    written, known = _written(program), _written(before)
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     asked = [k in written[place] or place not in known for place, size in _places(fields) for k in range(size)]
     ends = [end for f in fields for end in f.box_within(LOST)]
     usual = inside(values[[k for k, ask in enumerate(asked) if ask]], [*compress(ends, asked)])
-    usable = inside(values, [(-LOST, LOST)] * values.numel())
     beyond = Block("is a value beyond its box, or lost?", {Place("work", "beyond"): ca.logic_not(usual)})
+    return (beyond, When(Place("work", "beyond"), keep or boxed(fields, state, others), idle=True))
+
+
+def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
+    """The fields of the state that a program writes and that are kept in their boxes."""
+    written = _written(program)
+    return [f for f in state if Place("state", f.name) in written and f.kind == "real"]
+
+
+def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = ()) -> Program:
+    """These fields of the state in their boxes, or where one of their values is lost, all of it anew."""
+    values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
+    usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)})
     fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
-    boxed = map(_in_its_box, fields)
-    limited: Program = (lost, When(Place("work", "lost"), (restart, *others)), *boxed)
-    return (beyond, When(Place("work", "beyond"), limited, idle=True))
+    return (lost, When(Place("work", "lost"), (restart, *others)), *map(_in_its_box, fields))
 
 
 def _places(fields: Iterable[Field]) -> list[tuple[Place, int]]:

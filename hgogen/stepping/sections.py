@@ -16,10 +16,33 @@ import casadi as ca
 
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
-from hgogen.program import Block, Field, Place, Program, Section, Statement, When, address, pruned, scalar, sym, walk
+from hgogen.program import (
+    Block,
+    Call,
+    Field,
+    Place,
+    Program,
+    Section,
+    Statement,
+    When,
+    address,
+    pruned,
+    scalar,
+    sym,
+    walk,
+)
 from hgogen.signal import Signal, resting
 from hgogen.stepping import sensors, unguarded
-from hgogen.stepping.guards import guard_inputs, guard_outputs, guard_state, measure, outside_bit, unrecovered
+from hgogen.stepping.guards import (
+    boxed,
+    guard_inputs,
+    guard_outputs,
+    guard_state,
+    guarded,
+    measure,
+    outside_bit,
+    unrecovered,
+)
 from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.sensors import adapt_once, awaited, in_order, once, order_fields, tick, timed, use
@@ -137,7 +160,23 @@ class Assembly:
         was guarded before it."""
         if not self.clock.guarded:
             return program
-        return (*program, *guard_state(program, self.state, self._fresh, before))
+        keep = tuple(map(Call, self.inner))
+        return (*program, *guard_state(program, self.state, self._fresh, before, keep))
+
+    @cached_property
+    def inner(self) -> tuple[Section, ...]:
+        """The section that keeps the state in its box, where several ask for it."""
+        programs = (self.whole.predict, *map(self._correct, self.correcting), self.adapt)
+        fields = [guarded(program, self.state) for program in programs]
+        if not self.clock.guarded or sum(map(bool, fields)) < 2:
+            return ()
+        names = {field.name for each in fields for field in each}
+        program = boxed([field for field in self.state if field.name in names], self.state, self._fresh)
+        return (Section("keep_in_box", "keep the state in its box, or make it anew", program),)
+
+    def _correct(self, j: int) -> Program:
+        """What the parts do at a valid sample of output j."""
+        return flat(piece.update[j] for piece in self.pieces if piece.update)
 
     @property
     def _predict(self) -> Section:
@@ -173,8 +212,7 @@ class Assembly:
 
     def _update(self, j: int) -> Section:
         output = self.observer.form.system.outputs[j]
-        correct = flat(piece.update[j] for piece in self.pieces if piece.update)
-        program = self._guarded(correct, before=self.whole.predict)
+        program = self._guarded(self._correct(j), before=self.whole.predict)
         if not self.clock.guarded:
             plain = (unguarded.sample(self.observer, self.clock, j), *program)
             return Section(f"update_{output}", f"correct with {output}", plain, output.name)

@@ -107,7 +107,8 @@ def _function(prototype: Prototype, body: Code) -> Code:
     inner = code(*(f"(void){name};" for name in idle)) + body
     if prototype.returns != "void":
         inner = code(f"{prototype.returns} status = 0u;") + inner + code("return status;")
-    return code(str(prototype), "{") + inner.indented() + code("}")
+    said = [] if prototype.public else [C.comment(prototype.meaning)]
+    return code(*said, str(prototype), "{") + inner.indented() + code("}")
 
 
 def _assign(start: str, item: Field, real: Real) -> Code:
