@@ -171,9 +171,8 @@ def measurement_update(L: Graph, d: Graph, c: Graph, r: Graph) -> tuple[Graph, G
     v = d * f
     alpha, inverse, gain = r, 1 / r, ca.SX(n, 1)
     factor, diagonal = ca.SX(L), ca.SX(d)
-    for j in reversed(range(n)):
-        if f[j].is_zero():
-            continue
+    read = [j for j in range(n) if not f[j].is_zero()]
+    for j in reversed(read):
         before, last = alpha, inverse
         alpha = alpha + v[j] * f[j]
         inverse = 1 / alpha
@@ -182,4 +181,10 @@ def measurement_update(L: Graph, d: Graph, c: Graph, r: Graph) -> tuple[Graph, G
             factor[i, j] = L[i, j] - f[j] * gain[i] * last
             gain[i] = gain[i] + L[i, j] * v[j]
         gain[j] = v[j]
-    return factor, diagonal, gain * inverse
+    if len(read) != 1:
+        return factor, diagonal, gain * inverse
+    (j,) = read
+    share = v[j] * inverse  # the one quotient: CasADi makes another of each product with an inverse
+    if f[j].is_one():
+        diagonal[j] = share * r
+    return factor, diagonal, L[:, j] * share
