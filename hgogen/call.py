@@ -229,7 +229,8 @@ class CallableStep(Step):
     def restore(self, saved: bytes) -> None:
         """The state that `save` gave; the times of `run` begin at 0 again, as after `reset`.
 
-        Only the length is checked: the bytes of another step with a state of that length are taken, as by the C.
+        Only the length is checked: at bytes of that length that no such step gave, the next call begins anew, and says
+        UNINITIALISED, as the C does.
 
         Raises: `BadShape` for what is no bytes, or of another length than this step's state.
         """

@@ -38,6 +38,7 @@ from hgogen.stepping.guards import (
     readings,
 )
 from hgogen.stepping.keeping import limit_parameters
+from hgogen.stepping.ready import UNINITIALISED, mark
 from hgogen.stepping.recovery import Sign
 from hgogen.stepping.sections import Assembly, flat
 from hgogen.stepping.sensors import multiples
@@ -144,6 +145,21 @@ class Step:
     def samples(self) -> tuple[Signal, ...]:
         """What a call is given of the outputs: a sample of each, then the ages of those that may come late."""
         return (*self.outputs, *self.ages)
+
+    @cached_property
+    def mark(self) -> Field | None:
+        """The field of a stored state that tells it from other memory; None without guards."""
+        return mark(self.observer, self.state, self.groups) if self.guards == "all" else None
+
+    @property
+    def stored(self) -> tuple[Field, ...]:
+        """What a state has in memory that a caller owns: its mark, then its fields."""
+        return (self.mark, *self.state) if self.mark else self.state
+
+    @property
+    def raised(self) -> tuple[Bit, ...]:
+        """The bits that its program raises: all but the last, which is of a state that nothing has made."""
+        return tuple(bit for bit in self.bits if bit.place != UNINITIALISED.place)
 
     @property
     def limited(self) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
@@ -290,7 +306,8 @@ def _assembled(observer: Observer, method: Method, clock: Clock, limit: float) -
 
 
 def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
-    """The status bits that some block raises, in a fixed order; of one place the last, a part's own words for it.
+    """The status bits that some block raises, in a fixed order, of one place the last, a part's own words for it; then
+    that of a state that nothing has made.
 
     Raises: `BadStep` for more than a status has.
     """
@@ -311,6 +328,7 @@ def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
     bits += extra
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
+    raisable += (UNINITIALISED,) if step.mark else ()
     if len(raisable) > STATUS:
         raise BadStep(
             f"{step.name} with {len(raisable)} status bits", f"has more than {STATUS}; drop inputs or outputs"

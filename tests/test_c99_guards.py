@@ -27,6 +27,7 @@ NASTY = (0.0, -0.0, 1e-45, -1e-40, 1.0, -1.0, 1e6, 1e15, -1e16, 1e30, -1e30, 3e3
 
 _NASTY = Template("""
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -66,15 +67,23 @@ $input
         if (round % 2u == 1u) { /* a state restored from worn memory */
             noise(&s, sizeof s);
         }
+        if (round % 8u < 4u) { /* with the mark of a state */
+            s.ready = ${upper}_READY;
+        }
         if (round % 4u > 1u) {
             noise(&p, sizeof p);
             (void)${name}_tune(&p);
         }
         for (unsigned k = 0u; k < 12u; ++k) {
 $fill
-            (void)${name}_step($call);
+            const unsigned long status = ${name}_step($call);
+            const bool began = (status & ${upper}_UNINITIALISED) != 0u;
             ${name}_estimate(&s, &p, &x);
-            if (round % 2u == 0u && !($box)) {
+            if (began != (k == 0u && round % 8u > 3u && round % 2u == 1u)) {
+                printf("round %u, sample %u: the state began anew, or did not\\n", round, k);
+                return 1;
+            }
+            if ((round % 8u > 3u || round % 2u == 0u) && !($box)) {
                 printf("round %u, sample %u: the state is out of its box\\n", round, k);
                 return 1;
             }
@@ -101,6 +110,7 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
     members = [*(f"in.{s.name}" for s in made.inputs), *(f"out.{s.name}" for s in made.samples)]
     text = _NASTY.substitute(
         name=made.name,
+        upper=made.name.upper(),
         real=real,
         rounds=rounds,
         values=", ".join(f"({real}){value!r}" for value in NASTY if np.isfinite(value)),
@@ -209,6 +219,7 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
         u, y = (random_samples(signals, draw).astype(np.float32) for signals in (made.inputs, made.samples))
         unpack_state(made, state, reader.memory)
         compiled.state[:] = state
+        compiled.state["ready"] = made.mark.initial
         for place, row in (
             ("input", zip(made.inputs, u[0], strict=True)),
             ("output", zip(made.samples, y[0], strict=True)),

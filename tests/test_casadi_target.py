@@ -410,7 +410,7 @@ def test_the_files_are_the_functions(tmp_path: Path) -> None:
     entries = json.loads((tmp_path / "pendulum_entries.json").read_text())
     assert [each["name"] for each in entries["continuous"]] == ["z[0]", "z[1]"]
     assert entries["x"][1] == {"name": "w", "initial": 0.0, "unit": "rad/s", "meaning": "rate"}
-    assert [each["name"] for each in entries["status"]] == [bit.name for bit in made.bits]
+    assert [each["name"] for each in entries["status"]] == [bit.name for bit in made.raised]
     assert "pendulum_step.casadi" in repr(f)
     assert "bank_derivative.casadi" not in hg.targets.casadi(emitted.step("bank"))
 

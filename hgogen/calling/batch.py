@@ -27,6 +27,7 @@ from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.syntax import Real
 from hgogen.reading.given import count
 from hgogen.step import Step
+from hgogen.stepping.ready import UNINITIALISED
 
 MOST_THREADS = 1000
 CHUNK = 64  # records whose signals a thread holds at a time
@@ -145,6 +146,7 @@ class _Lanes:
     def run(self, u: Array, y: Array, records: Array, results: _Results, first: int) -> int:
         """The records from number `first` on, as many as there are; returns how many."""
         u, y = (_beside(array, first, len(records), DTYPE[self.real]) for array in (u, y))
+        begun = self._begun(records, len(results.x))
         memory, call = self._memory(records), getattr(self.library, f"{self.step.name}_lanes_run")
         widths = [*(array.shape[2] if array.ndim == 3 else 0 for array in (u, y)), results.status.shape[1]]
         width = (ctypes.c_size_t * 3)(*widths)
@@ -156,8 +158,25 @@ class _Lanes:
             arrays = (*map(_address, signals), x, traces if results.traced else ctypes.c_void_p(), status)
             call(_address(lanes), ctypes.c_size_t(len(results.x)), width, *arrays)
         self._remembered(memory, records)
+        results.status[:1, first : first + len(records)][:, begun] |= self._anew
         results.states[first : first + len(records)] = records[:, : results.states.shape[1]]
         return len(records)
+
+    def _begun(self, records: Array, samples: int) -> Array:
+        """The numbers of the records (B, bytes) whose first call, where there is a sample, begins anew, for they lack
+        the mark, the first of a state; now they have it."""
+        mark, fresh = self.step.mark, np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
+        if mark is None or not samples:
+            return np.array([], int)
+        missing = records.view(np.uint32)[:, 0] != mark.initial[0]
+        records[missing, : len(fresh)] = fresh
+        return np.flatnonzero(missing)
+
+    @property
+    def _anew(self) -> int:
+        """The bit of the status that says so."""
+        places = [bit.place for bit in self.step.bits]
+        return 1 << places.index(UNINITIALISED.place) if UNINITIALISED.place in places else 0
 
     @cached_property
     def width(self) -> int:

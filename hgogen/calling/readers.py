@@ -22,7 +22,7 @@ from hgogen.emit import layout, pystep
 from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
 from hgogen.emit.syntax import Real
-from hgogen.program import Field, Place, lines_of
+from hgogen.program import Field, Place
 from hgogen.step import Step
 
 
@@ -40,11 +40,10 @@ class Kept:
         self.state = self.whole[: layout.state_type(step, real).itemsize]
         shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.samples)
         self.signals, self.shown = np.split(self.record.view(DTYPE[real])[-signals - shown :], [signals])
-        for kind, fields in (("plant", step.plant), ("gain", step.gains), ("state", step.state)):
+        for kind, fields in (("plant", step.plant), ("gain", step.gains)):
             self._fill(kind, fields)
-        for *_, group in lines_of(step.groups):
-            self._fill(group.name, group.fields)
-        self._new = bytes(self.state)
+        self._new = layout.fresh(step, real)
+        self.reset()
 
     def reset(self) -> None:
         """The state as before the first call."""

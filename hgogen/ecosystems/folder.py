@@ -14,6 +14,7 @@ from hgogen.emit.code import indented
 from hgogen.emit.csyntax import C, comment
 from hgogen.emit.described import described, of_signal, parameters
 from hgogen.emit.fold import folded
+from hgogen.emit.manual import marked
 from hgogen.emit.syntax import Real
 from hgogen.reading.time_unit import pace, seconds
 from hgogen.signal import Signal, resting
@@ -83,6 +84,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "filled": "\n".join(filled),
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
         "apart": _BY_PARTS.substitute(parts=_parts(step)) if step.apart else "",
+        "marked": f"{marked(step)} ",
         "members": "\n".join(_members(step)),
         "bits": "\n".join(_row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, bit.action) for bit in step.bits),
         "readers": "\n\n".join(_reader(step, signal, real) for _, signal in samples),

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from hgogen.emit.interface import Entry, entries
+from hgogen.emit.interface import Entry, entries, of_section
+from hgogen.program import Section
 from hgogen.step import Step
 
 
@@ -52,6 +53,17 @@ def own(parameter: Parameter) -> str:
 def address(parameter: Parameter) -> str:
     """The argument of a caller whose structs are named as the parameters are."""
     return f"&{parameter.name}" if parameter.pointer else parameter.name
+
+
+def inside(step: Step, section: Section) -> Prototype:
+    """What is done of a section once its state is ready: a function of the file's own, where the entry is none."""
+    entry = of_section(step, section)
+    return prototype(step, replace(entry, name=entry.inner, public=False) if entry.inner else entry)
+
+
+def readied(step: Step) -> Prototype:
+    """What makes memory a state that is none yet."""
+    return Prototype(status_type(step), f"{step.name}_ready", structs(step)[:1], public=False)
 
 
 def status_type(step: Step) -> str:

@@ -21,6 +21,7 @@ from hgogen.emit.manual import (
     faults,
     guarded,
     late,
+    marked,
     mathematics,
     model_digest,
     order,
@@ -93,7 +94,7 @@ The status $result.
 $parts$timed$late
 Change gains in p.gain, then call ${name}_tune,
 $ranges
-The state may be copied, saved and restored, by the same version of this file. To start from an estimate of
+The state may be copied, saved and restored, by the same version of this file. $marked To start from an estimate of
 yours write $own, in the coordinates that the struct names, after init or reset and before the first
 call, which takes the estimate as it stands; what else a step remembers of it starts there too.
 
@@ -167,6 +168,7 @@ def _manual(step: Step, real: Real) -> list[str]:
         faults=faults(step),
         ranges=ranges(step),
         result=result(step, "the bits below"),
+        marked=marked(step),
         missing=_MISSING[bool(step.timed)] if guarded(step) else _USED,
         structs="\n".join(f"    {each.local}" for each in structs(step)),
         changes=" that changes" * bool(step.observer.form.system.tables),
@@ -200,6 +202,8 @@ def _constants(step: Step, real: Real) -> list[str]:
     rows += [("VERSION", f'"{version("hgogen")}"', "the version of hgogen that a restored state is of")]
     digest = model_digest(step.observer)
     rows += [("MODEL", f'"{digest}"', "the model that a restored state is of")] if digest else []
+    if step.mark:
+        rows += [("READY", f"0x{int(step.mark.initial[0]):04X}u", "what init and reset leave in `ready` of a state")]
     defined = ((f"#define {step.name.upper()}_{name:7} {value}", said) for name, value, said in rows)
     return [text for line, said in defined for text in (documented(said), line, "")]
 
@@ -226,7 +230,7 @@ def _structs(step: Step, real: Real) -> list[str]:
     return [
         *lines,
         documented(remembered(step)),
-        *struct(f"{name}_state", _inner(step, real, step.state, step.groups)),
+        *struct(f"{name}_state", _inner(step, real, step.stored, step.groups)),
         "",
     ]
 

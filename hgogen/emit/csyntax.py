@@ -44,7 +44,7 @@ def _loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str]:
 
 
 def _called(prefix: str, entry: Entry) -> str:
-    return f"status |= {prefix}_{entry.name}({', '.join(entry.parameters)});"
+    return f"status |= {prefix}_{entry.inner or entry.name}({', '.join(entry.parameters)});"
 
 
 def _limited(of: Rows) -> Sequence[str]:

@@ -33,7 +33,8 @@ MEANINGS = {  # of the parameters
 @dataclass(frozen=True)
 class Entry:
     """A function: its name, its parameters and which of them it writes, whether it returns a status, whether a caller
-    may call it; `anew`: those that it writes whatever they were."""
+    may call it; `anew`: those that it writes whatever they were; `inner`: the name of what it does once its state is
+    ready, where others do that too."""
 
     name: str
     parameters: tuple[str, ...]
@@ -42,6 +43,7 @@ class Entry:
     status: bool = True
     public: bool = True
     anew: tuple[str, ...] = ()
+    inner: str = ""
 
 
 def entries(step: Step) -> dict[str, Entry]:
@@ -68,7 +70,8 @@ def of_section(step: Step, section: Section) -> Entry:
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
     meaning, public = f"part of a step: {section.meaning}", step.apart and section not in step.inner
-    return Entry(section.name, _parameters(step, used), ("s",), meaning, public=public)
+    inner = f"run_{section.name}" if public and step.mark and section in step.sections[1:] else ""
+    return Entry(section.name, _parameters(step, used), ("s",), meaning, public=public, inner=inner)
 
 
 def reached(places: Iterable[Place]) -> set[str]:

@@ -19,7 +19,7 @@ _NUMBER = {"float": np.float32, "double": np.float64}
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_state."""
-    return np.dtype(_members(step.state, real) + _arrays(step.groups, real), align=True)
+    return np.dtype(_members(step.stored, real) + _arrays(step.groups, real), align=True)
 
 
 def params_type(step: Step, real: Real = "double") -> np.dtype:
@@ -42,7 +42,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
 
 def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
     """Where each place of a step lies in a record (1) of `kept_type`."""
-    views = state_places(step, record["state"])
+    views = _stored(step, record["state"])
     for kind, fields in _parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
     for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
@@ -62,6 +62,23 @@ def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
             array = view[field.name]
             views[Place(line[-1].name, field.name)] = array[..., None] if field.size == 1 else array
     return views
+
+
+def fresh(step: Step, real: Real = "double") -> bytes:
+    """The bytes of a state as before the first call."""
+    state = np.zeros(1, state_type(step, real))
+    members = [("state", step.stored), *((group.name, group.fields) for *_, group in lines_of(step.groups))]
+    views = _stored(step, state)
+    for struct, fields in members:
+        for field in fields:
+            views[Place(struct, field.name)][:] = field.initial
+    return state.tobytes()
+
+
+def _stored(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
+    """The places of a state, and that of its mark."""
+    mark = {Place("state", step.mark.name): _flat(state, step.mark)} if step.mark else {}
+    return mark | state_places(step, state)
 
 
 def _flat(record: np.ndarray, field: Field) -> np.ndarray:

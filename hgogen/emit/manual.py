@@ -14,6 +14,7 @@ from hgogen.recheck.file import SHOWN
 from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.members import read_fields
+from hgogen.stepping.ready import UNINITIALISED
 
 FAULTS = (
     "An output that is not finite is missing: the step predicts. An input that is not finite reuses the last valid "
@@ -25,6 +26,12 @@ UNGUARDED = (
     "estimate goes, and nothing is clamped, capped or restarted: an input or a sample that is not a number, or absurd, "
     "spoils the state until reset is called. What is proved of the observer with guards rests on clamps and is not "
     "claimed here; the claims below are of the form alone, on the declared ranges."
+)
+MARKED = (
+    "It begins with a mark, s.{mark}, that init and reset leave there. Memory without it (zeros, what a stack held, a "
+    "page that was erased, a state of another program) is not used: the call that meets it begins as after a reset, "
+    "and says {bit}. Only estimate, which has no status, does not ask: call it after a step. The mark is no checksum "
+    "of the rest, and parameters have none: init makes them."
 )
 _JUDGED = (
     "Whether dt is short enough was judged with gains and parameters at their nominal values, which proves nothing: "
@@ -96,6 +103,11 @@ def ranges(step: Step) -> str:
 def result(step: Step, bits: str) -> str:
     """What a call returns; `bits`: where the bits of a status are."""
     return f"is 0 for ok, else an or of {bits}" if guarded(step) else "is 0 in any case"
+
+
+def marked(step: Step) -> str:
+    """How memory is told from a state that init or reset has made; "" without guards."""
+    return MARKED.format(mark=step.mark.name, bit=UNINITIALISED.name) if step.mark else ""
 
 
 def remembered(step: Step) -> str:

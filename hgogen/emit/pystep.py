@@ -35,6 +35,7 @@ from hgogen.program import (
     walk,
 )
 from hgogen.step import Step
+from hgogen.stepping.ready import UNINITIALISED
 
 Entry = Callable[[], int]
 
@@ -80,13 +81,23 @@ class _Writer:
         calls |= {"step": list(step.sections), "estimate": []}
         numbered = {name: f"entry{k}" for k, name in enumerate(calls)}
         for name, sections in calls.items():
-            status = " | ".join(f"{self._called(section)}()" for section in sections) or "0"
-            text += [f"def {numbered[name]}():", f"    status = {status}", "    shown()", "    return status"]
+            text += [f"def {numbered[name]}():", "    status = 0", *indented(self._ready() if sections else [])]
+            text += [f"    status |= {self._called(section)}()" for section in sections]
+            text += ["    shown()", "    return status"]
         pygraph.defined([*shown, *text], self.names, "shown", "a step in Python")
         called = {name: self.names[short] for name, short in {"tune": "tune", **numbered}.items()}
         if self.real == "double":
             return called
         return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of its numbers
+
+    def _ready(self) -> list[str]:
+        """What makes memory a state that is none yet."""
+        mark = self.step.mark
+        if not mark:
+            return []
+        self.names["fresh"] = fresh = layout.fresh(self.step, self.real)
+        test = f"if {self._text(Place('state', mark.name), 0)} != {mark.initial[0]:.0f}:"
+        return [test, f"    B[:{len(fresh)}] = fresh", f"    status = {self.bits[UNINITIALISED.place]}"]
 
     def _traces(self) -> list[str]:
         traces = self.step.observer.traces

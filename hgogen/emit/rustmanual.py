@@ -19,9 +19,10 @@ _TIMED = (
 )
 _GAINS = "Change gains in `p.gain`, then call `p.tune()`, "
 _STATE = (
-    "The state may be copied, saved and restored, by the same version of this file. To start from an estimate of "
-    "yours write {own}, in the coordinates that the struct names, before the first call, which takes the estimate as "
-    "it stands; what else a step remembers of it starts there too."
+    "The state may be copied, saved and restored, by the same version of this file. It comes from `State::new`, or "
+    "from you member by member: none of it can be without a value, so no call asks whether it was made. To start from "
+    "an estimate of yours write {own}, in the coordinates that the struct names, before the first call, which takes "
+    "the estimate as it stands; what else a step remembers of it starts there too."
 )
 _SAMPLE = {True: "NaN for a sample that did not come", False: "a number for every sample"}
 _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C of the same model; no fused operation."
@@ -53,7 +54,7 @@ def status(step: Step) -> list[str]:
     """The module of the status bits."""
     bits = [
         text
-        for k, bit in enumerate(step.bits)
+        for k, bit in enumerate(step.raised)
         for text in (*doc(f"{bit.meaning}. To do: {bit.action}."), f"pub const {bit.name}: u32 = 0x{1 << k:04X};")
     ]
     if not bits:

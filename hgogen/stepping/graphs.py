@@ -76,7 +76,7 @@ class Graphs:
             memory = self._symbolic.section(section.program, memory)
         x = self._estimated(memory)
         after = ca.veccat(*(memory[place] for place in lies))
-        raised = (2.0**k * memory[bit.place] for k, bit in enumerate(step.bits))
+        raised = (2.0**k * memory[bit.place] for k, bit in enumerate(step.raised))
         status = reduce(lambda a, b: a + b, raised, ca.MX(0))
         arguments, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
         return ca.Function(

@@ -5,10 +5,10 @@ bit mask with 0 for ok. Compile with `-ffp-contract=off` for the same bits on ev
 FLT_EVAL_METHOD is 0.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from hgogen.emit.ccheck import check as self_check
-from hgogen.emit.cfunction import Prototype, own, prototypes
+from hgogen.emit.cfunction import Prototype, inside, own, prototypes, readied
 from hgogen.emit.cheader import header
 from hgogen.emit.cmath import functions, includes
 from hgogen.emit.cnames import demand_names, renamed, says
@@ -16,12 +16,14 @@ from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
 from hgogen.emit.fold import folded
+from hgogen.emit.interface import of_section
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.statements import Writer, called
 from hgogen.emit.syntax import Real, demand_real, demand_step
 from hgogen.program import Field, Group
 from hgogen.step import Step
+from hgogen.stepping.ready import UNINITIALISED
 from hgogen.target import Sources
 
 
@@ -54,9 +56,8 @@ _IEEE = (
 
 
 def _source(step: Step, real: Real) -> list[str]:
-    name, declared = step.name, prototypes(step)
-    writer = Writer(C, step, real)
-    interface = spaced(_function(declared[key], body) for key, body in _bodies(writer).items())
+    name, writer = step.name, Writer(C, step, real)
+    interface = spaced(_functions(writer))
     interface = routines(writer, interface.uses.routines) + interface
     helpers, matrices = interface.uses.helpers, interface.uses.kernels
     shared = functions(name, real, helpers) + tables(C, name, real, interface.uses.lookups)
@@ -71,14 +72,44 @@ def _source(step: Step, real: Real) -> list[str]:
     ]
 
 
+def _functions(writer: Writer) -> Iterator[Code]:
+    """Each function. The first section asks for the mark of a state, and with it the step that begins with it; another
+    asks where a caller calls it by itself."""
+    step, declared = writer.step, prototypes(writer.step)
+    first, *others = step.sections
+    begun = readied(step).call(own) if step.mark else "0u"
+    if step.mark:
+        yield _readied(step, step.mark)
+    if others:
+        for section in (*step.inner, first, *others):
+            body = writer.function(section.program)
+            yield _function(inside(step, section), body, begun if section is first else "0u")
+    asking = {section.name for section in (*others, *step.timed)} | (set() if others else {"step"})
+    for name, body in _bodies(writer).items():
+        yield _function(declared[name], body, begun if name in asking else "0u")
+
+
+def _readied(step: Step, mark: Field) -> Code:
+    """The function that begins anew where the mark is missing, and says so."""
+    upper, reset = step.name.upper(), prototypes(step)["reset"].call(own)
+    lines = (
+        f"if (s->{mark.name} != {upper}_READY) {{",
+        f"    {reset};",
+        f"    status = {upper}_{UNINITIALISED.name};",
+        "}",
+    )
+    said = code(C.comment("memory that neither init nor reset has made a state becomes one, which the status says"))
+    return said + _function(readied(step), code(*lines, parameters="s"))
+
+
 def _bodies(writer: Writer) -> dict[str, Code]:
-    """The statements of each function."""
+    """The statements of each function that a caller has."""
     step, real = writer.step, writer.real
-    bodies = {section.name: writer.function(section.program) for section in (*step.inner, *step.sections)}
+    bodies = {section.name: called(C, step, section) for section in step.sections if of_section(step, section).inner}
     if len(step.sections) > 1:
         bodies["step"] = joined(called(C, step, section) for section in step.sections)
     else:
-        bodies = {"step": bodies[step.sections[0].name]}
+        bodies["step"] = writer.function(step.sections[0].program)
     bodies |= {section.name: writer.function(section.program) for section in step.timed}
     bodies["estimate"] = writer.function(step.estimate)
     bodies["tune"] = writer.function(step.tuning)
@@ -101,12 +132,12 @@ def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
     return lines + (guard if wide else [])
 
 
-def _function(prototype: Prototype, body: Code) -> Code:
-    """A function; one that returns anything returns a status."""
+def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
+    """A function; one that returns anything returns a status, which is first what `begun` says."""
     idle = [parameter.name for parameter in prototype.parameters if parameter.name not in body.uses.parameters]
     inner = code(*(f"(void){name};" for name in idle)) + body
     if prototype.returns != "void":
-        inner = code(f"{prototype.returns} status = 0u;") + inner + code("return status;")
+        inner = code(f"{prototype.returns} status = {begun};") + inner + code("return status;")
     said = [] if prototype.public else [C.comment(prototype.meaning)]
     return code(*said, str(prototype), "{") + inner.indented() + code("}")
 
@@ -120,7 +151,8 @@ def _assign(start: str, item: Field, real: Real) -> Code:
 
 
 def _reset(step: Step, real: Real) -> Code:
-    lines = joined(_assign("s->", item, real) for item in step.state)
+    marked = (f"s->{step.mark.name} = {step.name.upper()}_READY;",) if step.mark else ()
+    lines = code(*marked) + joined(_assign("s->", item, real) for item in step.state)
     return code(parameters="s") + lines + _fresh("s->", step.groups, real)
 
 

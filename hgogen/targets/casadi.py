@@ -113,7 +113,7 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
     functions = [call, *([flow.derivative, flow.estimate] if isinstance(flow, Flow) else [])]
     texts = [(f"{function.name()}.casadi", function.serialize()) for function in functions]
     texts.append((f"{step.name}_entries.json", _listed(step, vectors | continuous)))
-    return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in step.bits), flow=flow, **vectors)
+    return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in step.raised), flow=flow, **vectors)
 
 
 def _flow(graphs: Graphs) -> Flow | NoEquation:
@@ -126,7 +126,7 @@ def _flow(graphs: Graphs) -> Flow | NoEquation:
 def _listed(step: Step, vectors: Mapping[str, Vector]) -> str:
     keys = ("name", "initial", "unit", "meaning")
     rows = {name: [{key: getattr(e, key) for key in keys} for e in vector.entries] for name, vector in vectors.items()}
-    bits = [{"name": bit.name, "meaning": bit.meaning, "action": bit.action} for bit in step.bits]
+    bits = [{"name": bit.name, "meaning": bit.meaning, "action": bit.action} for bit in step.raised]
     return json.dumps({**rows, "status": bits}, indent=1) + "\n"
 
 

@@ -94,7 +94,7 @@ def _structs(writer: LaneWriter) -> list[str]:
     lines += struct(f"{p}_params", [line for part in inner for line in part] or [f"{number} none;"])
     for *_, group in lines_of(step.groups):
         lines += struct(f"{p}_{group.name}", _members(writer, group.fields, group.groups))
-    lines += struct(f"{p}_state", _members(writer, step.state, step.groups))
+    lines += struct(f"{p}_state", _members(writer, step.stored, step.groups))
     return [*lines, *struct(f"{own(p)}_kept", [f"{p}_state s;", f"{p}_params p;"]), ""]
 
 

@@ -1,7 +1,7 @@
 """Rust for firmware: NAME.rs, a crate without `std`, and NAME_check.rs with recorded vectors.
 
-No unsafe code, no heap, no statics, no crates; the same memory, order of operations and functions as in C, so the same
-bits. Its documentation is the manual. It compiles with Rust 1.63 and later.
+No unsafe code, no heap, no statics, no crates; the same memory but for its mark, order of operations and functions as
+in C, so the same bits. Its documentation is the manual. It compiles with Rust 1.63 and later.
 """
 
 from dataclasses import dataclass
