@@ -369,7 +369,8 @@ def test_that_a_missing_guard_is_not_proved(tmp_path: Path) -> None:
     source = files("pendulum")["pendulum.c"]
     guard = re.search(r"u = pendulum_limit\(tau_taken, [^)]*\)", source).group()
     assert not proved("pendulum", tmp_path, source.replace(guard, "u = tau_taken"), 5)
-    asked = files("pendulum")["pendulum.c"].replace("status = pendulum_ready(s)", "status = 0u")
-    assert not proved("pendulum", tmp_path, asked, 5, anything=True)
-    beyond = files("fitzhugh_nagumo")["fitzhugh_nagumo.c"].replace("k < 5u", "k < 6u", 1)
-    assert not proved("fitzhugh_nagumo", tmp_path, beyond, 3)
+    used = source.replace("pendulum_reset(s);\n        status", "status", 1)
+    assert used != source
+    assert not proved("pendulum", tmp_path, used, 5, anything=True)
+    before, predict = re.split(r"(?=unsigned fitzhugh_nagumo_predict)", files("fitzhugh_nagumo")["fitzhugh_nagumo.c"])
+    assert not proved("fitzhugh_nagumo", tmp_path, before + predict.replace("k < 5u", "k < 6u", 1), 3)

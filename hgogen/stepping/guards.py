@@ -242,8 +242,9 @@ def guard_state(
     before: Program = (),
     keep: Program = (),
 ) -> Program:
-    """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
-    by `others` what else there is. Of values that are in their boxes, as nearly always, nothing more is asked.
+    """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, by
+    `others` those that it writes, and what else there is. Of values that are in their boxes, as nearly always, nothing
+    more is asked.
 
     `before`: a program after which the same was done in this call. What it has written and this one leaves as it is
     need not be asked for again. `keep`: what does all that in the place of a program of its own, as `boxed`.
@@ -271,7 +272,9 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = ()) -
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)})
-    fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
+    real = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
+    by_others = _written(others)
+    fresh = {place: value for place, value in real.items() if place not in by_others}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
     return (lost, When(Place("work", "lost"), (restart, *others)), *map(_in_its_box, fields))
 
@@ -306,4 +309,4 @@ def _in_its_box(field: Field) -> Block:
         writes[Place("status", "STATE_LIMITED")] = any_of(
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(ends)
         )
-    return Block(f"keep {field.name} in its box", writes)
+    return Block(f"keep {field.name} in its box", writes, part=f"keep_{field.name}")

@@ -89,7 +89,8 @@ class Moved:
     def _block(self, block: Block) -> Block:
         values = self.values(*block.writes.values(), *block.names.values())
         writes = dict(zip(map(self.place, block.writes), values, strict=False))
-        return Block(block.title, writes, dict(zip(block.names, values[len(writes) :], strict=True)))
+        names = dict(zip(block.names, values[len(writes) :], strict=True))
+        return Block(block.title, writes, names, part=block.part)
 
 
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
@@ -130,12 +131,12 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
     )
 
 
-def fresh(group: str, fields: Iterable[Field]) -> Program:
-    """A member's fields as after a reset; counters in a block of their own."""
-    programs = []
+def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
+    """A member's fields as after a reset; counters in a block of their own; `part`: what begins with them."""
+    programs = list[Block]()
     for kind, title in (("real", "as after a reset"), ("index", "counters as after a reset")):
         writes = {Place(group, field.name): ca.SX(column(field.initial)) for field in fields if field.kind == kind}
-        programs += [Block(title, writes)] if writes else []
+        programs += [Block(title, writes, part="" if programs else part)] if writes else []
     return tuple(programs)
 
 

@@ -220,7 +220,21 @@ class Recovery:
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
         sound = reduce(ca.logic_and, inside, same)
         spoiled = Block("was doubt or patience spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
-        return (spoiled, When(Place("work", "spoiled"), fresh("state", self.fields)))
+        return (spoiled, When(Place("work", "spoiled"), self.calm))
+
+    @property
+    def calm(self) -> Program:
+        """Doubt and patience as after a reset."""
+        return fresh("state", self.fields, part="clear_doubt")
+
+    @property
+    def rest(self) -> Program:
+        """What is remembered beside the estimate as after a reset, but for what lasts; members start from the
+        estimate."""
+        shown, pieces = self._shown(), self.pieces
+        fields = [field for field in pieces.fields if field not in shown and not field.lasting]
+        groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
+        return (*fresh("state", fields, part="clear_rest"), *groups)
 
     def _beyond(self, sign: Sign, samples: Samples) -> Graph:
         """Whether the error of a sign's output is larger than its limit; not where the error is not a number."""
@@ -264,14 +278,12 @@ class Recovery:
     def _restart(self, signs: list[Sign], samples: Samples) -> Program:
         """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
         shown = self._shown()
-        rest = fresh("state", [field for field in self.pieces.fields if field not in shown and not field.lasting])
         later = (When(Place("work", f"over_{sign.name}"), (sign.later,)) for sign in signs)
         return (
             *later,
             *nearest(self.observer, self.clock, shown, {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}),
             Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
-            *rest,
-            *fresh_groups("state", self.pieces.fields, self.pieces.groups, self.observer.z),
+            *self.rest,
         )
 
     def _shown(self) -> tuple[Field, ...]:

@@ -43,7 +43,7 @@ from hgogen.stepping.guards import (
     outside_bit,
     unrecovered,
 )
-from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
+from hgogen.stepping.members import following_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.sensors import adapt_once, awaited, in_order, once, order_fields, tick, timed, use
 from hgogen.structure.dynamics import HUGE
@@ -150,10 +150,8 @@ class Assembly:
 
     @cached_property
     def _fresh(self) -> Program:
-        """What makes counters and members anew where the state is lost."""
-        whole = self.whole
-        counters = fresh("state", [field for field in whole.fields if field.kind == "index"])
-        return (*counters, *fresh_groups("state", whole.fields, whole.groups, self.observer.z))
+        """What makes doubt, and what is remembered beside the estimate, anew where the state is lost."""
+        return (*self.law.calm, *self.law.rest)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
         """A program, and what keeps the state that it leaves behind in its box, or makes it anew; `before`: one that

@@ -5,7 +5,7 @@ bit mask with 0 for ok. Compile with `-ffp-contract=off` for the same bits on ev
 FLT_EVAL_METHOD is 0.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 
 from hgogen.emit.ccheck import check as self_check
 from hgogen.emit.cfunction import Prototype, inside, own, prototypes, readied
@@ -19,9 +19,10 @@ from hgogen.emit.fold import folded
 from hgogen.emit.interface import of_section
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
-from hgogen.emit.statements import Writer, called
+from hgogen.emit.sharing import SharingWriter
+from hgogen.emit.statements import called
 from hgogen.emit.syntax import Real, demand_real, demand_step
-from hgogen.program import Field, Group
+from hgogen.program import Field, Group, Place
 from hgogen.step import Step
 from hgogen.stepping.ready import UNINITIALISED
 from hgogen.target import Sources
@@ -53,10 +54,19 @@ _IEEE = (
     "#endif",
     "",
 )
+_RARELY = (
+    "/* of what runs rarely, which is no part of what calls it */",
+    "#if defined(__GNUC__)",
+    "#define {upper}_RARELY __attribute__((noinline))",
+    "#else",
+    "#define {upper}_RARELY",
+    "#endif",
+    "",
+)
 
 
 def _source(step: Step, real: Real) -> list[str]:
-    name, writer = step.name, Writer(C, step, real)
+    name, writer = step.name, SharingWriter(C, step, real)
     interface = spaced(_functions(writer))
     interface = routines(writer, interface.uses.routines) + interface
     helpers, matrices = interface.uses.helpers, interface.uses.kernels
@@ -68,25 +78,30 @@ def _source(step: Step, real: Real) -> list[str]:
         "",
         *_includes(step, includes(name, real, helpers), text.uses),
         *_IEEE,
+        *(line.format(upper=name.upper()) for line in _RARELY),
         *text.lines,
     ]
 
 
-def _functions(writer: Writer) -> Iterator[Code]:
-    """Each function. The first section asks for the mark of a state, and with it the step that begins with it; another
-    asks where a caller calls it by itself."""
+def _functions(writer: SharingWriter) -> Iterator[Code]:
+    """Each function: parts that sections share, the sections, what a caller has. The first section asks for the mark of
+    a state, and with it the step that begins with it; another asks where a caller calls it by itself."""
     step, declared = writer.step, prototypes(writer.step)
     first, *others = step.sections
     begun = readied(step).call(own) if step.mark else "0u"
     if step.mark:
         yield _readied(step, step.mark)
+    rarely = code(f"{step.name.upper()}_RARELY")
+    for part in writer.parts:
+        yield rarely + _function(part.prototype, part.body)
     if others:
         for section in (*step.inner, first, *others):
             body = writer.function(section.program)
             yield _function(inside(step, section), body, begun if section is first else "0u")
     asking = {section.name for section in (*others, *step.timed)} | (set() if others else {"step"})
     for name, body in _bodies(writer).items():
-        yield _function(declared[name], body, begun if name in asking else "0u")
+        text = _function(declared[name], body, begun if name in asking else "0u")
+        yield rarely + text if name == "reset" else text
 
 
 def _readied(step: Step, mark: Field) -> Code:
@@ -102,7 +117,7 @@ def _readied(step: Step, mark: Field) -> Code:
     return said + _function(readied(step), code(*lines, parameters="s"))
 
 
-def _bodies(writer: Writer) -> dict[str, Code]:
+def _bodies(writer: SharingWriter) -> dict[str, Code]:
     """The statements of each function that a caller has."""
     step, real = writer.step, writer.real
     bodies = {section.name: called(C, step, section) for section in step.sections if of_section(step, section).inner}
@@ -113,7 +128,7 @@ def _bodies(writer: Writer) -> dict[str, Code]:
     bodies |= {section.name: writer.function(section.program) for section in step.timed}
     bodies["estimate"] = writer.function(step.estimate)
     bodies["tune"] = writer.function(step.tuning)
-    return bodies | {"reset": _reset(step, real), "init": _init(step, real)}
+    return bodies | {"reset": _reset(writer), "init": _init(step, real)}
 
 
 def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
@@ -150,18 +165,25 @@ def _assign(start: str, item: Field, real: Real) -> Code:
     return code(*lines, widest=int(max(item.initial)) if counts else 0)
 
 
-def _reset(step: Step, real: Real) -> Code:
+def _reset(writer: SharingWriter) -> Code:
+    """Every number of the state, those by parts that do it last, for members begin where the estimate stands."""
+    step, real, done = writer.step, writer.real, writer.fresh
     marked = (f"s->{step.mark.name} = {step.name.upper()}_READY;",) if step.mark else ()
-    lines = code(*marked) + joined(_assign("s->", item, real) for item in step.state)
-    return code(parameters="s") + lines + _fresh("s->", step.groups, real)
+    lines = code(*marked, parameters="s")
+    lines += joined(_assign("s->", item, real) for item in step.state if Place("state", item.name) not in done)
+    lines += _fresh("s->", step.groups, real, done)
+    return lines + joined(part.call for part in dict.fromkeys(done.values()))
 
 
-def _fresh(start: str, groups: Iterable[Group], real: Real, k: str = "k") -> Code:
+def _fresh(start: str, groups: Iterable[Group], real: Real, done: Container[Place], k: str = "k") -> Code:
     lines = Code()
     for group in groups:
         one = f"{start}{group.name}[{k}]."
-        inner = joined(_assign(one, f, real) for f in group.fields) + _fresh(one, group.groups, real, "k2")
-        lines += braced(f"for (unsigned {k} = 0u; {k} < {group.count}u; ++{k}) {{", inner) + code(widest=group.count)
+        inner = joined(_assign(one, f, real) for f in group.fields if Place(group.name, f.name) not in done)
+        inner += _fresh(one, group.groups, real, done, "k2")
+        if inner.lines:
+            head = f"for (unsigned {k} = 0u; {k} < {group.count}u; ++{k}) {{"
+            lines += braced(head, inner) + code(widest=group.count)
     return lines
 
 

@@ -1,0 +1,120 @@
+"""What stands in several places of a step is one function of its C, and does there what it did."""
+
+import re
+from collections import Counter
+from dataclasses import replace
+from functools import cache
+
+import emitted
+import plants
+import pytest
+from emitted import step
+
+import hgogen as hg
+from hgogen.emit.csyntax import C
+from hgogen.emit.sharing import FEWEST, SharingWriter, _name, _runs
+from hgogen.model import load
+from hgogen.program import Block, Place, When, sym
+from hgogen.stepping.members import read_fields
+
+SHIPPED = ["induction_motor", "pmsm_sensorless", "quadruple_tank", "not_iss"]
+NAMES = [*emitted.STEPS, *SHIPPED]
+
+
+@cache
+def made(name: str) -> hg.Step:
+    if name in emitted.STEPS:
+        return step(name)
+    return load(next(path for path in plants.MODELS.glob(f"{name}.*"))).step()
+
+
+@cache
+def source(name: str) -> str:
+    return hg.targets.c99(made(name), check=False)[f"{made(name).name}.c"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_list_of_first_values_stands_twice(name: str) -> None:
+    """But that of the estimate, with which the compiler folds what comes after it."""
+    shown = "|".join(read_fields([made(name).observer.z]))
+    lines = [line.strip() for line in source(name).splitlines()]
+    value = rf"s->(?!(?:{shown})\b)\w+(\[\d+\])? = (-?[\d.e+-]+f?|\d+u);"
+    begins = [re.fullmatch(value, line) is not None for line in lines]
+    runs = [tuple(lines[k : k + FEWEST]) for k in range(len(lines)) if all(begins[k : k + FEWEST])]
+    assert runs or made(name).guards == "none"
+    assert [run for run, times in Counter(runs).items() if times > 1] == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_box_of_several_numbers_stands_once(name: str) -> None:
+    """Each text of what keeps a field in its box, which differs where it is another box."""
+    texts = re.findall(r"( */\* keep \w+ in its box \*/\n(?: +)\{\n(?:.*\n)*?) +\}\n(?! +(?:if|\}))", source(name))
+    texts = [re.sub(r"\s+", " ", text) for text in texts if text.count("s->") >= 2 * FEWEST]
+    assert len(texts) == len(set(texts))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_part_is_called_more_than_once_and_writes_more_than_a_call_does(name: str) -> None:
+    text, writer = source(name), SharingWriter(C, made(name), "float")
+    for part in writer.parts:
+        calls = re.findall(rf"\b{part.prototype.name}\(s\);", text)
+        assert len(calls) >= 2
+        assert sum(" = " in line and "const" not in line for line in part.body.lines) >= FEWEST
+    assert len({part.prototype.name for part in writer.parts}) == len(writer.parts)
+
+
+def test_parts_of_one_name_that_differ_have_a_number() -> None:
+    """And one that stands once is no function."""
+    of = made("two")
+    first, second, third = (
+        Block(
+            "all",
+            {Place("state", "z"): sym("state", "z", 3) * k, Place("state", "L"): sym("state", "L", 3)},
+            part="same",
+        )
+        for k in (2, 3, 4)
+    )
+    sections = (
+        replace(of.sections[0], program=(first, second, third)),
+        replace(of.sections[1], program=(When(Place("work", "fresh"), (second, first)),)),
+    )
+    writer = SharingWriter(C, hg.Step(**{**parts_of(of), "sections": sections}), "float")
+    assert [part.prototype.name for part in writer.parts] == ["two_same", "two_same_2"]
+    assert "4.0f" not in "".join("".join(part.body.lines) for part in writer.parts)
+    assert "4.0f" in "".join(writer.function(sections[0].program).lines)
+
+
+def parts_of(of: hg.Step) -> dict[str, object]:
+    """What a step is made of."""
+    return {name: getattr(of, name) for name in hg.Step.__dataclass_fields__}
+
+
+def test_only_what_is_as_after_a_reset_stands_in_the_reset() -> None:
+    writer = SharingWriter(C, made("fitzhugh_nagumo"), "float")
+    names = {place.name for place in writer.fresh if place.struct == "state"}
+    assert {"doubt_y", "theta", "L", "D", "oldest"} <= names
+    assert not names & {"z", "calls", "used_y", "u"}
+    assert Place("predictor", "z") in writer.fresh
+    of_boxes = SharingWriter(C, made("induction_motor"), "float")
+    boxes = [part for part in of_boxes.parts if "_keep_" in part.prototype.name]
+    assert len(boxes) == 3  # which leave what is in them where it is
+    assert not any(of_boxes._left(part.program) for part in boxes)
+    moved = replace(made("fitzhugh_nagumo").state[0], initial=(1.0, 2.0, 3.0))
+    other = hg.Step(**{**parts_of(made("fitzhugh_nagumo")), "state": (moved, *made("fitzhugh_nagumo").state[1:])})
+    assert Place("predictor", "z") not in SharingWriter(C, other, "float").fresh
+
+
+def test_a_part_ends_where_something_else_is_touched() -> None:
+    """At another part, at what reads a work value, at a condition; what is not of the state is none."""
+    z, L = ({Place("state", name): sym("state", name, 3) * 2} for name in "zL")
+    work = Block("work", {Place("work", "e"): sym("state", "z", 3)})
+    begun, more, other = (
+        Block("begun", {**z, **L}, part="begun"),
+        Block("more", L),
+        Block("other", {**z, **L}, part="other"),
+    )
+    none = Block("none", {Place("state", "z"): sym("work", "e", 3)}, part="none")
+    when = When(Place("state", "calls"), (more,))
+    program = (begun, more, other, work, more, begun, when, none, begun, none)
+    assert [len(run) for run in _runs(program)] == [2, 1, 1, 1, 1, 1, 1, 1, 1]
+    assert [_name(run) for run in _runs(program)] == ["begun", "other", "", "", "begun", "", "", "begun", ""]
