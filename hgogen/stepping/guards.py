@@ -309,4 +309,4 @@ def _in_its_box(field: Field) -> Block:
         writes[Place("status", "STATE_LIMITED")] = any_of(
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(ends)
         )
-    return Block(f"keep {field.name} in its box", writes, part=f"keep_{field.name}")
+    return Block(f"keep {field.name} in its box", writes)
