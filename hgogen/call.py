@@ -18,7 +18,6 @@ from hgogen.calling.late import arriving, in_time
 from hgogen.calling.readers import Kept
 from hgogen.calling.replay import Replay
 from hgogen.calling.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
-from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
 from hgogen.emit.syntax import Real
 from hgogen.form import Form
@@ -27,7 +26,7 @@ from hgogen.observer import Observer
 from hgogen.program import dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
-from hgogen.step import BadStep, CannotUpdate, Guards, Step, StepMayFail, plan
+from hgogen.step import BadStep, CannotUpdate, Guards, Prefer, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.sensors import AT, ROUND
 from hgogen.system import System
@@ -251,14 +250,16 @@ class CallableStep(Step):
         dt: float | None = None,
         real: Real | None = None,
         guards: Guards | None = None,
+        prefer: Prefer | None = None,
     ) -> "CallableStep":
-        """A step of the same observer with another form of its plant, another method, period, precision or other
-        guards; the same where None.
+        """A step of the same observer with another form of its plant, another method, period or precision, other guards
+        or another preference; the same where None.
 
         Raises: as `sample` and the observer do.
         """
         observer = self.observer.on(form) if form else self.observer
-        options = self._options | ({"real": real} if real else {}) | ({"guards": guards} if guards else {})
+        asked = {"real": real, "guards": guards, "prefer": prefer}
+        options = self._options | {key: value for key, value in asked.items() if value}
         return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
 
     def arriving(self, y: Any) -> np.ndarray:
@@ -301,10 +302,8 @@ class CallableStep(Step):
         """What `sample` takes beside observer, method and dt."""
         rated = self.timed or any(period != self.dt for period in self.periods)
         periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if rated else None
-        return {"between": self.between, "periods": periods, "guards": self.guards} | {
-            "engine": self.engine,
-            "real": self.real,
-        }
+        names = ("between", "guards", "prefer", "engine", "real")
+        return {name: getattr(self, name) for name in names} | {"periods": periods}
 
     @property
     def _memory(self) -> tuple[bytes, int]:
@@ -345,6 +344,7 @@ def sample(
     between: str = "line",
     periods: Mapping[str, float] | None = None,
     guards: Guards = "all",
+    prefer: Prefer = "speed",
     engine: Engine | None = None,
     real: Real = "double",
 ) -> CallableStep:
@@ -357,7 +357,8 @@ def sample(
     output, by name, a whole multiple of dt, by default dt: its noise R is taken for that time. Such a step counts its
     periods and does not use a sample that `update` tells to be of another one, or gets a second time. `guards`: "none"
     leaves out whatever is not the observer's own mathematics: no clamp, no test of a sample, no status, no restart; a
-    sample that is not a number spoils the estimate for ever, and of the observer nothing is claimed. `engine`: what
+    sample that is not a number spoils the estimate for ever, and of the observer nothing is claimed. `prefer`: "flash"
+    for a short program, where by default it is a fast one: what repeats is written once, in loops. `engine`: what
     takes the samples, "c" or "python", which give the same bits; by default C where there is a compiler. It compiles at
     the first sample, once: what was compiled is kept in the user's cache. `real`: the precision in which it takes them,
     "float" as small firmware does, or "double".
@@ -372,14 +373,12 @@ def sample(
         raise BadStep(f"method = {method!r}", "is no method; take one of hg.methods, and the time as dt=")
     if dt is None:
         raise BadStep("dt", f"is missing; give the sampling period in {plural(observer.form.system.time)}, as dt=")
-    if engine not in (None, "c", "python"):
-        raise BadStep(f"engine = {engine!r}", 'must be "c", "python" or None')
-    if real not in DTYPE:
-        raise BadStep(f"real = {real!r}", 'must be "float" or "double"')
-    if guards not in ("all", "none"):
-        raise BadStep(f"guards = {guards!r}", 'must be "all" or "none"')
+    demand_choice("engine", engine, ("c", "python", None))
+    demand_choice("real", real, ("float", "double"))
+    demand_choice("guards", guards, ("all", "none"))
+    demand_choice("prefer", prefer, ("speed", "flash"))
     with one_thread():
-        planned = arranged(plan(observer, method, dt, between, periods, guards))
+        planned = arranged(plan(observer, method, dt, between, periods, guards, prefer))
     for section in planned.called:
         if dangling(section.program):
             missing = ", ".join(map(str, sorted(dangling(section.program))))

@@ -24,7 +24,7 @@ def on_line(c: float, last: Graph, now: Graph) -> Graph:
 class Clock:
     """Sampling as a part sees it: the step length, what the input does between samples, how many inputs and outputs
     there are, and every how many steps each output is sampled, where that is not at all of them; whether the step is
-    `guarded`."""
+    `guarded`; what a method is to `prefer` where it has a choice: "speed", or "flash", a short program."""
 
     dt: float
     between: str
@@ -32,6 +32,7 @@ class Clock:
     outputs: int
     every: tuple[int, ...] = ()
     guarded: bool = True
+    prefer: str = "speed"
 
     def period(self, output: int) -> float:
         """The time (s) between two samples of an output: dt, or `every` so many of them."""
@@ -80,7 +81,7 @@ class Pieces:
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
     the measurement; `bits`: its own, or its words for the step's; `rule`: what carries the part out, where the method
-    leaves that to another.
+    leaves that to another; `choice`: of two programs, which one was taken, and why.
     """
 
     fields: tuple[Field, ...] = ()
@@ -93,6 +94,7 @@ class Pieces:
     adapt: Program = ()
     uses_output: bool = False
     rule: str = ""
+    choice: str = ""
 
 
 class Part:

@@ -174,7 +174,8 @@ class Block:
     `writes`: place to SX column; a write to a place of `status` raises the bit of its name when the value is not 0.
     `names`: values worth a name of their own in the emitted code. `limits`: where all that the block does is to keep
     numbers in their ranges, those, for who writes them as rows of a table. `part`: the name of what begins with it, of
-    which the emitted code may make a function where it stands in several places.
+    which the emitted code may make a function where it stands in several places. `spelled`: whether it is written out,
+    where it runs too often for loops in it.
     """
 
     title: str
@@ -182,6 +183,7 @@ class Block:
     names: Mapping[str, Graph] = field(default_factory=dict)
     limits: tuple[Limit, ...] = ()
     part: str = ""
+    spelled: bool = False
 
     @cached_property
     def reads(self) -> tuple[tuple[Place, int], ...]:

@@ -48,6 +48,13 @@ class BadStep(BadArgument):
     """A step length or option that cannot be used."""
 
 
+def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:
+    """Raise `BadStep` for what is none of the choices of an option."""
+    if value not in choices:
+        *others, last = ("None" if each is None else f'"{each}"' for each in choices)
+        raise BadStep(f"{name} = {value!r}", f"must be {', '.join(others)} or {last}")
+
+
 @dataclass(eq=False)
 class StepTooLong(HgogenError):
     """A step length at which the discretisation is unstable at a point of the declared box: above `limit` it is
@@ -89,6 +96,7 @@ class StepMayFail(UserWarning):
 STATUS = 32  # bits of a status
 _LAST = 32  # steps that are remembered
 Guards = Literal["all", "none"]
+Prefer = Literal["speed", "flash"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +109,8 @@ class Step:
     between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
     another; `signs`: what the law of recovery counts, by which an estimate that is lost restarts. Of a step that takes
     late samples, `ages`: the signals that tell with a sample how late it comes; `inner`: sections that its own call;
-    `plain`: the step without delays.
+    `plain`: the step without delays. `prefer`: what it is made for, "speed", or "flash", a short program;
+    `choice`: of two programs of a part, which one was taken, and why.
     """
 
     name: str
@@ -127,6 +136,8 @@ class Step:
     rule: str = ""
     signs: tuple[Sign, ...] = ()
     guards: Guards = "all"
+    prefer: Prefer = "speed"
+    choice: str = ""
 
     def __repr__(self) -> str:
         return f"<step of {self.name}: {self.observer.name} by {self.rule}, dt = {self.dt:g}>"
@@ -218,7 +229,13 @@ class CannotUpdate(HgogenError):
 
 
 def plan(
-    observer: Observer, method: Method, dt: float, between: str, periods: Any = None, guards: Guards = "all"
+    observer: Observer,
+    method: Method,
+    dt: float,
+    between: str,
+    periods: Any = None,
+    guards: Guards = "all",
+    prefer: Prefer = "speed",
 ) -> Step:
     """The step of an observer; see `hgogen.call.sample`, which also makes it callable.
 
@@ -226,15 +243,14 @@ def plan(
     """
     if not isinstance(dt, int | float) or not 0 < dt < INF:
         raise BadStep(f"dt = {dt!r}", f"must be a positive time in {plural(observer.form.system.time)}")
-    if between not in ("line", "hold"):
-        raise BadStep(f"between = {between!r}", 'must be "line" or "hold"')
+    demand_choice("between", between, ("line", "hold"))
     system = observer.form.system
     every = () if periods is None else multiples(periods, system, float(dt))
     if guards == "none":
         _demand_plain(observer, every)
     if observer.form.clamped != (guards == "all"):
         observer = observer.clamping(guards == "all")
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards == "all")
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards == "all", prefer)
     _pieces(observer, method, clock)  # whose demands come before those of the step's length
     lengths = _lengths(observer, method, float(dt))
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
@@ -300,6 +316,8 @@ def _assembled(observer: Observer, method: Method, clock: Clock, limit: float) -
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
         signs=made.law.signs,
         guards="all" if clock.guarded else "none",
+        prefer="flash" if clock.prefer == "flash" else "speed",
+        choice=next((piece.choice for piece in pieces if piece.choice), ""),
     )
     step = replace(step, tuning=limit_parameters(*step.limited, flat(piece.tune for piece in pieces)))
     return replace(step, bits=status_bits(step, flat(piece.bits for piece in pieces)))

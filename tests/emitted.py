@@ -6,7 +6,9 @@ import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import plants
@@ -66,6 +68,18 @@ def many_states() -> hg.Step:
     """Too many to unroll: kernels."""
     observer = hg.observers.riccati(hg.forms.triangular(plants.chain(12)), Q=[0.1] * 12, R=1.0)
     return hg.sample(observer, dt=0.01)
+
+
+def coupled(n: int, **options: Any) -> hg.Step:
+    """Rows alike with numbers that differ, a long sum, products of neighbours, and an own range for each state."""
+    x = [hg.Signal(f"x{i}", low=-5 - i % 3, high=5 + i / 4) for i in range(1, n + 1)]
+    u, y = hg.Signal("u", low=-2, high=2), hg.Signal("y", low=-20, high=20)
+    rows = [b - (1 + k / 8) * a + sp.sin(a) * x[0] for k, (a, b) in enumerate(pairwise(x))]
+    flow = [*rows, sum(a * b for a, b in pairwise(x)) / 50 + sum(map(sp.cos, x)) / n - 2 * x[-1] + u]
+    plant = hg.System("coupled", states=x, inputs=(u,), outputs=(y,), flow=flow, output=[x[0] + x[-1] / 4])
+    theta = hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.staggered(0.1, predictors=2))
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[0.1 + k / 64 for k in range(n)], R=0.01, theta=theta)
+    return hg.sample(observer, dt=0.01, **options)
 
 
 def integrated() -> hg.Step:
@@ -169,6 +183,8 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "window_held": window_held,
     "one_state": one_state,
     "many_states": many_states,
+    "coupled": lambda: coupled(11),
+    "for_flash": lambda: coupled(5, prefer="flash"),
     "integrated": integrated,
     "exponential": exponential,
     "bank": bank,

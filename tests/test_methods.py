@@ -1,7 +1,6 @@
 """Methods: their orders against the continuous equations, the covariance's views, step lengths that are admitted."""
 
 import re
-import sys
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -369,7 +368,7 @@ def test_beyond_its_cap_the_covariance_is_scaled_by_rows_and_columns(
 ) -> None:
     """S P S with S = diag(min(1, cap_i/P_ii)), a congruence; the states stand still and Q adds some 1e-12 of P."""
     if loops:
-        monkeypatch.setattr(sys.modules["hgogen.methods.continuous_discrete"], "UNROLLED", 0)
+        monkeypatch.setattr("hgogen.kalman.chosen.LONGER", {"speed": -(10**9)})
     x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2, 3)]
     plant = hg.System("still", states=x, outputs=(hg.Signal("y"),), flow=[0, 0, 0], output=[x[0] + x[1] + x[2]])
     observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-12,) * 3, R=1.0)

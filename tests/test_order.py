@@ -16,7 +16,17 @@ from hgogen.program import Block, Place, walk
 NAN = float("nan")
 BIT = "OUT_OF_ORDER"
 ORDERED = (  # by name, as to make all steps takes seconds
-    *("fitzhugh_nagumo", "cascaded_tanks", "two", "no_input", "window_held", "one_state", "many_states"),
+    *(
+        "fitzhugh_nagumo",
+        "cascaded_tanks",
+        "two",
+        "no_input",
+        "window_held",
+        "one_state",
+        "many_states",
+        "coupled",
+        "for_flash",
+    ),
     *("tunable", "sin", "x", "functions", "tables", "wide"),
 )
 

@@ -56,6 +56,13 @@ class Guarding(StrEnum):
     NONE = "none"
 
 
+class Preference(StrEnum):
+    """What a step is made for."""
+
+    SPEED = "speed"
+    FLASH = "flash"
+
+
 class Reader(StrEnum):
     """Who runs the step."""
 
@@ -110,6 +117,10 @@ _SET = {  # what a user may set of every step that a command makes
     "guards": (
         Guarding,
         typer.Option("--guards", help="all, or none: the mathematics alone, without clamps, tests and restarts."),
+    ),
+    "prefer": (
+        Preference,
+        typer.Option("--prefer", help="speed, or flash: what repeats in loops, a shorter program that takes longer."),
     ),
     "parameters": (
         Path,

@@ -8,7 +8,7 @@ from hgogen.check import Verdict
 from hgogen.emit.claims import consequence, refuted_and_accepted, verdict
 from hgogen.emit.described import entry
 from hgogen.emit.displayed import aligned, displayed, plain, table
-from hgogen.emit.manual import BETWEEN, title
+from hgogen.emit.manual import BETWEEN, said_what_for, title
 from hgogen.intervals.digits import same
 from hgogen.method import equations
 from hgogen.program import INF, Field
@@ -100,7 +100,9 @@ def _gain(step: Step, field: Field, k: int) -> list[str]:
 def _method(step: Step) -> list[str]:
     between = f" Between two calls the input is taken to {BETWEEN[step.between]}." if step.inputs else ""
     period = f"A step every {pace(step.dt, step.time)}, which is h.{between}"
-    return [f"## Method: {plain(step.rule)}", "", period, "", *displayed(equations(step.method, step.rule))]
+    what_for = [f"It is made for {step.prefer}{f': {step.choice}' * bool(step.choice)}.", ""] * said_what_for(step)
+    equations_ = displayed(equations(step.method, step.rule))
+    return [f"## Method: {plain(step.rule)}", "", period, "", *what_for, *equations_]
 
 
 def _claims(step: Step) -> list[str]:

@@ -77,12 +77,18 @@ def mathematics(step: Step, names: str = "") -> list[str]:
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
     lines += [f"  {written(f)}" for f in step.gains]
     lines += [f"Method: {step.rule}, dt = {pace(step.dt, step.time)}"]
+    lines += [f"Made for {step.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)
     lines += ["Guards: none"] * (not guarded(step))
     lines += [f"Between two calls the input is taken to {BETWEEN[step.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {in_short(check, observer.accepted)}" for check in observer.checks]
     lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
     return [*lines, *[names] * bool(names)]
+
+
+def said_what_for(step: Step) -> bool:
+    """Whether it is said what a step is made for: where that is flash, or where the covariance is in loops."""
+    return step.prefer == "flash" or any(group.name == "column" for group in step.groups)
 
 
 def guarded(step: Step) -> bool:

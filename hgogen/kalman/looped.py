@@ -24,8 +24,8 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
     Raises: `BadGain` where they are not.
     """
     n = part.dynamics.n
-    for name, matrix in (("Q", part.nominal[0]), ("covariance", part.covariance)):
-        if np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+    for name, matrix in _matrices(part).items():
+        if not _diagonal(matrix):
             raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
     columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
     return Pieces(
@@ -35,6 +35,19 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
         predict=_predict(part, clock),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
+
+
+def admits(part: Riccati) -> bool:
+    """Whether loops can take the part's Q and P(0)."""
+    return all(map(_diagonal, _matrices(part).values()))
+
+
+def _matrices(part: Riccati) -> dict[str, np.ndarray]:
+    return {"Q": part.nominal[0], "covariance": part.covariance}
+
+
+def _diagonal(matrix: np.ndarray) -> bool:
+    return not np.count_nonzero(matrix - np.diag(np.diag(matrix)))
 
 
 def _predict(part: Riccati, clock: Clock) -> Program:
@@ -48,7 +61,7 @@ def _predict(part: Riccati, clock: Clock) -> Program:
     return (
         Block(f"z by classical Runge-Kutta; {said}, but for constants, by columns", z | entries, stages.names),
         Kernel("expand", n, _COLUMNS),
-        Loop("column", n, (Block("a column of Phi L", {_COLUMNS: advanced}),)),
+        Loop("column", n, (Block("a column of Phi L", {_COLUMNS: advanced}, spelled=clock.prefer == "speed"),)),
         *_forgetting(moved),
         Kernel("triangularise", n, _COLUMNS, ((_D, n),), counts=(band,)),
         *_noise(moved),

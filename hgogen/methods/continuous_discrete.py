@@ -15,15 +15,12 @@ from dataclasses import dataclass
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4
-from hgogen.kalman.factored import factored_lengths, unrolled
-from hgogen.kalman.looped import looped
+from hgogen.kalman.chosen import chosen
+from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
-
-UNROLLED = 7  # states up to which the covariance is straight-line code: at 10 it would be 30 kB of flash
-
 
 EQUATIONS = (
     "z <- z after classical Runge-Kutta of z' = f(z, u)",
@@ -45,8 +42,8 @@ class ContinuousDiscrete:
         return Explicit(RK4, "information").ode(part, clock)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
-        """Predict, then one scalar update for each output; loops where there are too many states to unroll."""
-        return (unrolled if part.dynamics.n <= UNROLLED else looped)(part, clock)
+        """Predict, then one scalar update for each output, as statements or as loops."""
+        return chosen(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
         """The step lengths that classical Runge-Kutta admits."""

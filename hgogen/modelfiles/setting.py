@@ -11,7 +11,7 @@ from hgogen.registry import cases
 if TYPE_CHECKING:
     from hgogen.call import CallableStep
     from hgogen.emit.syntax import Real
-    from hgogen.step import Guards
+    from hgogen.step import Guards, Prefer
 
 
 class UnknownCase(BadArgument):
@@ -21,14 +21,15 @@ class UnknownCase(BadArgument):
 @dataclass(frozen=True)
 class Setting:
     """A form and a method by name, the period `dt` in the model's unit of time, the precision `real`, "float" or
-    "double", the `guards`, "all" or "none", a file of values of `parameters` and one of a `tuning`; None for what its
-    file says."""
+    "double", the `guards`, "all" or "none", what to `prefer`, "speed" or "flash", a file of values of `parameters` and
+    one of a `tuning`; None for what its file says."""
 
     form: str | None = None
     method: str | None = None
     dt: float | None = None
     real: "Real | None" = None
     guards: "Guards | None" = None
+    prefer: "Prefer | None" = None
     parameters: Path | None = None
     tuning: Path | None = None
 
@@ -57,7 +58,7 @@ class Setting:
 
         form = getattr(forms, self.form) if self.form else None
         method = getattr(methods, self.method) if self.method else None
-        return step.made_again(form, method, self.dt, self.real, self.guards)
+        return step.made_again(form, method, self.dt, self.real, self.guards, self.prefer)
 
 
 AS_WRITTEN = Setting()

@@ -49,11 +49,11 @@ from hgogen.reading.time_unit import plural
 from hgogen.stepping.delays import delayed
 from hgogen.system import System
 
-_OPTIONS = ("between", "periods", "guards", "real")  # what `sample` takes beside method and dt
+_OPTIONS = ("between", "periods", "guards", "prefer", "real")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
 Start = Callable[[Form], Mapping[str, float]]
-_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "real": TEXT, "delays": TABLE}
+_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "prefer": TEXT, "real": TEXT, "delays": TABLE}
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Tuning:
         period = next((each for each in periods if each is not None), None)
         period = default() if period is None else period
         options = {key: table[key] for key in _OPTIONS if key in table}
-        options |= {key: value for key in ("real", "guards") if (value := getattr(self.setting, key))}
+        options |= {key: value for key in ("real", "guards", "prefer") if (value := getattr(self.setting, key))}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step
 

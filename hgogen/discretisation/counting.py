@@ -1,0 +1,99 @@
+"""Programs counted in operations: how many a period carries out, and how many the text of one holds.
+
+Both are what a choice between two programs is made by, and `emit.cost` reports the first. An operation is one of the
+program's instructions: an addition, a product, a comparison, a choice, a function.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.algebra.lookup import called, instructions
+from hgogen.discretisation.kernels import KERNELS
+from hgogen.program import Block, Call, Kernel, Loop, Statement, When, walk
+
+_FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
+OPERATION, FUNCTION = -1, -2  # of a kernel: an instruction, a root
+KERNEL = 20  # operations that the text of a kernel is as long as
+
+
+def carried_out(program: Sequence[Statement]) -> Counter[int]:
+    """How often each instruction is carried out in a period, by CasADi's number of it: every section runs, a `When`
+    takes its longer branch, a loop all its members."""
+    return sum(map(_statement, program), Counter())
+
+
+def written(program: Sequence[Statement]) -> int:
+    """How many operations the text of a program holds, where each statement is written out."""
+    blocks = (statement.graph for statement in walk(program) if isinstance(statement, Block))
+    kernels = (statement for statement in walk(program) if isinstance(statement, Kernel))
+    return sum(instructions_of(graph).total() for graph in blocks) + sum(KERNEL for _ in kernels)
+
+
+def _statement(statement: Statement) -> Counter[int]:
+    if isinstance(statement, Block):
+        return instructions_of(statement.graph)
+    if isinstance(statement, Loop):
+        return Counter({op: statement.count * times for op, times in carried_out(statement.body).items()})
+    if isinstance(statement, When):
+        return max(carried_out(statement.body), carried_out(statement.otherwise), key=Counter.total)
+    if isinstance(statement, Call):
+        return carried_out(statement.section.program)
+    return _kernel(statement) if isinstance(statement, Kernel) else Counter()
+
+
+def instructions_of(graph: ca.Function) -> Counter[int]:
+    """The instructions of a graph, and of the routines that it calls, but for what costs nothing."""
+    times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
+    routines = [each for each in map(called, _calls(graph)) if isinstance(each, ca.Function)]
+    times[ca.OP_CALL] -= len(routines)
+    times = Counter({op: count for op, count in times.items() if op not in _FREE and count})
+    return sum(map(instructions_of, routines), times)
+
+
+def _calls(graph: ca.Function) -> list[Any]:
+    return [each for each in instructions(graph) if each.is_call()]
+
+
+def _kernel(kernel: Kernel) -> Counter[int]:
+    """By running it on numbers that count what is done to them."""
+    done: Counter[int] = Counter()
+
+    def counted(*shape: int) -> np.ndarray:
+        return np.array([_Counted(done) for _ in range(math.prod(shape))], dtype=object).reshape(shape)
+
+    columns = [counted(kernel.size, kernel.size)] if kernel.columns else []
+    KERNELS[kernel.name](*columns, *(counted(size) for _, size in kernel.arguments), *kernel.counts)
+    return done
+
+
+class _Counted:
+    """A number without a value, which is larger than any other, so that what is conditional is counted."""
+
+    def __init__(self, done: Counter[int]) -> None:
+        self.done = done
+
+    def _operation(self, other: Any) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented  # numpy then asks element by element
+        self.done[OPERATION] += 1
+        return self
+
+    def __gt__(self, _: Any) -> bool:
+        self.done[OPERATION] += 1
+        return True
+
+    def __le__(self, _: Any) -> bool:
+        self.done[OPERATION] += 1
+        return False
+
+    def sqrt(self) -> "_Counted":
+        """numpy's square root of an object."""
+        self.done[FUNCTION] += 1
+        return self
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _operation
