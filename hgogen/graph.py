@@ -1,6 +1,7 @@
 """The one door between SymPy, the language of the plant and of proof, and CasADi, that of all that follows."""
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -136,7 +137,7 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
 def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
     """a - b stays a subtraction, so that the C reads as the formula does."""
     total: Graph = None
-    for term in node.as_ordered_terms():
+    for term in _terms(node):
         negative = term.could_extract_minus_sign()
         value = inner(-term if negative else term)
         if total is None:
@@ -144,6 +145,17 @@ def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
         else:
             total = binary(ca.OP_SUB if negative else ca.OP_ADD, total, value)
     return total
+
+
+def _terms(node: sp.Add) -> list[sp.Expr]:
+    """The terms in SymPy's order, in which x10 comes after x2: of states alike, in their own order."""
+    if not any(re.search(r"\d\d", s.name) for s in node.free_symbols):
+        return list(node.as_ordered_terms())
+    counted = {s: re.sub(r"\d+", lambda digits: digits[0].zfill(6), s.name) for s in node.free_symbols}
+    names = {s: sp.Symbol(name, **s.assumptions0) for s, name in counted.items()}
+    terms = {term.xreplace(names): term for term in node.args}
+    ordered = sp.Add(*terms).as_ordered_terms()
+    return [terms[term] for term in ordered] if terms.keys() == {*ordered} else list(node.as_ordered_terms())
 
 
 def _product(node: sp.Mul, inner: Callable[[sp.Basic], Graph]) -> Graph:

@@ -22,10 +22,12 @@ import sympy as sp
 from emitted import compiled, files, run, step, tool
 
 import hgogen as hg
-from hgogen.emit.body import Target, body
+from hgogen.emit.body import body
 from hgogen.emit.csyntax import C
 from hgogen.emit.fold import COLUMNS
-from hgogen.emit.printer import Operand, Printer
+from hgogen.emit.looping import LoopPrinter
+from hgogen.emit.printer import Operand
+from hgogen.emit.rolled import Target
 from hgogen.emit.syntax import BeyondFloat
 from hgogen.step import BadStep
 from tests.sweep import by_turns
@@ -277,7 +279,7 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
     graph = ca.Function("graph", symbols, [ca.logic_not(compare(*symbols))])
     names = {"inputs": lambda argument, _: Operand("ab"[argument]), "local": lambda argument, _: "ab"[argument]}
     constants, result = body(
-        Printer(C, "unsigned", "x", **names), graph, [Target(lambda text: text, flag=True)], [], []
+        LoopPrinter(C, "unsigned", "x", **names), graph, [Target(lambda text: text, flag=True)], [], []
     )
     assert not constants.lines
     (line,) = result.lines
@@ -290,7 +292,7 @@ def test_a_bit_that_is_never_raised_is_not_printed() -> None:
     never, always = (
         Target(lambda _, line=f"raise {name};": line, raised=lambda test: (test,)) for name in ("never", "always")
     )
-    printer = Printer(C, "float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
+    printer = LoopPrinter(C, "float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
     constants, result = body(printer, graph, [never, always], [], [])
     assert (constants.lines, result.lines) == ((), ("raise always;",))
 

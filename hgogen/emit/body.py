@@ -1,36 +1,18 @@
 """The body of a block or a function: the constants that it declares, and its statements."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from itertools import islice
 
 import casadi as ca
 
-from hgogen.emit.code import NOTHING, Code, Uses, united
+from hgogen.emit.code import Code, united
+from hgogen.emit.looping import LoopPrinter
 from hgogen.emit.node import ELEMENT, Node, ordered, read
-from hgogen.emit.printer import Printer
-
-
-@dataclass(frozen=True)
-class Target:
-    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value.
-
-    `raised`: of a bit of the status, the lines that raise it where a truth value holds, of its text; `write` then makes
-    the statement that raises it in any case.
-
-    `source`: the input element that is this same place; writing it back unchanged is left out. `uses`: what the
-    statement uses beside the text.
-    """
-
-    write: Callable[[str], str]
-    flag: bool = False
-    raised: Callable[[str], Sequence[str]] | None = None
-    source: tuple[int, int] | None = None
-    uses: Uses = NOTHING
+from hgogen.emit.rolled import Statement, Target, rolled
 
 
 def body(
-    printer: Printer,
+    printer: LoopPrinter,
     function: ca.Function,
     targets: Sequence[Target],
     names: Sequence[tuple[str, int]],
@@ -47,21 +29,27 @@ def body(
     for node in ordered(nodes):
         if node.routine:
             printer.arrange(node)
-    printer.count(node for node, _ in pairs)
-    _hoist(printer, [node for node, _ in pairs], hoist)
+    statements = rolled(pairs, printer.goes_through, hoist, printer.least)
+    roots = [statement.node for statement in statements]
+    printer.count(roots)
+    _hoist(printer, roots, hoist)
     rest = iter(named)
     columns = [(name, list(islice(rest, size))) for name, size in names]
     for name, column in columns:
         _label(name, column)
+    for node in ordered(roots):
+        if node.routine:
+            printer.label(node)
     for name, column in columns:
         _declare(printer, name, column)
-    for node, _ in pairs:
+    for node in roots:
         printer.prepare(node)
-        if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
+        if not node.name and not node.inside and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
             printer.declare(node, printer.number())
-    written = [line for node, target in pairs for line in _written(printer, node, target)]
+    written = [line for statement in statements for line in _written(printer, statement)]
     uses = united(printer.uses)
-    return Code(tuple(printer.lines), uses), Code(tuple(written), united([uses, *(t.uses for _, t in pairs)]))
+    where = (target.uses for statement in statements for target in statement.targets)
+    return Code(tuple(printer.lines), uses), Code(tuple(written), united([uses, *where]))
 
 
 def _label(name: str, column: list[Node]) -> None:
@@ -71,7 +59,7 @@ def _label(name: str, column: list[Node]) -> None:
             node.args[0].labels.setdefault(node.element[0], name)
 
 
-def _declare(printer: Printer, name: str, column: list[Node]) -> None:
+def _declare(printer: LoopPrinter, name: str, column: list[Node]) -> None:
     """Declare a value that has a name, element by element."""
     for k, node in enumerate(column):
         if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
@@ -79,7 +67,10 @@ def _declare(printer: Printer, name: str, column: list[Node]) -> None:
             printer.declare(node, name if len(column) == 1 else f"{name}{k + 1}")
 
 
-def _written(printer: Printer, node: Node, target: Target) -> Sequence[str]:
+def _written(printer: LoopPrinter, statement: Statement) -> Sequence[str]:
+    node, (target, *others) = statement.node, statement.targets
+    if others:
+        return printer.written(node, statement.targets)
     if not target.raised:
         return [target.write(printer.truth(node) if target.flag else printer.value(node))]
     if node.op == ca.OP_CONST:
@@ -87,7 +78,7 @@ def _written(printer: Printer, node: Node, target: Target) -> Sequence[str]:
     return target.raised(printer.truth(node))
 
 
-def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
+def _hoist(printer: LoopPrinter, roots: list[Node], hoist: Collection[int]) -> None:
     """Declare the inputs that the block also writes, before anything is written."""
     inputs = {node.source: node for node in ordered(roots) if node.op == ca.OP_INPUT and node.source[0] in hoist}
     for source, node in sorted(inputs.items(), key=lambda item: item[0]):

@@ -6,13 +6,15 @@ from collections.abc import Collection
 
 import casadi as ca
 
-from hgogen.emit.body import Target, body
+from hgogen.emit.body import body
 from hgogen.emit.code import Code, code, joined, spaced
 from hgogen.emit.elementary import elementary, power_of_two
+from hgogen.emit.looping import LoopPrinter
 from hgogen.emit.operations import CALLS
 from hgogen.emit.portable import called_by, chosen, small
 from hgogen.emit.primitives import POWER_OF_TWO
-from hgogen.emit.printer import Operand, Printer
+from hgogen.emit.printer import Operand
+from hgogen.emit.rolled import Target
 from hgogen.emit.syntax import Real, Syntax
 
 _MEANINGS = {POWER_OF_TWO: "2^x for whole x, where that is a normal number"}
@@ -64,7 +66,7 @@ def _graph(name: str, real: Real) -> ca.Function:
 
 def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
     names = arguments(name)
-    printer = Printer(
+    printer = LoopPrinter(
         syntax,
         real=real,
         prefix=prefix,

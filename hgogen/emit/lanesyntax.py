@@ -27,6 +27,10 @@ class Lanes(Syntax):
     prefix: str = ""
     alike: bool = False
 
+    def number(self, value: int) -> str:
+        """A plain number: that of an element is the same in each lane."""
+        return C.number(value)
+
     def marked(self, digits: str, kind: Number) -> str:
         """A number, the same in each lane."""
         if self.alike and kind == "unsigned":
@@ -70,6 +74,7 @@ def lanes(prefix: str, real: Real) -> Lanes:
         analysed=False,
         equal=False,
         limited=None,
+        fixed=C.gathered,
         around={},
         instead={
             "abs": ("", f"return {absolute};"),

@@ -198,9 +198,6 @@ class LaneWriter(Writer):
                 after += each.all(f"{each.element} = {back};")
         return braced("{", before + super()._kernel(kernel) + after)
 
-    def _compiled_in(self, count: int) -> str:
-        return f"{count}u"
-
     def _changed(self, kernel: Kernel) -> Iterator["_Array"]:
         """The arrays that a kernel may write."""
         operands = [*([(kernel.columns, kernel.size)] if kernel.columns else []), *kernel.arguments]

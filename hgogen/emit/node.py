@@ -27,6 +27,11 @@ class Node:
     element: tuple[int, int] = (0, 0)  # of what a routine computes: result, element
     labels: dict[int, str] = field(default_factory=dict)  # of a call of a routine: the names of its results
     passed: tuple[tuple["Node", ...], ...] = ()  # of a call of a routine: what it passes for each argument
+    count: int = 0  # of what a loop computes: how often it runs
+    step: int = 0  # of an element that moves with a loop, which at first is that of `source` or `element`
+    inside: bool = False  # whether it is another value each time that a loop around it runs
+    fold: int = 0  # of what a loop sums up: the operation
+    table: tuple[float, ...] = ()
 
 
 _PAIRED = {ca.OP_OR: ca.OP_LT, ca.OP_AND: ca.OP_LE}
@@ -36,6 +41,10 @@ ELEMENT = -5  # of what a routine computes
 NEAREST = -6  # the whole number nearest to one
 ARRAY = -7  # all of an argument, as a routine is passed it
 POWER_OF_TWO = -12
+FILL = -21  # an array whose elements a loop computes, each as the argument says
+FOLD = -22  # what a loop makes of a first value and of one more each time, as the arguments say
+AT = -23  # the element at which a loop is, of an input, or of the array that is the argument
+TABLE = -24  # an array of numbers
 _PRIMITIVES = {primitives.NEAREST: NEAREST, primitives.POWER_OF_TWO: POWER_OF_TWO}
 PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}  # functions of ours
 PATTERNS |= {op: name for name, op in _PRIMITIVES.items()}
@@ -145,7 +154,9 @@ def _by_size(op: int, args: tuple[Node, ...]) -> Node | None:
 
 
 def opposite(low: Node, high: Node) -> bool:
-    """Whether they are the numbers -b and b, b > 0."""
+    """Whether they are the numbers -b and b, b > 0, of a table too."""
+    if high.op == AT and low.op == ca.OP_NEG:
+        return low.args[0] is high and high.args[0].op == TABLE and min(high.args[0].table) > 0
     return low.op == high.op == ca.OP_CONST and -low.constant == high.constant > 0
 
 
@@ -165,4 +176,4 @@ def negated(node: Node) -> Node:
 
 def boolean(node: Node) -> bool:
     """Whether the value is a truth value."""
-    return node.op in _BOOLEAN or node.op == WITHIN
+    return node.op in _BOOLEAN or node.op == WITHIN or (node.op == FOLD and node.fold in _BOOLEAN)

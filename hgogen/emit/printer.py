@@ -15,6 +15,7 @@ import casadi as ca
 from hgogen.emit.code import NOTHING, TRUTH, Uses
 from hgogen.emit.node import (
     ARRAY,
+    AT,
     CHOOSE,
     CLAMP,
     ELEMENT,
@@ -46,7 +47,7 @@ WIDTH = 92  # longest expression that is written in place
 
 def _binding(node: Node) -> float:
     """How tightly the text of a value binds."""
-    if node.name or node.op == ELEMENT:
+    if node.name or node.op in (ELEMENT, AT):
         return ATOM
     if node.op in (CHOOSE, ca.OP_IF_ELSE_ZERO) or boolean(node):
         return SELECT
@@ -126,15 +127,24 @@ class Printer:
                 continue
             if not ready:
                 stack.append((node, True))
-                stack.extend((child, False) for child in reversed(node.args))
+                stack.extend((child, False) for child in reversed(self.needs(node)))
                 continue
             done.add(id(node))
             repeated = not node.routine and any(a is b for i, a in enumerate(node.args) for b in node.args[i + 1 :])
             for child in node.args:
                 if repeated and child.op not in (ca.OP_CONST, ca.OP_INPUT) and not child.name:
                     self.declare(child, self.number())
-            if node is not root and self.worthy(node):
-                self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
+            if node is not root:
+                self.declare_worthy(node)
+
+    def declare_worthy(self, node: Node) -> None:
+        """Declare a value that is better declared than written in place."""
+        if self.worthy(node):
+            self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
+
+    def needs(self, node: Node) -> Sequence[Node]:
+        """What is declared before a value, where it is declared."""
+        return node.args
 
     def number(self) -> str:
         """The next temporary."""
@@ -242,8 +252,8 @@ class Printer:
             return by_read(self.whole(first.source[0])[0])
         if all(n.op == ELEMENT and n.args == first.args and n.element[1] == k for k, n in enumerate(column)):
             (call,), (result, _) = first.args, first.element
-            results = call.routine.results if call.routine else ()
-            if {n.element[0] for n in column} == {result} and results[result][1] == len(column):
+            size = call.routine.results[result][1] if call.routine else call.count
+            if {n.element[0] for n in column} == {result} and size == len(column):
                 return by_read(call.labels[result])
         values, name = ", ".join(map(self.value, column)), self.fresh(name)
         self.lines.append(self._array(self.syntax.gathered, name, len(column), values=values))

@@ -4,9 +4,11 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from hgogen.discretisation.routine import MEANINGS
-from hgogen.emit.body import Target, body
+from hgogen.emit.body import body
 from hgogen.emit.code import Code, code, joined
-from hgogen.emit.printer import Operand, Printer
+from hgogen.emit.looping import LoopPrinter
+from hgogen.emit.printer import Operand
+from hgogen.emit.rolled import Target
 from hgogen.emit.statements import Writer
 from hgogen.emit.subprograms import Subprogram
 
@@ -35,25 +37,41 @@ class _Function:
     def _statements(self) -> Code:
         routine = self.subprogram.routine
         names = (name for each in self.subprogram.passed for name in each.names)
-        printer = Printer(
+        printer = LoopPrinter(
             self.writer.syntax,
             real=self.writer.real,
             prefix=self.writer.prefix,
             inputs=self._read,
             local=lambda argument, element: routine.arguments[argument].local(element),
+            indexed=self._indexed,
+            least=self.writer.least,
             taken={"p", *(name for name, _ in routine.results), *names},
         )
-        places = [f"{name}[{k}]" for name, size in routine.results for k in range(size)]
+        places = [(name, k) for name, size in routine.results for k in range(size)]
         entries = [entry for k in range(len(routine.results)) for entry in routine.entries(k)]
-        targets = [self._written(place, entry) for place, entry in zip(places, entries, strict=True)]
+        targets = [self._written(*place, entry) for place, entry in zip(places, entries, strict=True)]
         arrays = [each.number for each in self.subprogram.passed if not each.by_value]
         constants, statements = body(printer, routine.function, targets, [], arrays)
         return constants + statements
 
-    def _written(self, place: str, entry: str) -> Target:
+    def _written(self, name: str, k: int, entry: str) -> Target:
         """Where an element goes; of a matrix a comment says which it is."""
         said = f" {self.writer.syntax.comment(entry)}" if entry else ""
-        return Target(lambda text: f"{place} = {text};{said}")
+        return Target(
+            lambda text: f"{name}[{k}] = {text};{said}",
+            array=name,
+            element=k,
+            each=lambda number, text: f"{name}[{number}] = {text};",
+        )
+
+    def _indexed(self, number: int) -> str:
+        """The text of an argument that is an array, else ""."""
+        argument = self.subprogram.routine.arguments[number]
+        for each in self.subprogram.passed:
+            if each.number == number:
+                return "" if each.by_value else argument.label
+        assert argument.place
+        return self.writer.indexed(argument.place, argument.size)
 
     def _read(self, number: int, element: int) -> Operand:
         argument = self.subprogram.routine.arguments[number]

@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-from hgogen.emit.body import Target, body
+from hgogen.emit.body import body
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
 from hgogen.emit.described import entry
 from hgogen.emit.interface import REACHED, of_section, reached
 from hgogen.emit.kinds import Kinds
+from hgogen.emit.looping import LEAST, NEVER, LoopPrinter
 from hgogen.emit.portable import passed
-from hgogen.emit.printer import Operand, Printer
+from hgogen.emit.printer import Operand
+from hgogen.emit.rolled import Target
 from hgogen.emit.subprograms import Subprogram, subprograms
 from hgogen.emit.syntax import Number, Real, Rows, Syntax
 from hgogen.graph import sx
@@ -38,6 +40,11 @@ class Writer:
     def prefix(self) -> str:
         """What every name of a file's own begins with."""
         return self.step.name
+
+    @property
+    def least(self) -> int:
+        """How often a loop runs at least."""
+        return LEAST[self.step.prefer]
 
     @cached_property
     def kinds(self) -> Kinds:
@@ -177,16 +184,12 @@ class Writer:
     def _kernel(self, kernel: Kernel) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []
         operands += [place for place, _ in kernel.arguments]
-        values = [*map(self.whole, operands), *map(self._compiled_in, kernel.counts)]
+        values = [*map(self.whole, operands), *map(self.syntax.number, kernel.counts)]
         texts = (how.format(value) for value, how in zip(values, passed(self.syntax, kernel.name), strict=True))
         call = f"{self.prefix}_{kernel.name}({', '.join(texts)})"
         uses = self.uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
         result = kernel.result and self._assigned(kernel.result, self.whole(kernel.result), call)
         return Code((result or f"{call};",), uses)
-
-    def _compiled_in(self, count: int) -> str:
-        """A count that a kernel is told."""
-        return self.literal(count, "unsigned")
 
     def _limited(self, block: Block, limited: Callable[[Rows], Sequence[str]]) -> Code:
         """A loop over a table of ranges."""
@@ -222,7 +225,7 @@ class Writer:
     def _written(self, block: Block, taken: frozenset[str]) -> Code:
         reads, written = block.reads, set(block.writes)
         real: Number = "unsigned" if self.kinds.counts(block) else self.real
-        printer = Printer(
+        printer = LoopPrinter(
             self.syntax,
             real=real,
             prefix=self.prefix,
@@ -231,6 +234,8 @@ class Writer:
             is_flag=lambda argument: reads[argument][0] in self.kinds.flags,
             routines=self.subprograms,
             whole=lambda argument: (self.whole(reads[argument][0]), reads[argument][1]),
+            indexed=lambda argument: self.indexed(*reads[argument]),
+            least=NEVER if block.spelled else self.least,
             taken=set(taken),
         )
         sources = {place: argument for argument, (place, _) in enumerate(reads)}
@@ -254,6 +259,15 @@ class Writer:
             cast = self.syntax.cast.format(type=self.syntax.types[real], value=text)
             return Operand(cast, self.syntax.casted, local=False, uses=uses)
         return Operand(text, local=size == 1 and place.struct == "work", uses=uses)
+
+    def indexed(self, place: Place, size: int) -> str:
+        """The text of an array of real numbers; "" where it is none, or for speed the triangle of a matrix, which is
+        written out where it is small."""
+        if size == 1 or self.kinds.is_index(place) or place in self.kinds.flags:
+            return ""
+        known = self.kinds.fields.get(place)
+        triangle = known is not None and bool(known.entries)
+        return "" if triangle and self.step.prefer == "speed" else self.whole(place)
 
     def _local(self, place: Place, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""
@@ -280,7 +294,16 @@ class Writer:
             cast = self.syntax.cast.format(type=self.syntax.types["unsigned"], value="({})")
             return Target(lambda text: self._assigned(place, target, cast.format(text)), source=source, uses=uses)
         flag = place in self.kinds.flags and size == 1
-        return Target(lambda text: self._assigned(place, target, text), flag=flag, source=source, uses=uses)
+        array = self.indexed(place, size)
+        return Target(
+            lambda text: self._assigned(place, target, text),
+            flag=flag,
+            array=array,
+            element=element,
+            each=(lambda number, text: self._assigned(place, f"{array}[{number}]", text)) if array else None,
+            source=source,
+            uses=uses,
+        )
 
     def _assigned(self, place: Place, target: str, text: str) -> str:
         """The statement that gives an element of a place a value, by their texts."""

@@ -200,6 +200,10 @@ class Syntax:
         """A number as the language writes it."""
         return self.marked(digits(value, kind), kind)
 
+    def number(self, value: int) -> str:
+        """A number by which a loop of its own counts, or an element of an array is named."""
+        return self.literal(value, "unsigned")
+
     def marked(self, digits: str, kind: Number) -> str:
         """The digits of a number as a literal of its kind."""
         return f"{digits}{self.suffixes[kind]}"

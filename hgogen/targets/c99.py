@@ -5,7 +5,7 @@ bit mask with 0 for ok. Compile with `-ffp-contract=off` for the same bits on ev
 FLT_EVAL_METHOD is 0.
 """
 
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 from hgogen.emit.ccheck import check as self_check
 from hgogen.emit.cfunction import Prototype, inside, own, prototypes, readied
@@ -17,6 +17,7 @@ from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
 from hgogen.emit.fold import folded
 from hgogen.emit.interface import of_section
+from hgogen.emit.looping import LEAST, NEVER
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.sharing import SharingWriter
@@ -157,12 +158,20 @@ def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
     return code(*said, str(prototype), "{") + inner.indented() + code("}")
 
 
-def _assign(start: str, item: Field, real: Real) -> Code:
+def _assign(start: str, item: Field, real: Real, least: int) -> Code:
+    """An array that begins with one number everywhere is filled by a loop, from so many elements on."""
     counts = item.kind == "index"
     texts = [C.literal(value, "unsigned" if counts else real) for value in item.initial]
+    widest = int(max(item.initial)) if counts else 0
+    if item.size >= least and len(set(texts)) == 1:
+        (head,) = C.loop("j", C.number(0), C.number(item.size), "", True)
+        return braced(head, code(f"{start}{item.name}[j] = {texts[0]};")) + code(widest=max(widest, item.size))
     places = [f"{start}{item.name}{f'[{i}]' if item.size > 1 else ''}" for i in range(item.size)]
-    lines = (f"{place} = {text};" for place, text in zip(places, texts, strict=True))
-    return code(*lines, widest=int(max(item.initial)) if counts else 0)
+    return code(*(f"{place} = {text};" for place, text in zip(places, texts, strict=True)), widest=widest)
+
+
+def _least(step: Step, item: Field) -> int:
+    return NEVER if item.entries and step.prefer == "speed" else LEAST[step.prefer]
 
 
 def _reset(writer: SharingWriter) -> Code:
@@ -170,17 +179,22 @@ def _reset(writer: SharingWriter) -> Code:
     step, real, done = writer.step, writer.real, writer.fresh
     marked = (f"s->{step.mark.name} = {step.name.upper()}_READY;",) if step.mark else ()
     lines = code(*marked, parameters="s")
-    lines += joined(_assign("s->", item, real) for item in step.state if Place("state", item.name) not in done)
-    lines += _fresh("s->", step.groups, real, done)
+    for item in step.state:
+        if Place("state", item.name) not in done:
+            lines += _assign("s->", item, real, _least(step, item))
+    lines += _fresh("s->", writer, step.groups)
     return lines + joined(part.call for part in dict.fromkeys(done.values()))
 
 
-def _fresh(start: str, groups: Iterable[Group], real: Real, done: Container[Place], k: str = "k") -> Code:
+def _fresh(start: str, writer: SharingWriter, groups: Iterable[Group], k: str = "k") -> Code:
     lines = Code()
     for group in groups:
-        one = f"{start}{group.name}[{k}]."
-        inner = joined(_assign(one, f, real) for f in group.fields if Place(group.name, f.name) not in done)
-        inner += _fresh(one, group.groups, real, done, "k2")
+        one, left = (
+            f"{start}{group.name}[{k}].",
+            (f for f in group.fields if Place(group.name, f.name) not in writer.fresh),
+        )
+        inner = joined(_assign(one, f, writer.real, _least(writer.step, f)) for f in left)
+        inner += _fresh(one, writer, group.groups, "k2")
         if inner.lines:
             head = f"for (unsigned {k} = 0u; {k} < {group.count}u; ++{k}) {{"
             lines += braced(head, inner) + code(widest=group.count)
@@ -189,6 +203,6 @@ def _fresh(start: str, groups: Iterable[Group], real: Real, done: Container[Plac
 
 def _init(step: Step, real: Real) -> Code:
     kinds = (("plant", map(named, step.plant)), ("gain", step.gains))
-    lines = joined(_assign(f"p->{kind}.", f, real) for kind, fields in kinds for f in fields)
+    lines = joined(_assign(f"p->{kind}.", f, real, _least(step, f)) for kind, fields in kinds for f in fields)
     calls = [prototypes(step)[name].call(own) for name in ("tune", "reset")]
     return lines + code(f"(void){calls[0]};", f"{calls[1]};", parameters="ps")

@@ -1,0 +1,276 @@
+"""The statements of a block with loops in them: where values are alike, one loop computes them.
+
+A value that two statements need, and what a routine is passed, goes to an array that a loop fills; a long sum, or a
+long conjunction, grows in a loop; elements of an array that are written alike are written in a loop. Each value is
+computed by the same operations as without loops, and so has the same bits.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+
+import casadi as ca
+
+from hgogen.emit.alike import LEAVES, Shape, Shapes, length, owners, runs
+from hgogen.emit.code import NOTHING, Uses
+from hgogen.emit.node import AT, CLAMP, ELEMENT, FILL, FOLD, TABLE, Node, boolean, opposite, ordered
+
+FOLDED = (ca.OP_ADD, ca.OP_AND, ca.OP_OR)
+Source = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value.
+
+    `raised`: of a bit of the status, the lines that raise it where a truth value holds, of its text; `write` then makes
+    the statement that raises it in any case.
+
+    `array`, `element`: of an element of an array, of which, and its number; `each` then makes the statement of the text
+    of a number and of its value. `source`: the input element that is this same place; writing it back unchanged is left
+    out. `uses`: what the statement uses beside the text.
+    """
+
+    write: Callable[[str], str]
+    flag: bool = False
+    raised: Callable[[str], Sequence[str]] | None = None
+    array: Hashable = None
+    element: int = 0
+    each: Callable[[str, str], str] | None = None
+    source: Source | None = None
+    uses: Uses = NOTHING
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A value and where it goes; in a loop, the value at which it is, and the targets in order."""
+
+    node: Node
+    targets: tuple[Target, ...]
+
+
+Pair = tuple[Node, Target]
+
+
+def rolled(
+    pairs: Sequence[Pair], indexed: Callable[[int], bool], hoist: Collection[int], least: int
+) -> list[Statement]:
+    """The statements of a block: loops for what is alike, and one for each other pair.
+
+    `indexed`: whether a loop can go through an argument; `hoist`: arguments that the block also writes; `least`: how
+    often a loop runs at least.
+    """
+    nodes = ordered(node for node, _ in pairs)
+    if max(len(nodes), len(pairs)) < least:
+        return [Statement(node, (target,)) for node, target in pairs]
+    return list(_safe(_Rolling(pairs, nodes, indexed, least).statements(), hoist))
+
+
+@dataclass(frozen=True)
+class _Rolling:
+    """Finds loops in the values of a block, every one after those that it takes."""
+
+    pairs: Sequence[Pair]
+    nodes: list[Node]
+    indexed: Callable[[int], bool]
+    least: int
+
+    def statements(self) -> list[Statement]:
+        users = Counter(id(node) for node in (*(n for n, _ in self.pairs), *(a for n in self.nodes for a in n.args)))
+        passed = {id(argument) for node in self.nodes if node.routine for argument in node.args}
+        chains = self._chains(passed, users)
+        terms = {id(term) for _, terms in chains for term in terms if users[id(term)] == 1}
+        owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed | terms)
+        shapes = Shapes({node for node, own in owner.items() if node == own}, self.indexed)
+        unify = _Unify()
+        for alike in self._by_height(shapes.whole - terms):
+            for run in runs([(shapes.of(node), node) for node in alike], self.least):
+                unify.filled(run)
+        for top, parts in chains:
+            if top.op in FOLDED:
+                _folded(top, parts, [shapes.of(term, opened=id(term) in terms) for term in parts], unify, self.least)
+        return self._written(shapes, unify)
+
+    def _by_height(self, chosen: set[int]) -> Iterator[list[Node]]:
+        """The chosen values that a loop can compute, those first that none of the others need."""
+        height, levels = dict[int, int](), dict[int, list[Node]]()
+        for node in self.nodes:
+            level = height[id(node)] = 1 + max((height[id(child)] for child in node.args), default=0)
+            if id(node) in chosen and node.op not in LEAVES and not node.routine and not boolean(node):
+                levels.setdefault(level, []).append(node)
+        return (levels[level] for level in sorted(levels))
+
+    def _chains(self, passed: set[int], users: Counter[int]) -> list[tuple[Node, list[Node]]]:
+        """Long sums and the like that are no row among rows alike, with their terms in order; inner ones first."""
+        owner = owners(self.nodes, [[node] for node, _ in self.pairs], passed)
+        shapes = Shapes({node for node, own in owner.items() if node == own}, self.indexed, nameless=True)
+        statements = [(-1 - k, node, target.array) for k, (node, target) in enumerate(self.pairs)]
+        statements += [(id(node), node, "") for node in self.nodes if id(node) in shapes.whole]
+        keys = {number: (shapes.of(node).key, array) for number, node, array in statements}
+        alike = Counter(keys.values())
+        inner, chains = set[int](), list[tuple[Node, list[Node]]]()
+        for node in reversed(self.nodes):
+            key = keys.get(owner[id(node)])
+            row = key is not None and alike[key] >= self.least
+            if node.op in FOLDED and id(node) not in inner and not row:
+                spine, terms = _spine(node, lambda child: users[id(child)] == 1 and id(child) not in passed)
+                inner |= spine
+                chains += [(node, terms)] if len(terms) >= self.least else []
+        return chains[::-1]
+
+    def _written(self, shapes: Shapes, unify: "_Unify") -> list[Statement]:
+        """The statements, a loop where its first one was."""
+        numbers = dict[Hashable, list[tuple[Shape, int]]]()
+        for k, (node, target) in enumerate(self.pairs):
+            if target.each:
+                shape = shapes.of(node, opened=False, before=(target.element,))
+                numbers.setdefault(target.array, []).append((shape, k))
+        first = {run[0]: run for rows in numbers.values() for run in runs(rows, self.least)}
+        first = {min(run): run for run in first.values()}
+        inside = {k for run in first.values() for k in run}
+        statements = list[Statement]()
+        for k, (node, target) in enumerate(self.pairs):
+            if k in first:
+                members = [self.pairs[number] for number in first[k]]
+                node, targets = unify([node for node, _ in members]), tuple(target for _, target in members)
+                statements.append(Statement(node, targets))
+            elif k not in inside:
+                statements.append(Statement(node, (target,)))
+        return statements
+
+
+def _spine(top: Node, inner: Callable[[Node], bool]) -> tuple[set[int], list[Node]]:
+    """The values along a sum of sums, and its terms in the order in which they are added."""
+    spine, terms, node = {id(top)}, list[Node](), top
+    while True:
+        ways = [k for k, child in enumerate(node.args) if child.op == top.op and inner(child)]
+        if not ways:
+            return spine, [*node.args, *reversed(terms)]
+        terms.append(node.args[1 - ways[0]])
+        node = node.args[ways[0]]
+        spine.add(id(node))
+
+
+class _Unify:
+    """Makes one value of values alike: that at which a loop is."""
+
+    def __init__(self) -> None:
+        self.tables = dict[tuple[str, ...], Node]()
+
+    def __call__(self, nodes: Sequence[Node]) -> Node:
+        """The value at which a loop through these is."""
+        return self._one(tuple(nodes), {})
+
+    def filled(self, nodes: Sequence[Node]) -> None:
+        """Make these values the elements of an array that a loop fills."""
+        fill = Node(FILL, (self(nodes),), count=len(nodes))
+        for k, node in enumerate(nodes):
+            _become(node, Node(ELEMENT, (fill,), element=(0, k)))
+
+    def _one(self, nodes: tuple[Node, ...], done: dict[tuple[int, ...], Node]) -> Node:
+        first, second = nodes[:2] if len(nodes) > 1 else nodes * 2
+        if all(node is first for node in nodes):
+            return first
+        key = tuple(map(id, nodes))
+        if key not in done:
+            done[key] = self._moving(nodes, first, second, done)
+        return done[key]
+
+    def _moving(self, nodes: tuple[Node, ...], first: Node, second: Node, done: dict[tuple[int, ...], Node]) -> Node:
+        if first.op == ca.OP_CONST:
+            return self._number(nodes)
+        if first.op == ca.OP_INPUT:
+            step = second.source[1] - first.source[1]
+            return Node(AT, source=first.source, step=step, inside=True)
+        if first.op == ELEMENT:
+            step = second.element[1] - first.element[1]
+            return Node(AT, first.args, element=first.element, step=step, inside=True)
+        args = tuple(self._one(column, done) for column in zip(*(node.args for node in nodes), strict=True))
+        if first.op == CLAMP and all(opposite(*node.args[1:]) for node in nodes):
+            value, _, high = args
+            args = (value, Node(ca.OP_NEG, (high,), inside=True), high) if high.inside else args
+        return Node(first.op, args, lookup=first.lookup, inside=True)
+
+    def _number(self, nodes: Sequence[Node]) -> Node:
+        """A number, or one of a table."""
+        numbers = tuple(repr(node.constant) for node in nodes)
+        if len(set(numbers)) == 1:
+            return nodes[0]
+        table = self.tables.setdefault(numbers, Node(TABLE, table=tuple(node.constant for node in nodes)))
+        return Node(AT, (table,), step=1, inside=True)
+
+
+def _folded(top: Node, terms: Sequence[Node], shapes: Sequence[Shape], unify: _Unify, least: int) -> None:
+    """Make a sum one that grows in loops, where its terms are alike."""
+    if all(_alike(shapes[k:]) < least for k in range(len(shapes))):
+        return
+    total, k = None, 0
+    while k < len(terms):
+        if (count := _alike(shapes[k:])) < least:
+            total = terms[k] if total is None else Node(top.op, (total, terms[k]))
+            k += 1
+            continue
+        if total is None:
+            logic = top.op != ca.OP_ADD
+            total = Node(ca.OP_CONST, constant=float(top.op == ca.OP_AND)) if logic else terms[k]
+            k, count = (k, count) if logic else (k + 1, count - 1)
+        total = Node(FOLD, (total, unify(terms[k : k + count])), fold=top.op, count=count)
+        k += count
+    assert total is not None
+    _become(top, total)
+
+
+def _alike(shapes: Sequence[Shape]) -> int:
+    """How many terms, from the first, are alike and go on by equal steps."""
+    elements = list[tuple[int, ...]]()
+    for shape in shapes:
+        if shape.key != shapes[0].key:
+            break
+        elements.append(shape.elements)
+    return length(elements)
+
+
+def _become(node: Node, other: Node) -> None:
+    """Make a value another one, for all that take it."""
+    for each in fields(Node):
+        setattr(node, each.name, getattr(other, each.name))
+
+
+def _safe(statements: Sequence[Statement], hoist: Collection[int]) -> Iterator[Statement]:
+    """The statements, of which a loop that would read what is written before has its values computed in advance."""
+    written = set[Source]()
+    for each in statements:
+        if len(each.targets) > 1 and not _reads_before(each, written, hoist):
+            fill = Node(FILL, (each.node,), count=len(each.targets))
+            yield replace(each, node=Node(AT, (fill,), step=1, inside=True))
+        else:
+            yield each
+        written |= {target.source for target in each.targets if target.source}
+
+
+def _reads_before(statement: Statement, written: set[Source], hoist: Collection[int]) -> bool:
+    """Whether a loop reads each element before it is written, by statements before it or by the loop."""
+    through = [node for node in _inside(statement.node) if node.op == AT and not node.args and node.source[0] in hoist]
+    written = set(written)
+    for k, target in enumerate(statement.targets):
+        if any((node.source[0], node.source[1] + k * node.step) in written for node in through):
+            return False
+        written |= {target.source} if target.source else set()
+    return True
+
+
+def _inside(root: Node) -> Iterator[Node]:
+    """The values that are others each time that the loop runs."""
+    stack, seen = [root], set[int]()
+    while stack:
+        node = stack.pop()
+        if node.inside and id(node) not in seen:
+            seen.add(id(node))
+            yield node
+            stack += node.args
+
+
+def outside(roots: Sequence[Node]) -> list[Node]:
+    """What a loop that computes these values needs before it runs."""
+    result = [root for root in roots if not root.inside]
+    return result + [child for root in roots for node in _inside(root) for child in node.args if not child.inside]

@@ -1,0 +1,206 @@
+"""Loops in the place of statements alike: the same bits, whatever is read and written, and a text that stays short."""
+
+import ctypes
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import casadi as ca
+import emitted
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import hgogen as hg
+from hgogen.calling import native
+from hgogen.emit.body import body
+from hgogen.emit.csyntax import C
+from hgogen.emit.looping import LEAST, NEVER, LoopPrinter
+from hgogen.emit.printer import Operand
+from hgogen.emit.rolled import Target
+
+N = 9
+ARRAYS = ("a", "z", "w")  # of which the last two are written
+Rows = Callable[[Mapping[str, list[ca.SX]], int, float], list[ca.SX]]
+compiled = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
+
+
+def clipped(column: list[ca.SX], k: int) -> ca.SX:
+    return column[min(max(k, 0), N - 1)]
+
+
+# what a row k may be, of arrays, a shift and a number
+ROWS: Mapping[str, Rows] = {
+    "shifted": lambda at, s, c: [clipped(at["z"], k + s) * at["a"][k] + c for k in range(N)],
+    "turned round": lambda at, s, c: [at["z"][N - 1 - k] - c * at["a"][k] for k in range(N)],
+    "with its own number": lambda at, s, c: [(c + k) * at["w"][k] + clipped(at["z"], s) for k in range(N)],
+    "strided": lambda at, s, c: [at["w"][0], *(clipped(at["z"], 2 * k - 1) + at["a"][k] for k in range(1, N))],
+    "a number": lambda at, s, c: [ca.SX(c)] * N,
+    "a copy": lambda at, s, c: [clipped(at["w"], k + s) for k in range(N)],
+    "of shared values": lambda at, s, c: shared(at, s, c),
+    "of one sum": lambda at, s, c: [total(at, c) * at["a"][k] for k in range(N)],
+    "of a sum each": lambda at, s, c: [total({**at, "z": at["z"][k:] + at["z"][:k]}, c) for k in range(N)],
+    "of the one before": lambda at, s, c: chained(at, c),
+    "a choice": lambda at, s, c: [ca.if_else(everywhere(at, c), at["a"][k], clipped(at["z"], k - s)) for k in range(N)],
+    "a sum with signs": lambda at, s, c: [ca.sum1(ca.vertcat(*at["z"][: k + 1])) - at["w"][k] for k in range(N)],
+}
+
+
+def shared(at: Mapping[str, list[ca.SX]], s: int, c: float) -> list[ca.SX]:
+    values = [a * z + c for a, z in zip(at["a"], at["z"], strict=True)]
+    return [values[k] * values[(k + s) % N] + values[0] for k in range(N)]
+
+
+def total(at: Mapping[str, list[ca.SX]], c: float) -> ca.SX:
+    result = ca.SX(c)
+    for a, z in zip(at["a"], at["z"], strict=True):
+        result = result + a * z
+    return result
+
+
+def chained(at: Mapping[str, list[ca.SX]], c: float) -> list[ca.SX]:
+    rows = [at["z"][0]]
+    for k in range(1, N):
+        rows.append(rows[-1] * at["a"][k] + c)
+    return rows
+
+
+def everywhere(at: Mapping[str, list[ca.SX]], c: float) -> ca.SX:
+    result = at["z"][0] < c
+    for z in at["z"][1:]:
+        result = ca.logic_and(result, z < c)
+    return result
+
+
+def text(function: ca.Function, least: int) -> list[str]:
+    """The C function f(a, z, w) that writes the outputs of a function of (a, z, w) to z and w."""
+    printer = LoopPrinter(
+        C,
+        real="double",
+        prefix="f",
+        inputs=lambda argument, element: Operand(f"{ARRAYS[argument]}[{element}]", local=False),
+        local=lambda argument, element: f"{ARRAYS[argument]}{element + 1}",
+        indexed=lambda argument: ARRAYS[argument],
+        least=least,
+        taken=set(ARRAYS),
+    )
+    targets = [target(argument, element) for argument in (1, 2) for element in range(N)]
+    constants, statements = body(printer, function, targets, [], [1, 2])
+    return ["void f(const double *a, double *z, double *w)", "{", *constants.lines, *statements.lines, "}"]
+
+
+def target(argument: int, element: int) -> Target:
+    def written(number: object, value: str) -> str:
+        return f"{ARRAYS[argument]}[{number}] = {value};"
+
+    return Target(
+        lambda value: written(element, value),
+        array=ARRAYS[argument],
+        element=element,
+        each=written,
+        source=(argument, element),
+    )
+
+
+def run(lines: Sequence[str], folder: Path, arrays: Sequence[np.ndarray]) -> None:
+    (folder / "f.c").write_text("\n".join(["#include <stdbool.h>", *lines, ""]))
+    flags = (
+        "-std=c99",
+        "-O1",
+        "-ffp-contract=off",
+        "-shared",
+        "-fPIC",
+        "-Wall",
+        "-Wextra",
+        "-Wno-unused-parameter",
+        "-Werror",
+    )
+    subprocess.run([native.compiler(), *flags, "f.c", "-o", "f.so"], cwd=folder, check=True)
+    pointers = [array.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for array in arrays]
+    library = ctypes.CDLL(str(folder / "f.so"))
+    library.f(*pointers)
+    handle = library._handle
+    del library
+    ctypes.CDLL(None).dlclose(ctypes.c_void_p(handle))
+
+
+shifts, numbers = st.integers(-2, 2), st.sampled_from([0.5, -1.25, 0.0])
+
+
+@compiled
+@pytest.mark.parametrize("kind", ROWS)
+@given(st.sampled_from(sorted(ROWS)), st.tuples(shifts, shifts), st.tuples(numbers, numbers), st.integers(0, 1000))
+@settings(deadline=None, max_examples=6)
+def test_loops_write_the_bits_of_the_block(
+    tmp_path_factory: pytest.TempPathFactory,
+    kind: str,
+    other: str,
+    shifts: tuple[int, int],
+    numbers: tuple[float, float],
+    seed: int,
+) -> None:
+    """Every right-hand side is evaluated before anything is written, whichever way the rows read each other."""
+    symbols = {name: ca.SX.sym(name, N) for name in ARRAYS}
+    at = {name: ca.vertsplit(symbol) for name, symbol in symbols.items()}
+    values = [ca.vertcat(*ROWS[each](at, *of)) for each, *of in zip((kind, other), shifts, numbers, strict=True)]
+    function = ca.Function("block", list(symbols.values()), ca.cse(values))
+    draw = np.random.default_rng(seed)
+    arrays = [draw.normal(size=N) for _ in ARRAYS]
+    expected = [np.array(value).ravel() for value in function(*arrays)]
+    run(text(function, LEAST["flash"]), tmp_path_factory.mktemp("rolled"), arrays)
+    assert [array.tobytes() for array in arrays[1:]] == [value.tobytes() for value in expected]
+
+
+def test_what_is_alike_is_a_loop_from_so_many_on() -> None:
+    a, z, w = (ca.SX.sym(name, N) for name in ARRAYS)
+    function = ca.Function("block", [a, z, w], [z + 0.5 * a, w])
+    assert text(function, N + 1)[2:-1] == text(function, NEVER)[2:-1] != text(function, N)[2:-1]
+    assert text(function, N)[2:-1] == [
+        "for (unsigned j = 0u; j < 9u; ++j) {",
+        "    z[j] = z[j] + 0.5*a[j];",
+        "}",
+    ]
+
+
+def test_a_number_that_differs_is_one_of_a_table() -> None:
+    a, z, w = (ca.SX.sym(name, N) for name in ARRAYS)
+    numbers = [0.0, -2.0] * 4 + [1.5]
+    function = ca.Function("block", [a, z, w], [ca.vertcat(*map(ca.SX, numbers)), w])
+    assert text(function, 8)[2:-1] == [
+        "static const double t1[9] = {0.0, -2.0, 0.0, -2.0, 0.0, -2.0, 0.0, -2.0, 1.5};",
+        "for (unsigned j = 0u; j < 9u; ++j) {",
+        "    z[j] = t1[j];",
+        "}",
+    ]
+
+
+def test_ranges_about_zero_need_one_table() -> None:
+    a, z, w = (ca.SX.sym(name, N) for name in ARRAYS)
+    limited = [ca.fmin(ca.fmax(a[k], -1 - k), 1 + k) for k in range(N)]
+    lines = text(ca.Function("block", [a, z, w], [ca.vertcat(*limited), w]), 8)[2:-1]
+    assert lines == [
+        "static const double t1[9] = {1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0};",
+        "for (unsigned j = 0u; j < 9u; ++j) {",
+        "    z[j] = f_limit(a[j], t1[j]);",
+        "}",
+    ]
+
+
+@pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
+@pytest.mark.parametrize("prefer", ["speed", "flash"])
+def test_few_lines_come_with_a_state(prefer: str) -> None:
+    """Entries of tables, what the covariance's columns cost for speed, powers of theta, the estimate: no guard."""
+    lines = []
+    for n in (16, 24):
+        source = hg.targets.c99(emitted.coupled(n, prefer=prefer), check=False)["coupled.c"]
+        lines.append(len(source.splitlines()))
+    (difference,) = (b - a for a, b in pairwise(lines))
+    assert difference <= 8 * {"speed": 11, "flash": 8}[prefer]
+
+
+def test_for_flash_triangles_are_gone_through() -> None:
+    """What is alike in four elements is a loop for flash, and for speed in eight, of no triangle."""
+    speed, flash = (hg.targets.c99(emitted.coupled(5, prefer=p), check=False)["coupled.c"] for p in ("speed", "flash"))
+    assert speed.count("for (unsigned j") < 4 < flash.count("for (unsigned j")
