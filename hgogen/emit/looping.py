@@ -10,7 +10,7 @@ from hgogen.emit.printer import Printer
 from hgogen.emit.rolled import Target, outside
 from hgogen.emit.syntax import ATOM
 
-LEAST = {"speed": 8, "flash": 4}  # times that a loop runs at least, by what a step is made for
+LEAST = {"speed": 10, "flash": 4}  # times that a loop runs at least, by what a step is made for
 NEVER = 10**9  # times: no loop is made
 
 

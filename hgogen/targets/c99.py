@@ -189,10 +189,8 @@ def _reset(writer: SharingWriter) -> Code:
 def _fresh(start: str, writer: SharingWriter, groups: Iterable[Group], k: str = "k") -> Code:
     lines = Code()
     for group in groups:
-        one, left = (
-            f"{start}{group.name}[{k}].",
-            (f for f in group.fields if Place(group.name, f.name) not in writer.fresh),
-        )
+        one = f"{start}{group.name}[{k}]."
+        left = (f for f in group.fields if Place(group.name, f.name) not in writer.fresh)
         inner = joined(_assign(one, f, writer.real, _least(writer.step, f)) for f in left)
         inner += _fresh(one, writer, group.groups, "k2")
         if inner.lines:
