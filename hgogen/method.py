@@ -163,8 +163,8 @@ class Explicit:
             left = {Place("work", f"{key}_{kind}"): value for (kind, key), value in stage.remembered.items()}
             new = {Place("state", key): value for key, value in stage.values.items()}
             slopes = {f"k{k}_{key}": slope for key, slope in stage.slopes.items()}
-            names = slopes | (middle if self.tableau.c[k - 1] == 0.5 else {})
-            yield Block(f"{title}, stage {k} of {len(self.tableau.b)}", left | new, names)
+            read = middle if self.tableau.c[k - 1] == 0.5 else {}  # before the slopes, which a call computes of them
+            yield Block(f"{title}, stage {k} of {len(self.tableau.b)}", left | new, read | slopes)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """z and S, or z and P, as one differential equation."""
