@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.call import sample
     from hgogen.calling.samples import Run, Sample
     from hgogen.certificates.certificate import certificate
+    from hgogen.certificates.contraction import Contraction, contraction
     from hgogen.check import Check, Verdict
     from hgogen.errors import HgogenError
     from hgogen.form import Form
@@ -71,6 +72,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "delayed": "stepping.delays",
     "from_casadi": "reading.casadi_model",
     "certificate": "certificates.certificate",
+    **dict.fromkeys(("Contraction", "contraction"), "certificates.contraction"),
     **dict.fromkeys(("Check", "Verdict"), "check"),
     **dict.fromkeys(("Dissipation", "dissipation"), "guarantees.dissipation"),
     **dict.fromkeys(("ErrorSystem", "error_system"), "guarantees.error_system"),
@@ -104,6 +106,7 @@ _NAMES = {  # what else is public, and the file that holds it
 __all__ = [
     "Calibration",
     "Check",
+    "Contraction",
     "Dissipation",
     "ErrorSystem",
     "Fit",
@@ -124,6 +127,7 @@ __all__ = [
     "campaign",
     "certificate",
     "consistency",
+    "contraction",
     "delayed",
     "design",
     "dissipation",

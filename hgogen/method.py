@@ -3,7 +3,8 @@ be."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from fractions import Fraction
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, one_by_one
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
+from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import prior_status_of_view
 from hgogen.kalman.riccati_part import Riccati
@@ -80,6 +83,15 @@ class Method(Protocol):
         ...
 
 
+@runtime_checkable
+class OnErrors(Protocol):
+    """A method of which it is known how it moves the error of an observer, so that its step can be proved."""
+
+    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+        """A step of length h on what the error obeys; of length 0 its limit."""
+        ...
+
+
 @dataclass(frozen=True)
 class Explicit:
     """An explicit Runge-Kutta method: of a Riccati observer it integrates (z, S) or (z, P), in the view (z, S) any
@@ -97,6 +109,10 @@ class Explicit:
     def equations(self) -> tuple[str, ...]:
         """The stages of the tableau, and what they lead to."""
         return self.tableau.equations
+
+    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+        """The stages of the tableau."""
+        return stagewise(self.tableau, h, e)
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""

@@ -7,10 +7,10 @@ c_(i,j) = a_(i,1) .. a_(i,j) b_(i,j) takes the argument of b saturated to the de
 are free of inputs and states; they may hold parameters.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -141,6 +141,7 @@ def observer_on(
     accepted: tuple[str, ...] = (),
     traces: tuple[str, ...] = (),
     practical: bool = False,
+    error: Callable[[], Any] | None = None,
 ) -> Observer:
     """The observer whose estimate is `w` (n), an SX of places of its state; `checks` beside the form's."""
     form = chain.form
@@ -158,6 +159,7 @@ def observer_on(
         reference=reference,
         practical=practical,
         traces=traces,
+        error=error,
     )
 
 

@@ -6,7 +6,7 @@ The linear error core is `lines` without saturation, c = 0. While a saturation a
 saturated estimate at least as near as the estimate itself.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -73,6 +73,17 @@ def vertices(
             return lines(values, y, valid, lambda value, i: shares[i] * value, lambda _: ca.SX.zeros(chain.n))
 
         yield core_numbers(Ode(fields, lambda *_: {}, linear), 1, places)
+
+
+def gates(cores: Sequence[np.ndarray]) -> tuple[tuple[int, np.ndarray], ...]:
+    """Of all `vertices`, what each saturation passes on: the field whose error it passes, and the column (N) by which
+    that enters the core beside the last of them, where nothing is passed."""
+    shut, columns = cores[-1], []
+    for k in reversed(range(len(cores).bit_length() - 1)):
+        passed = cores[-1 - 2**k] - shut
+        (of,) = np.flatnonzero(passed.any(axis=0))
+        columns.append((int(of), passed[:, of]))
+    return tuple(columns)
 
 
 def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:

@@ -44,11 +44,13 @@ _SLACK = Fraction(1, 2**16)
 
 @dataclass(frozen=True)
 class Layout:
-    """The fields of an estimator in its core's order: `index` (N), i(k) from 0, by which a field is scaled; `fed` (N):
-    whether c_i(k) enters."""
+    """The fields of an estimator in its core's order: `index` (N), i(k) from 0, by whose units a field is scaled;
+    `power` (N), p(k); `fed` (N): whether c_i(k) enters; `picks` (n): the field that stands for w_i where c reads it."""
 
     index: tuple[int, ...]
+    power: tuple[int, ...]
     fed: tuple[bool, ...]
+    picks: tuple[int, ...]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ whatever the parameters. A gain K as given serves an A(u) and C(u) as well: A - 
 of all a_j, by exact test; that one quadratic function decays for every u is what `certified` proves.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -20,11 +21,12 @@ import sympy as sp
 from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.injection import companion
-from hgogen.chains.integrators import demand_divisor, no_chain
+from hgogen.chains.integrators import Integrators, demand_divisor, no_chain
 from hgogen.form import Form
 from hgogen.graph import to_casadi
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.certified import ThetaBound, of_gains, of_poles
+from hgogen.guarantees.inclusion import Inclusion, on_integrators, plain, with_gains
 from hgogen.guarantees.lmi import NoSolver
 from hgogen.intervals.digits import same
 from hgogen.program import sym
@@ -38,7 +40,7 @@ class ConstantGain:
     """The gain `K` (n), of parameters, for chains of the `sizes`.
 
     `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
-    `bound` is what is proved of theta.
+    `bound` is what is proved of theta, `error` gives what the error obeys.
     """
 
     K: tuple[sp.Expr, ...]
@@ -46,6 +48,7 @@ class ConstantGain:
     driven: bool
     vertices: np.ndarray
     bound: ThetaBound | Nothing
+    error: Callable[[], Inclusion | Nothing]
 
     def __str__(self) -> str:
         heads = [sum(self.sizes[:i]) for i in range(len(self.sizes))]
@@ -105,7 +108,15 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
     p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
-    return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), of_poles(form, p))
+    numbers = {"gains": tuple(sp.Rational(Fraction(x)) / a for x, a in zip(p, products, strict=True))}
+    error = partial(on_integrators, Integrators(form, form.gains), plain(form), _companions(p, sizes), numbers)
+    return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), of_poles(form, p), error)
+
+
+def _companions(p: Sequence[float], sizes: Sequence[int]) -> np.ndarray:
+    """The companion matrices (n, n) of the chains' polynomials along the diagonal."""
+    each = np.split(np.array(p), np.cumsum(sizes)[:-1])
+    return np.asarray(_stacked([companion(polynomial)[None] for polynomial in each])[0])
 
 
 def _polynomial(poles: Any, n: int) -> np.ndarray:
@@ -134,7 +145,8 @@ def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -
         K.extend(k.tolist())
         ends.append(np.array(closed, dtype=float))
     driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)
-    return ConstantGain(tuple(map(sp.Float, K)), sizes, driven, _stacked(ends), _bound(form, K))
+    error = partial(with_gains, form, tuple(map(Fraction, K)))
+    return ConstantGain(tuple(map(sp.Float, K)), sizes, driven, _stacked(ends), _bound(form, K), error)
 
 
 def _bound(form: Form, K: Sequence[float]) -> ThetaBound | Nothing:

@@ -12,9 +12,12 @@ Bierman's.
 """
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4
+from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.chosen import chosen
 from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati
@@ -36,6 +39,10 @@ class ContinuousDiscrete:
 
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
+
+    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+        """That of classical Runge-Kutta."""
+        return stagewise(RK4, h, e)
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """The step of an ordinary differential equation by classical Runge-Kutta."""

@@ -13,6 +13,7 @@ extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -28,6 +29,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
+from hgogen.guarantees.inclusion import on_integrators
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
@@ -105,9 +107,12 @@ def filtered(
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(n, 1)}
 
-    part, layout = Ode(fields, rest, linear, chain.offset), Layout((*range(n), *range(n)), (True,) * n + (False,) * n)
+    part = Ode(fields, rest, linear, chain.offset)
+    estimate, filters = tuple(range(n)), tuple(range(1, n + 1))
+    layout = Layout(2 * estimate, estimate + filters, (True,) * n + (False,) * n, estimate)
     core = core_numbers(part, 1, {Place("gain", "theta"): np.ones(1)})
-    bound = of_core(chain, layout, [core], {"alpha": a, "beta": b, "gains": L})
+    numbers = {"alpha": a, "beta": b, "gains": L}
+    bound = of_core(chain, layout, [core], numbers)
     return observer_on(
         chain,
         "filtered",
@@ -119,6 +124,7 @@ def filtered(
         reference=REFERENCE,
         checks=checks("filtered", high.initial[0], bound),
         accepted=accept,
+        error=partial(on_integrators, chain, layout, core, numbers),
     )
 
 

@@ -12,6 +12,7 @@ M of `gains`. Source: Astolfi, Jungers, Zaccarian, "Output injection filtering r
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -25,6 +26,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
+from hgogen.guarantees.inclusion import on_integrators
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Field, sym
@@ -111,8 +113,10 @@ def filtered_injection(
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(m, 1)}
 
-    layout = Layout((*range(n), *[0] * m), (True,) * n + (False,) * m)
-    bound = of_core(chain, layout, [core], {"F": filter_, "G": source, "NH": pushed})
+    order = (*range(n), *[0] * m)
+    layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
+    numbers = {"F": filter_, "G": source, "NH": pushed}
+    bound = of_core(chain, layout, [core], numbers)
     return observer_on(
         chain,
         "filtered_injection",
@@ -130,6 +134,7 @@ def filtered_injection(
         reference=REFERENCE,
         checks=checks("filtered_injection", high.initial[0], bound),
         accepted=accept,
+        error=partial(on_integrators, chain, layout, core, numbers),
     )
 
 

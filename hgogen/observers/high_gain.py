@@ -120,6 +120,7 @@ def high_gain(
         equations=(_equation(form), f"K = {chosen}"),
         reference=REFERENCE,
         notices=() if least is None else _notices(dynamics, least),
+        error=chosen.error,
     )
 
 

@@ -13,6 +13,7 @@ form are an extension: c_i/l^(i-1) is Lipschitz in the scaled errors, uniformly 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -27,6 +28,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
+from hgogen.guarantees.inclusion import on_integrators
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Place, sym
@@ -100,7 +102,9 @@ def low_power(
     part = Ode(fields, rest, linear, chain.offset)
     core = core_numbers(part, 1, {Place("gain", "theta"): np.ones(1)})
     demand_hurwitz("gains", core, "leave them out: (2, (n - i)/i)")
-    layout = Layout((*range(pairs), *range(1, n)), (True,) * (2 * pairs))
+    order = (*range(pairs), *range(1, n))
+    layout = Layout(order, order, (True,) * (2 * pairs), (0, *range(pairs, 2 * pairs)))
+    numbers = {"gains": k}
     return observer_on(
         chain,
         "low_power",
@@ -110,6 +114,7 @@ def low_power(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(k_i1, k_i2) = {', '.join(map(listed, k))}"),
         reference=REFERENCE,
-        checks=checks("low_power", high.initial[0], of_core(chain, layout, [core], {"gains": k})),
+        checks=checks("low_power", high.initial[0], of_core(chain, layout, [core], numbers)),
         accepted=accept,
+        error=partial(on_integrators, chain, layout, core, numbers),
     )

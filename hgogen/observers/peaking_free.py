@@ -14,6 +14,7 @@ c_1..c_(n-1) of a triangular form are an extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -23,12 +24,13 @@ from hgogen.chains.core import core_numbers
 from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
-from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating, vertices
+from hgogen.chains.saturating import Model, Saturate, demand_ranges, gates, saturating, vertices
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
+from hgogen.guarantees.inclusion import on_integrators
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.program import Place, sym
@@ -116,8 +118,11 @@ def peaking_free(
     part = saturating(chain, fields, lines)
     one = {Place("gain", "theta"): np.ones(1)}
     demand_hurwitz("gains", core_numbers(part, 1, one), "leave them out: (2, (n - i)/i)")
-    layout = Layout((*range(n), *range(1, n)), (True,) * (n + pairs))
-    bound = of_core(chain, layout, vertices(chain, fields, lines, one), {"gains": k, "last": alpha})
+    order = (*range(n), *range(1, n))
+    layout = Layout(order, order, (True,) * (n + pairs), tuple(range(n)))
+    cores = tuple(vertices(chain, fields, lines, one))
+    numbers = {"gains": k, "last": alpha}
+    bound = of_core(chain, layout, cores, numbers)
     return observer_on(
         chain,
         "peaking_free",
@@ -129,4 +134,5 @@ def peaking_free(
         reference=REFERENCE,
         checks=checks("peaking_free", high.initial[0], bound),
         accepted=accept,
+        error=partial(on_integrators, chain, layout, cores[-1], numbers, gates(cores)),
     )

@@ -1,0 +1,128 @@
+"""How fast a step contracts, and at which step lengths and gains it still does.
+
+A solver finds the weights, rationals prove them; what is searched is only proved where it ends. A proof is of one step
+length and one theta.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+
+from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.quadratic import Array, Weights, negative, proved, sought
+from hgogen.guarantees.stagewise import ErrorStep, Stagewise, corners
+
+ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than a check may
+CLOSE = 1.02  # a search ends where its ends are that close
+_HALVINGS = 6  # of the rate
+_SHARES = (Fraction(1), Fraction(199, 200), Fraction(19, 20), Fraction(0))  # of a rate found in floats, for proofs
+_WHAT = "a proof of the step"
+_NOTHING = Fraction(0)
+
+
+@dataclass(frozen=True)
+class Contracts:
+    """A proof at `theta` and the step length `h`: |e+|_P^2 <= (1 - alpha h) |e|_P^2, by the `weights`."""
+
+    theta: Fraction
+    h: Fraction
+    alpha: Fraction
+    weights: Weights
+
+    @property
+    def rate(self) -> float:
+        """r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
+        share = 1 - self.alpha * self.h
+        return -math.log(float(share)) / 2 / float(self.h) * (1 - 1e-9) if share > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps of a method on the error of an observer, at one theta and any length, of which proofs are sought."""
+
+    error: Inclusion
+    way: ErrorStep
+    theta: Fraction
+
+    def at(self, h: Fraction) -> Stagewise:
+        """The step of length h."""
+        return self.way(h, self._uncertain)
+
+    @cached_property
+    def _uncertain(self) -> Uncertain:
+        return self.error.at(self.theta)
+
+    def may_contract(self, h: Fraction) -> bool:
+        """Whether floats find a proof, so that one in rationals is worth a try.
+
+        Raises: `NoSolver`.
+        """
+        step = self.at(h)
+        return step.rows <= ROWS and unstable(step) is None and self.weights(h, Fraction(0)) is not None
+
+    def weights(self, h: Fraction, alpha: Fraction) -> tuple[Array, Array] | None:
+        """Weights in floats for |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where a solver finds none.
+
+        Raises: `NoSolver`.
+        """
+        if self._coordinates is None:
+            return None
+        form = self.at(h).contraction(alpha)
+        weights = sought(form, _WHAT, self._coordinates)
+        return weights if weights is not None and negative(form.floats, *weights) else None
+
+    @cached_property
+    def _coordinates(self) -> Array | None:
+        """P^(-1/2) (N, N) of continuous time, near which the P of a step are; None where a solver finds none."""
+        weights = sought(self.at(Fraction(0)).contraction(Fraction(0)), _WHAT)
+        if weights is None:
+            return None
+        values, vectors = np.linalg.eigh(weights[0])
+        return np.asarray(vectors / np.sqrt(values) @ vectors.T)
+
+    def proved(self, h: Fraction) -> Contracts | None:
+        """A proof with a rate that is close to the largest that the inequality gives; None where none is found.
+
+        Raises: `NoSolver`.
+        """
+        if not self.may_contract(h):
+            return None
+        slow, fast = Fraction(0), 1 / h
+        for _ in range(_HALVINGS):
+            middle = (slow + fast) / 2 if slow else fast / 16
+            slow, fast = (middle, fast) if self.weights(h, middle) else (slow, middle)
+        for alpha in (slow * share for share in _SHARES):
+            weights = self.certain(h, alpha)
+            if weights:
+                return Contracts(self.theta, h, alpha, weights)
+        return None
+
+    def certain(self, h: Fraction, alpha: Fraction = _NOTHING) -> Weights | None:
+        """Weights in rationals that prove |e+|_P^2 <= (1 - alpha h) |e|_P^2; None where none are found.
+
+        Raises: `NoSolver`.
+        """
+        weights = self.weights(h, alpha)
+        return weights and proved(self.at(h).contraction(alpha), *weights)
+
+
+def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction) -> Fraction:
+    """A value between `start`, where it holds, and `end`, close to the last up to which it does as far as is tried."""
+    if holds(end):
+        return end
+    while not 1 / CLOSE < start / end < CLOSE:
+        middle = Fraction(math.sqrt(start * end))
+        start, end = (middle, end) if holds(middle) else (start, middle)
+    return start
+
+
+def unstable(step: Stagewise) -> Array | None:
+    """Slopes d (m) in [-1, 1] at which, held, errors do not decay; None where none of those tried is so."""
+    d = corners(step.slopes)
+    radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)
+    worst = int(radius.argmax())
+    return d[worst] if radius[worst] >= 1 else None

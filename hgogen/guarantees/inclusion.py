@@ -1,0 +1,198 @@
+"""The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
+
+    e' = (theta N + sum over slopes of theta^-degree d onto of') e,   d in [low, high], of each slope by itself
+
+e holds the errors of the observer's fields, that of the field k over s_k theta^p(k). Each slope d is what the error of
+one field, `of`, brings into the rates of others:
+
+    db_i/dz_j              the mean of the slope on the way from the plant's state to the clamped estimate, times the
+                           share c_j in [0, 1] of the error that the clamp leaves: degree p(i) - p(j), 0 in its range
+    a_i                    of a constant gain K, where a_i moves with an input or a parameter: degree -1
+    a saturation           in the linear core: the share in [0, 1] that it leaves: degree -1
+
+That b(sat z, u) - b(x, u) = J (sat z - x), J the mean of db/dz along the segment, asks b to be Lipschitz only, and
+holds for every z, also far outside of the box: the box is convex, and x is in it. So it does for two estimates.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from hgogen.algebra.definite import number
+from hgogen.algebra.points import exact
+from hgogen.chains.integrators import Integrators
+from hgogen.evidence.grammar import outward, tree
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.certified import obstacle
+from hgogen.guarantees.certified_core import Layout
+from hgogen.guarantees.quadratic import Array, identity, rational, stacked
+from hgogen.intervals.bounds import Range
+from hgogen.sentence import Reason, because
+from hgogen.structure.polytope import chains, fixed, span
+from hgogen.structure.scaling import exponents
+
+_BOXES = 2_000  # for the range of one slope
+
+
+@dataclass(frozen=True)
+class Slope:
+    """What the error of the field `of` brings into the rates by `onto` (N), over theta^`degree`: a number in
+    [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times units, which `range` shows; None of others."""
+
+    of: int
+    onto: tuple[Fraction, ...]
+    low: Fraction
+    high: Fraction
+    degree: int
+    entry: tuple[int, int] | None = None
+    range: Range | None = field(default=None, hash=False, repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Inclusion:
+    """`N` (N, N), the `slopes`, how the fields lie (`layout`), and the `units` (n) of the chain's states, by which the
+    errors of fields are scaled; `scale` (n), of parameters, from the form's states to these; `numbers`: what the
+    observer is built with beside theta."""
+
+    N: Array
+    slopes: tuple[Slope, ...]
+    layout: Layout
+    units: tuple[Fraction, ...]
+    scale: tuple[sp.Expr, ...]
+    numbers: Mapping[str, Any]
+
+    @property
+    def varying(self) -> tuple[Slope, ...]:
+        """The slopes that are no numbers."""
+        return tuple(slope for slope in self.slopes if slope.low < slope.high)
+
+    def named(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
+        """The values of the slopes that are entries of a Jacobian, for d (m) in [-1, 1], by name."""
+        values = {}
+        for slope, share in zip(self.varying, d.tolist(), strict=True):
+            if slope.entry is not None:
+                i, j = slope.entry
+                values[f"db_{i + 1}/d{states[j]}"] = slope.low + (slope.high - slope.low) * Fraction((1 + share) / 2)
+        return values
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The scale and its units, and how each slope of b is bounded in these coordinates."""
+        slopes = [
+            {"row": i + 1, "column": j + 1, "low": slope.low, "high": slope.high, "tree": tree(slope.range, form)}
+            for slope in self.slopes
+            if slope.entry is not None and slope.range is not None
+            for i, j in [slope.entry]
+        ]
+        return {"scale": self.scale, "units": self.units, "slopes": slopes}
+
+    def at(self, theta: Fraction) -> "Uncertain":
+        """The inclusion at a theta > 0."""
+        level = number(theta)
+        M, varying = self.N * level, self.varying
+        for slope in self.slopes:
+            M[:, slope.of] += rational(slope.onto) * (number(slope.low + slope.high) / 2 * level**-slope.degree)
+        G = [rational(slope.onto) * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
+        H = [identity(len(M))[slope.of] for slope in varying]
+        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)))
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertain:
+    """e' = (M + G diag(d) H) e, |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), of FLINT's rationals."""
+
+    M: Array
+    G: Array
+    H: Array
+
+
+def inclusion(
+    form: Form,
+    layout: Layout,
+    core: Array,
+    scale: Sequence[sp.Expr],
+    units: Sequence[Fraction],
+    numbers: Mapping[str, Any],
+    others: Iterable[Slope] = (),
+) -> Inclusion | Nothing:
+    """The inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of z.
+
+    `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats as they
+    are; `others`: what varies in it, in those fields.
+    """
+    reason = obstacle(form)
+    if reason:
+        return Nothing(reason)
+    slopes = _slopes(form, layout, scale)
+    if isinstance(slopes, Reason):
+        return Nothing(slopes)
+    t = [units[i] for i in layout.index]
+    scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
+    moved = (replace(each, onto=tuple(x * t[k] / t[each.of] for k, x in enumerate(each.onto))) for each in others)
+    return Inclusion(scaled, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers)
+
+
+def on_integrators(
+    chain: Integrators,
+    layout: Layout,
+    core: np.ndarray,
+    numbers: Mapping[str, Any],
+    gates: Iterable[tuple[int, np.ndarray]] = (),
+) -> Inclusion | Nothing:
+    """The inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`: fields
+    whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`."""
+    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
+    if any(unit <= 0 for unit in units):
+        return Nothing(because("the inequality is for a_i shown to be positive"))
+    products = (sp.Mul(*each[: i + 1]) for each in chains(chain.form) for i in range(len(each)))
+    scale = [sp.Rational(unit) * product for unit, product in zip(units, products, strict=True)]
+    zero, one = Fraction(0), Fraction(1)
+    shares = (Slope(of, tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates)
+    return inclusion(chain.form, layout, core, scale, units, numbers, shares)
+
+
+def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
+    """The inclusion of a constant gain K (n) in the form's own coordinates, whose a_i may move with inputs."""
+    slopes, heads = [], [head for head, size in zip(form.heads, form.blocks, strict=True) for _ in range(size)]
+    places = [head + j for head, size in zip(form.heads, form.blocks, strict=True) for j in range(size)]
+    for at, a in zip(places, (a for chain in chains(form) for a in chain), strict=True):
+        known = span(a, form)
+        if not (known and known.defined and known.finite):
+            return Nothing(because("a = {a} has no finite range on the box", a=a))
+        onto = [Fraction(0)] * form.n
+        if at in form.heads:
+            onto = [-k if head == at else Fraction(0) for k, head in zip(K, heads, strict=True)]
+        else:
+            onto[at - 1] = Fraction(1)
+        slopes.append(Slope(at, tuple(onto), outward(known.low, -1), outward(known.high, 1), -1, None, known))
+    n = form.n
+    numbers = {"gains": tuple(map(sp.Rational, K))}
+    return inclusion(form, plain(form), np.zeros((n, n)), [sp.S.One] * n, [Fraction(1)] * n, numbers, slopes)
+
+
+def plain(form: Form) -> Layout:
+    """That of an observer whose fields are the form's states."""
+    return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
+
+
+def _slopes(form: Form, layout: Layout, scale: Sequence[sp.Expr]) -> tuple[Slope, ...] | Reason:
+    """Those of b, with 0 in each range."""
+    slopes, powers = [], exponents(form)
+    b = [exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b]
+    for (i, row), (j, z) in product(enumerate(b), enumerate(form.states)):
+        slope = scale[i] / scale[j] * sp.diff(row, z)
+        if slope == 0:
+            continue
+        known = span(slope, form, _BOXES)
+        if not (known and known.defined and known.finite):
+            return because("db_{i}/d{z} = {slope} has no finite range on the box", i=i + 1, z=z, slope=slope)
+        onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
+        low, high = min(outward(known.low, -1), Fraction(0)), max(outward(known.high, 1), Fraction(0))
+        slopes.append(Slope(layout.picks[j], onto, low, high, powers[i] - powers[j], (i, j), known))
+    return tuple(slopes)

@@ -1,0 +1,150 @@
+"""A quadratic form that a P > 0 and multipliers S >= 0 make negative: found in floats, proved in rationals.
+
+    sum over pairs (X, Y) of X'P Y + Y'P X,   plus   Q'S Q - Z'S Z,   is negative definite;   S diagonal
+
+A vector v of the form holds what decays and what multiplies it: each multiplier is of a relation |Z_j v| <= |Q_j v|,
+such as p = d q, |d| <= 1, of a slope d. Where the form is negative for all v, the pairs alone are negative for each v
+that keeps to the relations (the S-procedure; Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities in
+System and Control Theory", SIAM (1994), 2.6.3).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from hgogen.algebra.definite import Matrix, fraction, positive
+from hgogen.algebra.threads import one_thread
+from hgogen.guarantees.lmi import solved, solver
+
+Array = np.ndarray  # of floats, or of FLINT's rationals as objects
+
+_GRIDS = (30, 44)  # bits after the point to which P and S are rounded, where the trace of P is its size
+_ROUNDING = 1e-8
+_LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """The form: `pairs` of (X, Y) (n, N), `Q` and `Z` (k, N)."""
+
+    pairs: tuple[tuple[Array, Array], ...]
+    Q: Array
+    Z: Array
+
+    def value(self, P: Array, S: Array) -> Array:
+        """The matrix (N, N) of P (n, n) and S (k)."""
+        halves = [X.T @ P @ Y for X, Y in self.pairs]
+        squares = self.Q.T @ (S[:, None] * self.Q) - self.Z.T @ (S[:, None] * self.Z)
+        return np.asarray(sum((half + half.T for half in halves), squares))
+
+    @property
+    def floats(self) -> "Quadratic":
+        """The same in floats."""
+        pairs = tuple((floats(X), floats(Y)) for X, Y in self.pairs)
+        return Quadratic(pairs, floats(self.Q), floats(self.Z))
+
+
+@dataclass(frozen=True)
+class Weights:
+    """`P` (n, n) symmetric and `S` (k), rational, by which a form is proved to be negative."""
+
+    P: Matrix
+    S: tuple[Fraction, ...]
+
+    @classmethod
+    def of(cls, P: Array, S: Array) -> "Weights":
+        """Those of FLINT's rationals."""
+        return cls(tuple(tuple(map(fraction, row)) for row in P), tuple(map(fraction, S)))
+
+
+def proved(form: Quadratic, P: Array, S: Array) -> Weights | None:
+    """Weights near those in floats that make an exact form negative, proved in rationals; None where none are found."""
+    for bits in _GRIDS:
+        exactly = on_grid(P, bits), on_grid(S, bits)
+        if verified(form, *exactly):
+            return Weights.of(*exactly)
+    return None
+
+
+def sought(form: Quadratic, what: str, W: Array | None = None) -> tuple[Array, Array] | None:
+    """Weights in floats with which a solver takes the form to be negative; None where it finds none. `W` (n, n): what
+    decays is W times coordinates in which P is expected to be near the unit matrix.
+
+    Raises: `NoSolver` of `what` needs it.
+    """
+    if W is not None:
+        moved, g = _moved(form.floats, W)
+        candidate, back = sought(moved, what), np.linalg.inv(W)
+        return candidate and (back.T @ candidate[0] @ back, candidate[1] / g**2)
+    cp = solver(what)
+    of, n, count = form.floats, len(form.pairs[0][0]), len(form.Q)
+    P, S, margin = cp.Variable((n, n), PSD=True), cp.Variable(count, nonneg=True), cp.Variable()
+    squares = of.Q.T @ cp.diag(S) @ of.Q - of.Z.T @ cp.diag(S) @ of.Z if count else 0
+    total = sum((X.T @ P @ Y + Y.T @ P @ X for X, Y in of.pairs), squares)
+    size = of.pairs[0][0].shape[1]
+    limits = [(total + total.T) / 2 << -margin * np.eye(size), P >> _LEAST * np.eye(n), cp.trace(P) <= n]
+    with one_thread():
+        value = solved(cp, cp.Problem(cp.Maximize(margin), limits), P)
+    if value is None or margin.value is None or not margin.value > 0:
+        return None
+    return value, np.maximum(S.value, 0.0) if count else np.zeros(0)
+
+
+def _moved(of: Quadratic, W: Array) -> tuple[Quadratic, Array]:
+    """The form with W x for what decays and g_j q_j for what multiplies it, and the g (k): such that each q enters the
+    form by as much as it is read there."""
+    n, size = of.pairs[0][0].shape
+    T, back = np.eye(size), np.linalg.inv(W)
+    T[:n, :n] = W
+    enters, reads = (back @ of.pairs[0][1])[:, n:], of.Q[:, :n] @ W
+    g = np.sqrt(np.linalg.norm(reads, axis=1) / np.linalg.norm(enters, axis=0))
+    T[range(n, size), range(n, size)] = g
+    pairs = tuple((back @ X @ T, back @ Y @ T) for X, Y in of.pairs)
+    return Quadratic(pairs, of.Q @ T / g[:, None], of.Z @ T / g[:, None]), g
+
+
+def negative(form: Quadratic, P: Array, S: Array) -> bool:
+    """Whether the form is negative as far as floats tell, by what rounding to a grid may take."""
+    return bool(np.linalg.eigvalsh(form.value(P, S)).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
+
+
+def verified(form: Quadratic, P: Array, S: Array) -> bool:
+    """Whether P > 0, S >= 0 and the form is negative, in exact arithmetic; P and S of FLINT's rationals."""
+    if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
+        return False
+    return positive(fmpq_mat((-form.value(P, S)).tolist()))
+
+
+def floats(M: Array) -> Array:
+    """An array of rationals, or of floats already, as floats."""
+    if M.dtype == float:
+        return M
+    return np.array([[float(fraction(value)) for value in row] for row in M]).reshape(M.shape)
+
+
+def on_grid(values: Array, bits: int) -> Array:
+    """Floats rounded to so many bits after the point, as FLINT's rationals."""
+    step = fmpq(1, 2**bits)
+    rounded = np.array([round(value * 2**bits) * step for value in values.ravel().tolist()], dtype=object)
+    return rounded.reshape(values.shape)
+
+
+def rational(values: Any) -> Array:
+    """Fractions, floats as they are, or whole numbers as an array of FLINT's rationals."""
+    array = np.array(values, dtype=object)
+    exactly = [fmpq(each.numerator, each.denominator) for each in map(Fraction, array.ravel().tolist())]
+    return np.array(exactly, dtype=object).reshape(array.shape)
+
+
+def identity(n: int) -> Array:
+    """The unit matrix (n, n), of FLINT's rationals."""
+    return rational(np.eye(n, dtype=int).tolist())
+
+
+def stacked(rows: Sequence[Array], size: int) -> Array:
+    """Rows (size) as a matrix, (0, size) of none; of FLINT's rationals."""
+    return np.array([list(row) for row in rows], dtype=object).reshape(len(rows), size)

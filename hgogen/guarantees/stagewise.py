@@ -1,0 +1,89 @@
+"""One step of an explicit Runge-Kutta method on an inclusion, each stage with slopes of its own.
+
+    X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
+
+All is linear in v = (e, p_1, .., p_s): e+ = e + h D v, H X_i = Q_i v. The slopes |d_ij| <= 1 of different stages are
+independent, so what holds for all d_i holds for whatever the estimate meets on its way. With P > 0 and S_i >= 0
+diagonal,
+
+    (|e+|_P^2 - |e|_P^2)/h + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0
+
+proves |e+|_P^2 <= (1 - alpha h) |e|_P^2. The difference over h is 2 e'P D v + h |D v|_P^2: at h = 0 the inequality is
+that of continuous time.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from hgogen.algebra.definite import number
+from hgogen.discretisation.runge_kutta import Tableau
+from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.quadratic import Array, Quadratic, floats, identity
+
+_SHORT = 10_000  # the largest denominator of a tableau's coefficients
+_ALL = 8  # slopes of which all corners are tried
+
+
+@dataclass(frozen=True, eq=False)
+class Stagewise:
+    """A step of length `h` on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N + s m). `degree`:
+    of its form as a polynomial in h, None where it is none."""
+
+    h: Fraction
+    slopes: int
+    D: Array
+    Q: Array
+    degree: int | None = None
+
+    @property
+    def rows(self) -> int:
+        """The size of its form."""
+        return int(self.D.shape[1])
+
+    def contraction(self, alpha: Fraction) -> Quadratic:
+        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2."""
+        n, size = self.D.shape
+        E, Z = identity(size)[:n], identity(size)[n:]
+        return Quadratic(((E, self.D + E * (number(alpha) / 2)), (self.D * (number(self.h) / 2), self.D)), self.Q, Z)
+
+    def frozen(self, d: np.ndarray) -> np.ndarray:
+        """e+ = T e, T (k, N, N) in floats, of slopes d (k, m) that are the same at all stages."""
+        n, size = self.D.shape
+        v = np.zeros((len(d), size, n))
+        v[:, :n] = np.eye(n)
+        for i, row in enumerate(floats(self.Q)):  # reads nothing of its own stage, nor of later ones
+            v[:, n + i] = d[:, i % self.slopes, None] * (row @ v)
+        return np.asarray(np.eye(n) + float(self.h) * (floats(self.D) @ v))
+
+
+ErrorStep = Callable[[Fraction, Uncertain], Stagewise]  # a method: a step of that length on what the error obeys
+
+
+def corners(m: int) -> np.ndarray:
+    """The corners (k, m) of the cube of m slopes; of many slopes some, always the same."""
+    if m <= _ALL:
+        return np.array(list(product((-1.0, 1.0), repeat=m))).reshape(-1, m)
+    return np.random.default_rng(0).choice((-1.0, 1.0), size=(2**_ALL, m))
+
+
+def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Stagewise:
+    """The step of length h >= 0."""
+    (n, m), s, length = e.G.shape, len(tableau.b), number(h)
+    unit = identity(n + s * m)
+    nothing, rates, reads = 0 * unit[:n], list[Array](), list[Array]()
+    for i, row in enumerate(tableau.a):
+        X = unit[:n] + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True)), nothing)
+        reads.append(e.H @ X)
+        rates.append(e.M @ X + e.G @ unit[n + i * m : n + (i + 1) * m])
+    D = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing)
+    return Stagewise(h, m, D, np.concatenate(reads), 2 * s - 1)
+
+
+def _exactly(coefficient: float) -> Any:
+    """A coefficient as the tableau means it, such as 1/6."""
+    return number(Fraction(coefficient).limit_denominator(_SHORT))

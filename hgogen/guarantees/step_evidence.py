@@ -1,0 +1,44 @@
+"""The evidence of a step that contracts: the weights of its quadratic form, and the ranges of the slopes."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
+from hgogen.guarantees.all_shorter import Piece
+from hgogen.guarantees.contracting import Contracts
+from hgogen.guarantees.inclusion import Inclusion
+
+
+@dataclass(frozen=True)
+class AtOneLength:
+    """A proof at one step length by the method of that name."""
+
+    error: Inclusion
+    method: str
+    proof: Contracts
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Method, dt and alpha, P and S, and how the slopes are bounded."""
+        slopes, one = self.error.evidence(form), self.proof
+        known = {"method": self.method, "dt": one.h, "alpha": one.alpha, "P": one.weights.P, "S": one.weights.S}
+        return slopes and {**slopes, **known}
+
+
+@dataclass(frozen=True)
+class Throughout:
+    """Proofs at one theta of every step length up to a longest, piece by piece."""
+
+    error: Inclusion
+    method: str
+    theta: Fraction
+    pieces: tuple[Piece, ...]
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Method and theta, each piece with its P and S, and how the slopes are bounded."""
+        slopes = self.error.evidence(form)
+        pieces: list[dict[str, Any]] = [
+            {"low": one.low, "high": one.high, "P": one.weights.P, "S": one.weights.S} for one in self.pieces
+        ]
+        return slopes and {**slopes, "method": self.method, "theta": self.theta, "pieces": pieces}

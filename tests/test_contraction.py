@@ -1,0 +1,245 @@
+"""The certificate of the step as it runs: known answers, what trials show, and what it refuses to say."""
+
+import math
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from flint import fmpq
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import MODELS, model
+
+import hgogen as hg
+from hgogen.certificates.contraction import contraction
+from hgogen.certificates.reach import reach
+from hgogen.check import Verdict
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.contracting import Steps, unstable
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.quadratic import rational, verified
+from hgogen.model import load
+from hgogen.program import Place
+from hgogen.stepping.machine import Machine
+
+FIVE = ("high_gain", "filtered", "filtered_injection", "low_power", "peaking_free")
+
+
+def made(name: str, observer: str, **changes: Any) -> hg.Observer:
+    """The observer of a shipped tuning."""
+    gains = {**load(MODELS / f"{name}.py").module.tuning[observer], **changes}
+    return getattr(hg.observers, observer)(hg.forms.triangular(model(name)), **gains)
+
+
+def steps_of(observer: hg.Observer, method: str) -> Steps:
+    """What is sought of the observer's step, at its theta."""
+    error = observer.error()
+    assert isinstance(error, Inclusion)
+    (theta,) = observer.gains[0].initial
+    return Steps(error, getattr(hg.methods, method).error_step, Fraction(theta))
+
+
+# the largest dt of all combinations of slopes, in floats, and the dt from which a frozen slope is unstable
+LONGEST = [
+    ("pendulum", "high_gain", "euler", 20, 0.0818, 0.0819),
+    ("pendulum", "high_gain", "heun", 20, 0.0818, 0.0819),
+    ("pendulum", "high_gain", "rk4", 20, 0.114, 0.114),
+    ("pendulum", "high_gain", "euler", 50, 0.0367, 0.0368),
+    ("pendulum", "high_gain", "rk4", 50, 0.0511, 0.0512),
+    ("hyperjerk", "high_gain", "euler", 4, 0.125, 0.130),
+    ("hyperjerk", "high_gain", "rk4", 4, 0.269, 0.270),
+]
+SLOW = [
+    ("pendulum", "high_gain", "heun", 50, 0.0367, 0.0368),
+    ("hyperjerk", "high_gain", "heun", 4, 0.202, 0.202),
+    ("hyperjerk", "filtered", "euler", 10, 0.0685, 0.0717),
+    ("hyperjerk", "filtered", "heun", 10, 0.0731, 0.0733),
+    ("hyperjerk", "filtered", "rk4", 10, 0.101, 0.102),
+    ("hyperjerk", "peaking_free", "euler", 10, 0.053, math.inf),
+    ("hyperjerk", "peaking_free", "heun", 10, 0.085, math.inf),
+    ("hyperjerk", "peaking_free", "rk4", 10, 0.103, math.inf),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "observer", "method", "theta", "known", "frozen"),
+    [*LONGEST, *(pytest.param(*row, marks=pytest.mark.slow) for row in SLOW)],
+)
+def test_the_longest_dt_is_near_that_of_all_slopes_and_below_what_a_frozen_one_admits(
+    name: str, observer: str, method: str, theta: float, known: float, frozen: float
+) -> None:
+    steps = steps_of(made(name, observer, theta=theta), method)
+    far = reach(steps, Fraction(1, 1000), known * 1.2)
+    assert far.longest is not None
+    assert 0.9 * known <= far.longest <= 1.01 * frozen
+    assert (far.pieces[0].low, far.pieces[-1].high) == (0, far.longest)
+    assert all(first.high == second.low for first, second in zip(far.pieces, far.pieces[1:], strict=False))
+
+
+LEAST = [  # the least theta in continuous time, at the corners of the slopes
+    ("pendulum", "high_gain", 4.43),
+    ("hyperjerk", "high_gain", 1.81),
+    ("hyperjerk", "filtered", 6.60),
+    ("hyperjerk", "low_power", 4.63),
+]
+
+
+@pytest.mark.parametrize(("name", "observer", "known"), LEAST)
+def test_a_theta_a_little_above_the_least_is_proved_at_a_short_dt_and_one_below_is_not(
+    name: str, observer: str, known: float
+) -> None:
+    short = Fraction(1, 10_000)
+    assert steps_of(made(name, observer, theta=known * 1.06), "euler").certain(short) is not None
+    assert steps_of(made(name, observer, theta=known * 0.99), "euler").certain(short) is None
+
+
+def test_low_power_on_hyperjerk_is_not_proved_at_its_theta_and_says_from_which_on_it_is() -> None:
+    known = contraction(hg.sample(made("hyperjerk", "low_power"), hg.methods.rk4, dt=1e-3))
+    (check,) = known.checks
+    assert (known.proved, known.rate, check.verdict) == (False, None, Verdict.UNKNOWN)
+    assert known.reach.least is not None
+    assert 4.63 <= known.reach.least <= 1.05 * 4.63
+    assert f"theta = {float(known.reach.least):g}" in check.fix
+
+
+def test_the_shipped_pendulum_is_proved_at_its_dt_at_every_shorter_one_and_at_lower_thetas() -> None:
+    known = hg.contraction(load(MODELS / "pendulum.py").step())
+    step, shorter, tuned = known.checks
+    assert {check.verdict for check in known.checks} == {Verdict.PROVED}
+    assert [check.id for check in known.checks] == ["high_gain.step", "high_gain.shorter", "high_gain.tuned"]
+    assert known.rate is not None
+    assert 14 < known.rate < 15.6  # no frozen slope is slower than 15.6
+    assert "dt = 0.001 s" in step.claim
+    assert "at every dt up to 0.11" in shorter.claim
+    assert "at every theta from 4.4" in tuned.claim
+    assert str(known) == "\n".join(map(str, known.checks))
+
+
+def shrinking(
+    steps: Steps, dt: float, step: hg.Step, starts: np.ndarray, record: tuple[np.ndarray, np.ndarray]
+) -> float:
+    """The largest V+/V, V = e'P e of two estimates, as the program moves them in doubles from `starts` (2, N) given the
+    same samples, at calls in which no guard acts, over what is proved."""
+    proof = steps.proved(Fraction(dt))
+    assert proof is not None
+    (u, y), P, pair = record, np.array(proof.weights.P, dtype=float), []
+    for start in starts:
+        machine, names = Machine(step), [field.name for field in step.observer.parts[0].fields]
+        machine.record(u[:1], y[:1])  # the first call advances no time
+        ends = np.cumsum([len(machine.memory[Place("state", name)]) for name in names])
+        for name, values in zip(names, np.split(start, ends[:-1]), strict=True):
+            machine.memory[Place("state", name)][:] = values
+        seen, free = [start], []
+        for k in range(1, len(y)):
+            _, _, status = machine.record(u[k : k + 1], y[k : k + 1])
+            seen.append(np.concatenate([machine.memory[Place("state", name)] for name in names]))
+            free.append(not {bit.name for i, bit in enumerate(step.bits) if int(status[0]) >> i & 1} - {"OUTSIDE_BOX"})
+        pair.append((np.array(seen), np.array(free)))
+    (first, calm), (second, quiet) = pair
+    e = (first - second) * float(steps.theta) ** -np.array(steps.error.layout.power)
+    V = np.einsum("ki,ij,kj->k", e, P, e)
+    counted = (V[:-1] > 1e-10 * V[0]) & calm & quiet
+    assert counted.any()
+    return float((V[1:][counted] / V[:-1][counted]).max() / (1 - proof.alpha * Fraction(dt)))
+
+
+@pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
+@pytest.mark.parametrize(
+    ("observer", "method"), [*((each, "rk4") for each in FIVE), ("high_gain", "euler"), ("peaking_free", "heun")]
+)
+def test_two_estimates_come_together_by_the_proved_share_at_every_call(observer: str, method: str) -> None:
+    dt, estimator = 0.03, made("pendulum", observer)
+    step, steps = hg.sample(estimator, getattr(hg.methods, method), dt=dt), steps_of(estimator, method)
+    rng, scale = np.random.default_rng(1), 20.0 ** np.array(steps.error.layout.power)
+    record = rng.uniform(-1, 1, (12, 1)), rng.uniform(-0.1, 0.1, (12, 1))
+    ratios = [shrinking(steps, dt, step, rng.uniform(-1, 1, (2, len(scale))) * scale, record) for _ in range(4)]
+    assert 0.2 < max(ratios) <= 1 + 1e-9
+
+
+@pytest.mark.parametrize("method", ["euler", "heun", "rk4"])
+def test_every_combination_of_slopes_contracts_by_the_proved_share(method: str) -> None:
+    """e+ = Phi(M_1, .., M_s) e by the stages written out, each with corners of its own: no more than sqrt(1 - a h)."""
+    steps, h = steps_of(made("hyperjerk", "high_gain"), method), 0.1
+    proof = steps.proved(Fraction(h))
+    assert proof is not None
+    u, tableau = steps.error.at(steps.theta), getattr(hg.methods, method).tableau
+    M, G, H = (np.array([[float(Fraction(int(x.p), int(x.q))) for x in row] for row in A]) for A in (u.M, u.G, u.H))
+    root, rng, worst = np.linalg.cholesky(np.array(proof.weights.P, dtype=float)).T, np.random.default_rng(0), 0.0
+    for _ in range(3000):
+        slopes = [M + G @ np.diag(rng.choice([-1.0, 1.0], len(H))) @ H for _ in tableau.b]
+        rates: list[np.ndarray] = []
+        for row, slope in zip(tableau.a, slopes, strict=True):
+            rates.append(slope @ (np.eye(len(M)) + h * sum((a * w for a, w in zip(row, rates, strict=True)), 0 * M)))
+        Phi = np.eye(len(M)) + h * sum(b * w for b, w in zip(tableau.b, rates, strict=True))
+        worst = max(worst, float(np.linalg.norm(root @ Phi @ np.linalg.inv(root), 2)))
+    assert 0.7 < worst <= math.sqrt(1 - float(proof.alpha) * h) * (1 + 1e-9)
+
+
+def test_a_step_beyond_the_longest_is_not_proved_and_says_which_slope_held_there_does_not_decay() -> None:
+    steps = steps_of(made("pendulum", "high_gain"), "euler")
+    assert unstable(steps.at(Fraction(0.083))) is not None
+    assert steps.certain(Fraction(0.083)) is None
+    step = hg.sample(made("pendulum", "high_gain", theta=4), hg.methods.rk4, dt=1e-3)
+    (check,) = hg.contraction(step).checks
+    assert check.verdict is Verdict.UNKNOWN
+    assert "db_2/dz1 = " in str(check.reason) or "no common norm" in str(check.reason)
+
+
+def test_what_rationals_do_not_confirm_is_no_proof() -> None:
+    form = steps_of(made("pendulum", "high_gain"), "rk4").at(Fraction(1, 1000)).contraction(Fraction(0))
+    weights = steps_of(made("pendulum", "high_gain"), "rk4").certain(Fraction(1, 1000))
+    assert weights is not None
+    P, S = rational(weights.P), rational(weights.S)
+    assert verified(form, P, S)
+    assert not verified(form, -P, S)
+    assert not verified(form, P, -S)
+    assert not verified(form, P, 0 * S)
+    assert not verified(form, P * fmpq(1, 10**9), S)
+
+
+@given(st.lists(st.floats(0.2, 3), min_size=2, max_size=3), st.floats(2, 12), st.integers(0, 2**32 - 1))
+@settings(max_examples=8)
+def test_no_pair_of_estimates_of_a_random_plant_grows_apart_where_it_is_proved(
+    slopes: list[float], theta: float, seed: int
+) -> None:
+    n = len(slopes)
+    x = [hg.Signal(f"x{i}", low=-2, high=2) for i in range(1, n + 1)]
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y")
+    rest = [a * sp.sin(z + u) for a, z in zip(slopes, x, strict=True)]
+    flow = [after + r for after, r in zip([*x[1:], 0], rest, strict=True)]
+    plant = hg.System("random", states=x, inputs=(u,), outputs=(y,), flow=flow, output=[x[0]])
+    estimator = hg.observers.high_gain(hg.forms.triangular(plant), theta=theta, poles=(-1,) * n)
+    steps, h = steps_of(estimator, "rk4"), 0.5 / theta
+    if steps.certain(Fraction(h)) is None:
+        return
+    rng, step = np.random.default_rng(seed), hg.sample(estimator, hg.methods.rk4, dt=h)
+    record = rng.uniform(-1, 1, (6, 1)), rng.uniform(-0.1, 0.1, (6, 1))
+    assert shrinking(steps, h, step, rng.uniform(-1, 1, (2, n)) * theta ** np.arange(n), record) <= 1 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("observer", "method", "said"),
+    [
+        ("riccati", "continuous_discrete", "constant injection"),
+        ("high_gain", "exponential", "not made for the matrix exponential"),
+    ],
+)
+def test_where_nothing_is_proved_it_is_said_why(observer: str, method: str, said: str) -> None:
+    step = hg.sample(made("pendulum", observer), getattr(hg.methods, method), dt=1e-3)
+    known = hg.contraction(step)
+    assert (known.proved, known.reach.longest) == (False, None)
+    assert said in str(known.checks[0].reason)
+
+
+def test_without_guards_nothing_is_proved() -> None:
+    step = hg.sample(made("pendulum", "high_gain"), hg.methods.rk4, dt=1e-3, guards="none")
+    assert "without guards" in str(hg.contraction(step).checks[0].reason)
+
+
+def test_a_plant_without_finite_slopes_has_no_inclusion() -> None:
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2")
+    plant = hg.System("free", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -(x2**3)], output=[x1])
+    estimator = hg.observers.high_gain(hg.forms.triangular(plant), theta=5, poles=(-1, -1))
+    assert isinstance(estimator.error(), Nothing)
