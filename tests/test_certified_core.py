@@ -61,7 +61,7 @@ def build(kind: str, name: str, theta: float) -> hg.Observer:
 def bound_of(kind: str, name: str) -> CoreBound:
     """As the observers find it, for its numbers."""
     gains, index, _, fed, _ = parts(kind, form(name).n)
-    layout, cores = Layout(tuple(index), tuple(map(bool, fed))), vertices(kind, name, 1.0)
+    layout, cores = Layout(tuple(index), tuple(index), tuple(map(bool, fed)), ()), vertices(kind, name, 1.0)
     core_bound = of_core(integrators(kind, form(name)), layout, cores, {})
     assert isinstance(core_bound, CoreBound), (core_bound, gains)
     return core_bound
@@ -197,7 +197,10 @@ def test_no_bound_without_its_hypotheses() -> None:
     (claim,) = (check for check in many.checks if check.id == "low_power.convergence")
     assert "up to 14 fields" in str(claim.reason)
     unstable = of_core(
-        integrators("low_power", form("2")), Layout((0, 1), (True, True)), [np.array([[1.0, 1], [0, 1]])], {}
+        integrators("low_power", form("2")),
+        Layout((0, 1), (0, 1), (True, True), (0, 1)),
+        [np.array([[1.0, 1], [0, 1]])],
+        {},
     )
     assert isinstance(unstable, Nothing)
     assert "no P" in str(unstable.reason)

@@ -7,7 +7,7 @@ none of those that are proved.
 from collections.abc import Iterable, Iterator
 
 from hgogen.analysis.observability import Observability
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands.jobs import Checked
 from hgogen.form import Form
 from hgogen.theorem import convergence
@@ -19,7 +19,7 @@ _PROVED, _REFUTED = Verdict.PROVED, Verdict.REFUTED
 
 def headline(seen: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
     """As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown"."""
-    said = (_observed(seen, least), *_forms(survey, claims), _converges(claims))
+    said = (_observed(seen, least), *_forms(survey, claims), _converges(claims), *_runs(claims))
     return f"{claims.plant}: " + "; ".join(said)
 
 
@@ -65,6 +65,13 @@ def _converges(claims: Checked) -> str:
     if claims.observer:
         return str(convergence(claims.observer, claims.checks))
     return "its observer is refused" if claims.demanded else "no observer"
+
+
+def _runs(claims: Checked) -> Iterator[str]:
+    """Whether the step itself is proved, of an observer of which that is asked."""
+    for check in claims.checks:
+        if check.id == ClaimId(claims.observer, "step"):
+            yield f"{'' if check.verdict is _PROVED else 'not '}proved as it runs"
 
 
 def _names(checks: Iterable[Check]) -> str:

@@ -15,6 +15,7 @@ from hgogen.calling.samples import Engine, Run
 from hgogen.check import Check, Refuted, refuted
 from hgogen.commands.process import note
 from hgogen.form import Form
+from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import MissingPart, Model
 from hgogen.program import Field
 from hgogen.reading.measured import Record
@@ -147,8 +148,20 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         known = tuple(check.id for check in error.form.checks if check.id in error.accepted)
         return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer
-    parts = (model.plant.name, observer.form, observer.checks, observer.accepted, observer.name, observer.theorem)
-    return Checked(*parts, model.notes, step=step, tuning=name or "")
+    known, notes = _as_it_runs(step)
+    checks = (*observer.checks, *known)
+    parts = (model.plant.name, observer.form, checks, observer.accepted, observer.name, observer.theorem)
+    return Checked(*parts, (*model.notes, *notes), step=step, tuning=name or "")
+
+
+def _as_it_runs(step: CallableStep) -> tuple[tuple[Check, ...], tuple[str, ...]]:
+    """What is proved of the step itself, of an observer of which it can be, and a note where its solver is missing."""
+    if step.observer.error is None:
+        return (), ()
+    try:
+        return hg.contraction(step).checks, ()
+    except NoSolver as missing:
+        return (), (str(missing),)
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:

@@ -26,7 +26,7 @@ from hgogen.form import Form
 from hgogen.graph import to_casadi
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.certified import ThetaBound, of_gains, of_poles
-from hgogen.guarantees.inclusion import Inclusion, on_integrators, plain, with_gains
+from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
 from hgogen.guarantees.lmi import NoSolver
 from hgogen.intervals.digits import same
 from hgogen.program import sym
@@ -108,8 +108,7 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
     p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
-    numbers = {"gains": tuple(sp.Rational(Fraction(x)) / a for x, a in zip(p, products, strict=True))}
-    error = partial(on_integrators, Integrators(form, form.gains), plain(form), _companions(p, sizes), numbers)
+    error = partial(on_companion, Integrators(form, form.gains), tuple(p), _companions(p, sizes))
     return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), of_poles(form, p), error)
 
 

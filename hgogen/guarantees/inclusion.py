@@ -26,19 +26,21 @@ import sympy as sp
 from hgogen.algebra.definite import number
 from hgogen.algebra.points import exact
 from hgogen.chains.integrators import Integrators
+from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grammar import outward, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.certified import obstacle
 from hgogen.guarantees.certified_core import Layout
-from hgogen.guarantees.quadratic import Array, identity, rational, stacked
+from hgogen.guarantees.quadratic import Array, fractions, identity, rational, stacked
 from hgogen.intervals.bounds import Range
 from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains, fixed, span
 from hgogen.structure.scaling import exponents
 
 _BOXES = 2_000  # for the range of one slope
+_LOOSE = 1e-9  # what a range is wider by, over its width, so that a weaker arithmetic reaches it
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Slope:
 class Inclusion:
     """`N` (N, N), the `slopes`, how the fields lie (`layout`), and the `units` (n) of the chain's states, by which the
     errors of fields are scaled; `scale` (n), of parameters, from the form's states to these; `numbers`: what the
-    observer is built with beside theta."""
+    observer is built with beside theta; `own`: evidence of a core that is not of these alone."""
 
     N: Array
     slopes: tuple[Slope, ...]
@@ -67,6 +69,7 @@ class Inclusion:
     units: tuple[Fraction, ...]
     scale: tuple[sp.Expr, ...]
     numbers: Mapping[str, Any]
+    own: Evidence = field(default_factory=dict)
 
     @property
     def varying(self) -> tuple[Slope, ...]:
@@ -90,7 +93,7 @@ class Inclusion:
             if slope.entry is not None and slope.range is not None
             for i, j in [slope.entry]
         ]
-        return {"scale": self.scale, "units": self.units, "slopes": slopes}
+        return {"scale": self.scale, "units": self.units, "slopes": slopes, **self.own}
 
     def at(self, theta: Fraction) -> "Uncertain":
         """The inclusion at a theta > 0."""
@@ -157,23 +160,31 @@ def on_integrators(
     return inclusion(chain.form, layout, core, scale, units, numbers, shares)
 
 
+def on_companion(chain: Integrators, p: Sequence[float], N: np.ndarray) -> Inclusion | Nothing:
+    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials and `N` (n, n) their
+    companion matrices."""
+    gains = tuple(sp.Rational(Fraction(x)) / a for x, a in zip(p, chain.products, strict=True))
+    error = on_integrators(chain, plain(chain.form), N, {"gains": gains})
+    return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)})
+
+
 def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
     """The inclusion of a constant gain K (n) in the form's own coordinates, whose a_i may move with inputs."""
-    slopes, heads = [], [head for head, size in zip(form.heads, form.blocks, strict=True) for _ in range(size)]
-    places = [head + j for head, size in zip(form.heads, form.blocks, strict=True) for j in range(size)]
-    for at, a in zip(places, (a for chain in chains(form) for a in chain), strict=True):
+    n, slopes, ranges = form.n, list[Slope](), list[Evidence | None]()
+    head = [at for at, size in zip(form.heads, form.blocks, strict=True) for _ in range(size)]
+    for at, a in enumerate(a for chain in chains(form) for a in chain):
         known = span(a, form)
         if not (known and known.defined and known.finite):
             return Nothing(because("a = {a} has no finite range on the box", a=a))
-        onto = [Fraction(0)] * form.n
-        if at in form.heads:
-            onto = [-k if head == at else Fraction(0) for k, head in zip(K, heads, strict=True)]
-        else:
+        ranges.append(enclosure(form, a, known))
+        ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
+        onto = [-k if head[i] == at else Fraction(0) for i, k in enumerate(K)]
+        if at != head[at]:
             onto[at - 1] = Fraction(1)
-        slopes.append(Slope(at, tuple(onto), outward(known.low, -1), outward(known.high, 1), -1, None, known))
-    n = form.n
+        slopes.append(Slope(at, tuple(onto), *ends, -1))
     numbers = {"gains": tuple(map(sp.Rational, K))}
-    return inclusion(form, plain(form), np.zeros((n, n)), [sp.S.One] * n, [Fraction(1)] * n, numbers, slopes)
+    error = inclusion(form, plain(form), np.zeros((n, n)), [sp.S.One] * n, [Fraction(1)] * n, numbers, slopes)
+    return error if isinstance(error, Nothing) else replace(error, own={"ranges": ranges})
 
 
 def plain(form: Form) -> Layout:
@@ -193,6 +204,7 @@ def _slopes(form: Form, layout: Layout, scale: Sequence[sp.Expr]) -> tuple[Slope
         if not (known and known.defined and known.finite):
             return because("db_{i}/d{z} = {slope} has no finite range on the box", i=i + 1, z=z, slope=slope)
         onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
-        low, high = min(outward(known.low, -1), Fraction(0)), max(outward(known.high, 1), Fraction(0))
+        loose = _LOOSE * (known.high - known.low)
+        low, high = min(outward(known.low - loose, -1), Fraction(0)), max(outward(known.high + loose, 1), Fraction(0))
         slopes.append(Slope(layout.picks[j], onto, low, high, powers[i] - powers[j], (i, j), known))
     return tuple(slopes)

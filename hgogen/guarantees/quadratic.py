@@ -58,7 +58,7 @@ class Weights:
     @classmethod
     def of(cls, P: Array, S: Array) -> "Weights":
         """Those of FLINT's rationals."""
-        return cls(tuple(tuple(map(fraction, row)) for row in P), tuple(map(fraction, S)))
+        return cls(fractions(P), tuple(map(fraction, S)))
 
 
 def proved(form: Quadratic, P: Array, S: Array) -> Weights | None:
@@ -138,6 +138,11 @@ def rational(values: Any) -> Array:
     array = np.array(values, dtype=object)
     exactly = [fmpq(each.numerator, each.denominator) for each in map(Fraction, array.ravel().tolist())]
     return np.array(exactly, dtype=object).reshape(array.shape)
+
+
+def fractions(M: Array) -> Matrix:
+    """A matrix of FLINT's rationals as fractions."""
+    return tuple(tuple(map(fraction, row)) for row in M)
 
 
 def identity(n: int) -> Array:

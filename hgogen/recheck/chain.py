@@ -12,7 +12,7 @@ from .algebra import Quotient
 from .box import NotShown, covered
 from .context import Context, Shown, declared_box, finite, on, only, short
 from .file import Claim, Observer, part
-from .matrix import column, entries, scalar
+from .matrix import Matrix, column, entries, scalar
 from .slope import Norm, continuous, spectral, steep
 from .text import Expression, expression
 
@@ -84,6 +84,22 @@ def invertible(context: Context, scale: Sequence[Expression]) -> int:
     """That each is finite and not zero on its box; with how many boxes. Raises: `NotShown`."""
     box = context.form.box
     return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
+
+
+def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
+    """N, with S (A - K C) = N S whatever the parameters. Raises: `NotShown`."""
+    algebra, form = context.algebra, context.form
+    S, K = ([context.value(text) for text in texts] for texts in (scale, gains))
+    column = {z: k for k, z in enumerate(context.heads)}
+    chain = [k for k, size in enumerate(form.blocks) for _ in range(size)]
+    for i, row in enumerate(form.A):
+        for j, text in enumerate(row):
+            entry, at = context.value(text), column.get(context.z[j])
+            if at is not None and chain[i] == at:
+                entry = entry - K[i] * context.first_gain(at)
+            if not algebra.is_zero(S[i] * entry - algebra.number(N[i][j]) * S[j]):
+                raise NotShown(f"its core[{i + 1},{j + 1}] is not that of S (A - K C) S^-1")
+    return N
 
 
 def slope(

@@ -17,7 +17,7 @@ from fractions import Fraction
 from itertools import product
 
 from ..box import NotShown
-from ..chain import built, constants, invertible, slope, wanted_gain
+from ..chain import built, constants, core_of, invertible, slope, wanted_gain
 from ..context import RANGE, Context, Shown, enclosed, finite, on, only, short
 from ..file import Built, Claim, Observer
 from ..matrix import Matrix, decaying, demand_positive, entries, matrix, minus, scalar, scaled, unit, zeros
@@ -45,7 +45,7 @@ def convergence(context: Context, claim: Claim) -> Shown:
     if ("core" in evidence) is ("ranges" in evidence):
         raise NotShown("its evidence has not one of a core and ranges")
     if "core" in evidence:
-        vertices = [_core(context, scale, gains, matrix(evidence, "core", n, n))]
+        vertices = [core_of(context, scale, gains, matrix(evidence, "core", n, n))]
     else:
         vertices, more = _corners(context, claim, scale, gains)
         boxes += more
@@ -58,22 +58,6 @@ def convergence(context: Context, claim: Claim) -> Shown:
 def threshold(observer: Observer, claim: Claim) -> Fraction:
     """max(1, 2 peak L) of a claim of convergence."""
     return max(Fraction(1), 2 * scalar(claim.evidence, "peak") * scalar(claim.evidence, "bound"))
-
-
-def _core(context: Context, scale: list[Expression], gains: tuple[Expression, ...], N: Matrix) -> Matrix:
-    """N, with S (A - K C) = N S whatever the parameters."""
-    algebra, form = context.algebra, context.form
-    S, K = ([context.value(text) for text in texts] for texts in (scale, gains))
-    column = {z: k for k, z in enumerate(context.heads)}
-    chain = [k for k, size in enumerate(form.blocks) for _ in range(size)]
-    for i, row in enumerate(form.A):
-        for j, text in enumerate(row):
-            entry, at = context.value(text), column.get(context.z[j])
-            if at is not None and chain[i] == at:
-                entry = entry - K[i] * context.first_gain(at)
-            if not algebra.is_zero(S[i] * entry - algebra.number(N[i][j]) * S[j]):
-                raise NotShown(f"its core[{i + 1},{j + 1}] is not that of S (A - K C) S^-1")
-    return N
 
 
 def _corners(
