@@ -89,20 +89,18 @@ def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator
     if far.pieces:
         longest = far.pieces[-1].high
         upto, most = f"{Down(longest, 3)} {observer.form.system.time}", Down(longest * steps.theta, 3)
-        claim = f"so it does at every dt up to {upto}, of a larger theta while theta dt is up to {most}"
+        claim = f"so they do at every dt up to {upto}, of a larger theta while theta dt is up to {most}"
         shown = Throughout(steps.error, rule, steps.theta, far.pieces)
         yield _proved(observer, "shorter", claim, reason, steps.error, shown)
     if far.tuned and far.least is not None:
         ends = f"from {same(float(far.least))} to {same(float(steps.theta))}"
         shown = Throughout(steps.error, rule, far.least, far.tuned)
-        yield _proved(observer, "tuned", f"so it does at every theta {ends}", reason, steps.error, shown)
+        yield _proved(observer, "tuned", f"so they do at every theta {ends}", reason, steps.error, shown)
 
 
 def _claim(observer: Observer, rule: str, dt: float) -> str:
-    return (
-        f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}, the error contracts at every call: of "
-        "the estimate against a plant that moves by the same step, and of any two estimates"
-    )
+    at = f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
+    return f"{at}, any two estimates that are given the same samples come together"
 
 
 def _proved(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, shown: Any) -> Check:

@@ -1,0 +1,183 @@
+"""Certificates of the step as it runs, verified again: true ones of five observers, and forged numbers."""
+
+import copy
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import pytest
+import sympy as sp
+from forger import sealed
+from plants import MODELS, model, two_outputs
+
+import hgogen as hg
+from hgogen.model import load
+from hgogen.recheck.verification import recheck
+
+FIVE = ("high_gain", "filtered", "filtered_injection", "low_power", "peaking_free")
+Content = dict[str, Any]
+
+
+def content_of(observer: hg.Observer, method: str = "rk4", dt: float = 1e-3) -> Content:
+    step = hg.sample(observer, getattr(hg.methods, method), dt=dt)
+    checks = (*observer.checks, *hg.contraction(step).checks)
+    return hg.certificate(observer.form, checks, observer.name)
+
+
+@cache
+def certified(observer: str) -> Content:
+    """The certificate of the pendulum's shipped tuning."""
+    gains = load(MODELS / "pendulum.py").module.tuning[observer]
+    return content_of(getattr(hg.observers, observer)(hg.forms.triangular(model("pendulum")), **gains))
+
+
+def findings(content: Content) -> dict[str, str]:
+    """What is found of each claim about the step, by its fact."""
+    rows = {row.id.split(".")[1]: row.found for row in recheck(sealed(content)).rows}
+    return {fact: rows[fact] for fact in ("step", "shorter", "tuned") if fact in rows}
+
+
+def claim(content: Content, fact: str) -> Content:
+    (one,) = (each for each in content["claims"] if each["id"].endswith(f".{fact}"))
+    return one["evidence"]
+
+
+@pytest.mark.parametrize("observer", FIVE)
+def test_the_claims_of_each_observer_are_verified(observer: str) -> None:
+    assert findings(certified(observer)) == dict.fromkeys(("step", "shorter", "tuned"), "verified")
+
+
+@pytest.mark.parametrize("method", ["euler", "heun"])
+def test_other_methods_are_verified(method: str) -> None:
+    gains = load(MODELS / "pendulum.py").module.tuning["high_gain"]
+    observer = hg.observers.high_gain(hg.forms.triangular(model("pendulum")), **gains)
+    assert set(findings(content_of(observer, method)).values()) == {"verified"}
+
+
+def driven() -> hg.System:
+    """x1' = (2 + u) x2, x2' = -sin x1: an a_2 that moves with the input."""
+    x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)
+    u = hg.Signal("u", low=-0.3, high=0.3)
+    flow = [(2 + u) * x2, -sp.sin(x1)]
+    return hg.System("driven", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+
+
+def scaled() -> hg.System:
+    """x1' = a x2, x2' = -sin x1, y = x1, a in a range: gains from poles follow it."""
+    x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)
+    a = hg.Signal("a", "", "", 2, low=1, high=3)
+    flow = [a * x2, -sp.sin(x1)]
+    return hg.System("scaled", states=(x1, x2), parameters=(a,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+
+
+def test_gains_on_an_a_that_moves_are_proved_and_verified() -> None:
+    observer = hg.observers.high_gain(hg.forms.triangular(driven()), theta=6, gains=(2, 0.5))
+    content = content_of(observer)
+    assert findings(content) == dict.fromkeys(("step", "shorter", "tuned"), "verified")
+    narrow = copy.deepcopy(content)
+    claim(narrow, "step")["ranges"][1] |= {"low": "1.9", "high": "2.1"}
+    assert findings(narrow)["step"] == "fails"
+
+
+def test_gains_from_poles_follow_a_parameter_and_are_verified() -> None:
+    observer = hg.observers.high_gain(hg.forms.triangular(scaled()), theta=8, poles=(-1, -1))
+    assert findings(content_of(observer)) == dict.fromkeys(("step", "shorter", "tuned"), "verified")
+
+
+def test_several_outputs_are_proved_and_verified() -> None:
+    form = hg.forms.block_triangular(two_outputs())
+    observer = hg.observers.high_gain(form, theta=6, poles=((-1, -1), (-1,)))
+    assert findings(content_of(observer))["step"] == "verified"
+
+
+def put(*path: Any, value: Any) -> Callable[[Content], None]:
+    def change(evidence: Content) -> None:
+        *inner, last = path
+        for key in inner:
+            evidence = evidence[key]
+        evidence[last] = value(evidence[last]) if callable(value) else value
+
+    return change
+
+
+def times(factor: float) -> Callable[[str], str]:
+    return lambda text: str(Fraction(text) * Fraction(factor))
+
+
+AT_ONE = {
+    "dt beyond": put("dt", value="0.2"),
+    "dt of 0": put("dt", value="0"),
+    "a faster rate": put("alpha", value=times(2)),
+    "a negative rate": put("alpha", value="-1"),
+    "all at once": put("alpha", value="1000"),
+    "P turned": put("P", value=lambda P: [[str(-Fraction(x)) for x in row] for row in P]),
+    "P skew": put("P", 0, 1, value="0"),
+    "S below 0": put("S", 0, value="-1"),
+    "S of nothing": put("S", value=lambda S: ["0"] * len(S)),
+    "S too short": put("S", value=lambda S: S[:-1]),
+    "a narrow slope": put("slopes", 0, value=lambda one: {**one, "low": "-1", "high": "1"}),
+    "a slope less steep upwards": put("slopes", 0, "high", value="1"),
+    "a slope less steep downwards": put("slopes", 0, "low", value="-1"),
+    "a slope elsewhere": put("slopes", 0, "column", value="2"),
+    "no slopes": put("slopes", value=[]),
+    "another method": put("method", value="the matrix exponential"),
+    "units": put("units", value=lambda units: [str(3 * Fraction(u)) for u in units]),
+    "scale": put("scale", value=lambda scale: ["3", *scale[1:]]),
+}
+PIECES = {
+    "theta above the observer's": put("theta", value="21"),
+    "theta far below": put("theta", value="1"),
+    "a longer piece": put("pieces", -1, "high", value="0.5"),
+    "a gap": put("pieces", 0, "low", value="1/1000000"),
+    "no piece": put("pieces", value=[]),
+    "S of nothing": put("pieces", 0, "S", value=lambda S: ["0"] * len(S)),
+    "P turned": put("pieces", 0, "P", value=lambda P: [[str(-Fraction(x)) for x in row] for row in P]),
+    "more in a piece": put("pieces", 0, value=lambda piece: {**piece, "note": "x"}),
+    "another method": put("method", value="Euler"),
+}
+
+
+@pytest.mark.parametrize("lie", AT_ONE)
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_a_forged_number_of_one_length_fails(observer: str, lie: str) -> None:
+    content = copy.deepcopy(certified(observer))
+    if observer == "high_gain" and lie == "units":
+        return  # it has no units: its scale says all
+    AT_ONE[lie](claim(content, "step"))
+    assert findings(content)["step"] == "fails"
+    assert findings(content)["shorter"] == "verified"
+
+
+@pytest.mark.parametrize("lie", PIECES)
+@pytest.mark.parametrize("fact", ["shorter", "tuned"])
+def test_a_forged_number_of_all_shorter_lengths_fails(fact: str, lie: str) -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    PIECES[lie](claim(content, fact))
+    assert findings(content)[fact] == "fails"
+
+
+@pytest.mark.parametrize(
+    ("observer", "number", "value"),
+    [
+        ("high_gain", "theta", "200000"),
+        ("high_gain", "gains", ["2", "3"]),
+        ("filtered", "alpha", "1"),
+        ("filtered", "beta", "3"),
+        ("filtered_injection", "NH", [["5", "0"], ["0", "1"]]),
+        ("low_power", "gains", [["2", "2"]]),
+        ("peaking_free", "last", "100"),
+    ],
+)
+def test_numbers_of_another_observer_are_not_what_was_proved(observer: str, number: str, value: Any) -> None:
+    content = copy.deepcopy(certified(observer))
+    content["observer"][number] = value
+    assert findings(content)["step"] == "fails"
+
+
+def test_a_steeper_plant_is_not_what_was_proved() -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    for parameter in content["plant"]["parameters"]:
+        if parameter["name"] == "a":
+            parameter.update(low="40", high="40")
+    assert set(findings(content).values()) == {"fails"}
