@@ -558,7 +558,10 @@ def falsehood(content: dict[str, Any]) -> str:
                 return f"{claim['id']}: {value} is outside [{low}, {high}]"
         steep = np.linalg.norm(slopes(*values), 2)
         for claim in content["claims"]:
-            if "core" in claim["evidence"]:
+            if "method" in claim["evidence"]:
+                if sample < 3 and (contradiction := no_contraction(content, claim, ranges, slopes, draw)):
+                    return contradiction
+            elif "core" in claim["evidence"]:
                 if sample < 3 and (
                     contradiction := no_convergence(content, claim["evidence"], symbols, at, np.array(slopes(*values)))
                 ):
@@ -600,6 +603,36 @@ def no_convergence(content: dict[str, Any], evidence: dict[str, Any], symbols: A
     if claim["verdict"] == "proved" and Fraction(observer["theta"]) <= max(1, 2 * peak * steep):
         return "theta is below the bound"
     return ""
+
+
+def no_contraction(
+    content: dict[str, Any], claim: dict[str, Any], ranges: Any, slopes: Any, draw: random.Random
+) -> str:
+    """What floats say against a step that contracts, by slopes at points of their own in each stage, or ""."""
+    evidence, theta = claim["evidence"], float(Fraction(content["observer"]["theta"]))
+    if "pieces" in evidence:
+        one, theta = draw.choice(evidence["pieces"]), float(Fraction(evidence["theta"]))
+        h, alpha = draw.uniform(float(Fraction(one["low"])), float(Fraction(one["high"]))), 0.0
+    else:
+        one, h, alpha = evidence, float(Fraction(evidence["dt"])), float(Fraction(evidence["alpha"]))
+    S = np.array([float(Fraction(text)) for text in evidence["scale"]])
+    N, P = (np.array([[float(Fraction(x)) for x in row] for row in M]) for M in (evidence["core"], one["P"]))
+    a, b = {
+        "Euler": ([[]], [1]),
+        "Heun": ([[], [1]], [1 / 2, 1 / 2]),
+        "classical Runge-Kutta": ([[], [1 / 2], [0, 1 / 2], [0, 0, 1]], [1 / 6, 1 / 3, 1 / 3, 1 / 6]),
+    }[evidence["method"]]
+    power, rates = theta ** -np.arange(len(N)), list[np.ndarray]()
+    for row in a:
+        at = [draw.choice([low, high, draw.uniform(low, high)]) for low, high in ranges.values()]
+        J = np.array(slopes(*at), dtype=float) * [draw.choice([0, 1, draw.random()]) for _ in N]
+        M = theta * N + (S * power)[:, None] * J / (S * power)
+        rates.append(M @ (np.eye(len(N)) + h * sum((x * w for x, w in zip(row, rates, strict=True)), 0 * N)))
+    Phi = np.eye(len(N)) + h * sum(x * w for x, w in zip(b, rates, strict=True))
+    if np.linalg.eigvalsh(P).min() <= 0:
+        return f"{claim['id']}: P is not positive"
+    worst = np.linalg.eigvals(np.linalg.solve(P, Phi.T @ P @ Phi)).real.max()
+    return f"{claim['id']}: V grows by {worst}" if worst > 1 - alpha * h + 1e-9 else ""
 
 
 # --- no false statement ---------------------------------------------------------------------------------------------

@@ -150,9 +150,9 @@ def on_integrators(
 ) -> Inclusion | Nothing:
     """The inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`: fields
     whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`."""
-    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
-    if any(unit <= 0 for unit in units):
+    if not all(product > 0 for product in chain.nominal):
         return Nothing(because("the inequality is for a_i shown to be positive"))
+    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
     products = (sp.Mul(*each[: i + 1]) for each in chains(chain.form) for i in range(len(each)))
     scale = [sp.Rational(unit) * product for unit, product in zip(units, products, strict=True)]
     zero, one = Fraction(0), Fraction(1)
