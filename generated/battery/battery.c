@@ -13,6 +13,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define BATTERY_RARELY __attribute__((noinline))
+#else
+#define BATTERY_RARELY
+#endif
+
 static float battery_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -146,12 +153,83 @@ static void battery_flow(float z2, float u, float dz[2])
     dz[1] = 0.00066666666f*u - 0.016666668f*z2;
 }
 
-unsigned battery_predict(battery_state *s, const battery_params *p, const battery_input *in)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned battery_ready(battery_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != BATTERY_READY) {
+        battery_reset(s);
+        status = BATTERY_UNINITIALISED;
+    }
+    return status;
+}
+
+BATTERY_RARELY
+
+static void battery_clear_doubt(battery_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 120.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 120.0f;
+    s->doubt_sum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned battery_keep_in_box(battery_state *s, const battery_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = battery_within(s->z[0], 1e+30f) && battery_within(s->z[1], 1e+30f)
+            && battery_within(s->L, 1e+30f);
+        lost = !(t1 && battery_within(s->D[0], 1e+30f) && battery_within(s->D[1], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.05f;
+        s->z[1] = 0.0f;
+        status |= BATTERY_RESTARTED;
+        battery_clear_doubt(s);
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 0.2f;
+        s->D[1] = 0.04f;
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = battery_clamp(z1, -0.85f, 1.85f);
+        s->z[1] = battery_limit(z2, 0.6f);
+        if (z1 < -0.85f || z1 > 1.85f || battery_abs(z2) > 0.6f) {
+            status |= BATTERY_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L;
+        s->L = battery_limit(L21, 4.4444445e+08f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        s->D[0] = battery_clamp(D1, 1e-18f, 1.8225f);
+        s->D[1] = battery_clamp(D2, 9e-19f, 0.36f);
+    }
+    return status;
+}
+
+unsigned battery_predict(battery_state *s, const battery_params *p, const battery_input *in)
+{
+    unsigned status = battery_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -233,48 +311,7 @@ unsigned battery_predict(battery_state *s, const battery_params *p, const batter
             beyond = !(t1 && D1 >= 1e-18f && D1 <= 1.8225f && D2 >= 9e-19f && D2 <= 0.36f);
         }
         if (battery_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = battery_within(s->z[0], 1e+30f) && battery_within(s->z[1], 1e+30f)
-                    && battery_within(s->L, 1e+30f);
-                lost = !(t1 && battery_within(s->D[0], 1e+30f) && battery_within(s->D[1], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.05f;
-                s->z[1] = 0.0f;
-                s->L = 0.0f;
-                s->D[0] = 0.2f;
-                s->D[1] = 0.04f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 120.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 120.0f;
-                s->doubt_sum = 0.0f;
-                status |= BATTERY_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = battery_clamp(z1, -0.85f, 1.85f);
-                s->z[1] = battery_limit(z2, 0.6f);
-                if (z1 < -0.85f || z1 > 1.85f || battery_abs(z2) > 0.6f) {
-                    status |= BATTERY_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L;
-                s->L = battery_limit(L21, 4.4444445e+08f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                s->D[0] = battery_clamp(D1, 1e-18f, 1.8225f);
-                s->D[1] = battery_clamp(D2, 9e-19f, 0.36f);
-            }
+            status |= battery_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -284,7 +321,8 @@ unsigned battery_predict(battery_state *s, const battery_params *p, const batter
     return status;
 }
 
-unsigned battery_update_y(battery_state *s, const battery_params *p, const battery_output *out)
+/* part of a step: correct with y */
+static unsigned battery_run_update_y(battery_state *s, const battery_params *p, const battery_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -357,48 +395,7 @@ unsigned battery_update_y(battery_state *s, const battery_params *p, const batte
                 beyond = !(t1 && D1 >= 1e-18f && D1 <= 1.8225f && D2 >= 9e-19f && D2 <= 0.36f);
             }
             if (battery_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = battery_within(s->z[0], 1e+30f) && battery_within(s->z[1], 1e+30f)
-                        && battery_within(s->L, 1e+30f);
-                    lost = !(t1 && battery_within(s->D[0], 1e+30f) && battery_within(s->D[1], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.05f;
-                    s->z[1] = 0.0f;
-                    s->L = 0.0f;
-                    s->D[0] = 0.2f;
-                    s->D[1] = 0.04f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 120.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 120.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= BATTERY_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = battery_clamp(z1, -0.85f, 1.85f);
-                    s->z[1] = battery_limit(z2, 0.6f);
-                    if (z1 < -0.85f || z1 > 1.85f || battery_abs(z2) > 0.6f) {
-                        status |= BATTERY_STATE_LIMITED;
-                    }
-                }
-                /* keep L in its box */
-                {
-                    const float L21 = s->L;
-                    s->L = battery_limit(L21, 4.4444445e+08f);
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    s->D[0] = battery_clamp(D1, 1e-18f, 1.8225f);
-                    s->D[1] = battery_clamp(D2, 9e-19f, 0.36f);
-                }
+                status |= battery_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -435,12 +432,7 @@ unsigned battery_update_y(battery_state *s, const battery_params *p, const batte
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 120.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 120.0f;
-                    s->doubt_sum = 0.0f;
+                    battery_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -567,12 +559,19 @@ unsigned battery_update_y(battery_state *s, const battery_params *p, const batte
     return status;
 }
 
+unsigned battery_update_y(battery_state *s, const battery_params *p, const battery_output *out)
+{
+    unsigned status = battery_ready(s);
+    status |= battery_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned battery_step(battery_state *s, const battery_params *p, const battery_input *in,
     const battery_output *out)
 {
     unsigned status = 0u;
     status |= battery_predict(s, p, in);
-    status |= battery_update_y(s, p, out);
+    status |= battery_run_update_y(s, p, out);
     return status;
 }
 
@@ -602,21 +601,19 @@ unsigned battery_tune(battery_params *p)
     return status;
 }
 
+BATTERY_RARELY
 void battery_reset(battery_state *s)
 {
+    s->ready = BATTERY_READY;
     s->z[0] = 0.05f;
     s->z[1] = 0.0f;
     s->L = 0.0f;
     s->D[0] = 0.2f;
     s->D[1] = 0.04f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 120.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 120.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
+    battery_clear_doubt(s);
 }
 
 void battery_init(battery_state *s, battery_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define BIOREACTOR_RARELY __attribute__((noinline))
+#else
+#define BIOREACTOR_RARELY
+#endif
+
 static float bioreactor_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -79,12 +86,90 @@ static void bioreactor_rate(const bioreactor_params *p, float w1, float w2, floa
     dk[0] = t2*t2*p->gain.gamma;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned bioreactor_ready(bioreactor_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != BIOREACTOR_READY) {
+        bioreactor_reset(s);
+        status = BIOREACTOR_UNINITIALISED;
+    }
+    return status;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = bioreactor_within(s->w[0], 1e+30f) && bioreactor_within(s->w[1], 1e+30f)
+            && bioreactor_within(s->k, 1e+30f);
+        const bool t2 = t1 && bioreactor_within(s->quiet, 1e+30f) && bioreactor_within(s->settled, 1e+30f)
+            && bioreactor_within(s->falls, 1e+30f);
+        lost = !t2;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->w[0] = 0.0f;
+        s->w[1] = 0.0f;
+        s->k = 0.1f;
+        s->settled = 0.0f;
+        s->falls = 0.0f;
+        status |= BIOREACTOR_RESTARTED;
+        /* as after a reset */
+        s->doubt_y = 0.0f;
+        s->patience_y = 6360.0f;
+        s->doubt_sum = 0.0f;
+        /* as after a reset */
+        s->quiet = 0.0f;
+    }
+    /* keep w in its box */
+    {
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        s->w[0] = bioreactor_clamp(w1, -0.13f, 0.29f);
+        s->w[1] = bioreactor_clamp(w2, -0.19518037f, 0.25633296f);
+        if (w1 < -0.13f || w1 > 0.29f || w2 < -0.19518037f || w2 > 0.25633296f) {
+            status |= BIOREACTOR_STATE_LIMITED;
+        }
+    }
+    /* keep k in its box */
+    {
+        const float k_2 = s->k;
+        s->k = bioreactor_clamp(k_2, 0.1f, 5.0f);
+    }
+    /* keep quiet in its box */
+    {
+        const float quiet = s->quiet;
+        s->quiet = bioreactor_clamp(quiet, 0.0f, 44.969326f);
+    }
+    /* keep settled in its box */
+    {
+        const float settled = s->settled;
+        s->settled = bioreactor_clamp(settled, 0.0f, 1.0f);
+    }
+    /* keep falls in its box */
+    {
+        const float falls = s->falls;
+        s->falls = bioreactor_clamp(falls, 0.0f, 6.0f);
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
 static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params *p,
     const bioreactor_input *in, const bioreactor_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = bioreactor_ready(s);
     bool beyond = false;
     bool doubtful = false;
+    float k_at = 0.0f;
+    float k_from = 0.0f;
+    float k_sum = 0.0f;
     bool lost = false;
     bool over_y = false;
     bool running = false;
@@ -93,6 +178,9 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
     bool spoiled = false;
     float u = 0.0f;
     float valid = 0.0f;
+    float w_at[2];
+    float w_from[2];
+    float w_sum[2];
     float y = 0.0f;
     float y_last = 0.0f;
     /* guard the input */
@@ -133,30 +221,70 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
         s->calls = (calls < 2u) ? calls + 1u : 2u;
     }
     if (running) {
-        /* w, k: one step of classical Runge-Kutta */
+        /* w, k: one step of classical Runge-Kutta, stage 1 of 4 */
         {
-            const float k_2 = s->k;
             const float w1 = s->w[0];
             const float w2 = s->w[1];
-            const float y_mid = y_last + 0.5f*(y - y_last);
+            const float k_2 = s->k;
             float k1_w[2];
             float k1_k[1];
             bioreactor_rate(p, w1, w2, k_2, y_last, valid, k1_w, k1_k);
+            w_from[0] = w1;
+            w_from[1] = w2;
+            k_from = k_2;
+            w_sum[0] = k1_w[0];
+            w_sum[1] = k1_w[1];
+            k_sum = k1_k[0];
+            w_at[0] = w1 + 0.005f*k1_w[0];
+            w_at[1] = w2 + 0.005f*k1_w[1];
+            k_at = k_2 + 0.005f*k1_k[0];
+        }
+        /* w, k: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float k_at_2 = k_at;
+            const float k_sum_2 = k_sum;
+            const float w_at1 = w_at[0];
+            const float w_at2 = w_at[1];
+            const float w_sum1 = w_sum[0];
+            const float w_sum2 = w_sum[1];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k2_w[2];
             float k2_k[1];
-            bioreactor_rate(p, w1 + 0.005f*k1_w[0], w2 + 0.005f*k1_w[1], k_2 + 0.005f*k1_k[0], y_mid, valid,
-                k2_w, k2_k);
+            bioreactor_rate(p, w_at1, w_at2, k_at_2, y_mid, valid, k2_w, k2_k);
+            w_sum[0] = w_sum1 + 2.0f*k2_w[0];
+            w_sum[1] = w_sum2 + 2.0f*k2_w[1];
+            k_sum = k_sum_2 + 2.0f*k2_k[0];
+            w_at[0] = w_from[0] + 0.005f*k2_w[0];
+            w_at[1] = w_from[1] + 0.005f*k2_w[1];
+            k_at = k_from + 0.005f*k2_k[0];
+        }
+        /* w, k: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float k_at_2 = k_at;
+            const float k_sum_2 = k_sum;
+            const float w_at1 = w_at[0];
+            const float w_at2 = w_at[1];
+            const float w_sum1 = w_sum[0];
+            const float w_sum2 = w_sum[1];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_w[2];
             float k3_k[1];
-            bioreactor_rate(p, w1 + 0.005f*k2_w[0], w2 + 0.005f*k2_w[1], k_2 + 0.005f*k2_k[0], y_mid, valid,
-                k3_w, k3_k);
+            bioreactor_rate(p, w_at1, w_at2, k_at_2, y_mid, valid, k3_w, k3_k);
+            w_sum[0] = w_sum1 + 2.0f*k3_w[0];
+            w_sum[1] = w_sum2 + 2.0f*k3_w[1];
+            k_sum = k_sum_2 + 2.0f*k3_k[0];
+            w_at[0] = w_from[0] + 0.01f*k3_w[0];
+            w_at[1] = w_from[1] + 0.01f*k3_w[1];
+            k_at = k_from + 0.01f*k3_k[0];
+        }
+        /* w, k: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_w[2];
             float k4_k[1];
-            bioreactor_rate(p, w1 + 0.01f*k3_w[0], w2 + 0.01f*k3_w[1], k_2 + 0.01f*k3_k[0], y, valid, k4_w,
-                k4_k);
-            s->w[0] = w1 + 0.0016666667f*(k1_w[0] + 2.0f*k2_w[0] + 2.0f*k3_w[0] + k4_w[0]);
-            s->w[1] = w2 + 0.0016666667f*(k1_w[1] + 2.0f*k2_w[1] + 2.0f*k3_w[1] + k4_w[1]);
-            s->k = k_2 + 0.0016666667f*(k1_k[0] + 2.0f*k2_k[0] + 2.0f*k3_k[0] + k4_k[0]);
+            bioreactor_rate(p, w_at[0], w_at[1], k_at, y, valid, k4_w, k4_k);
+            s->w[0] = w_from[0] + 0.0016666667f*(w_sum[0] + k4_w[0]);
+            s->w[1] = w_from[1] + 0.0016666667f*(w_sum[1] + k4_w[1]);
+            s->k = k_from + 0.0016666667f*(k_sum + k4_k[0]);
         }
         /* is a value beyond its box, or lost? */
         {
@@ -168,40 +296,7 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
             beyond = !t1;
         }
         if (bioreactor_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = bioreactor_within(s->w[0], 1e+30f) && bioreactor_within(s->w[1], 1e+30f)
-                    && bioreactor_within(s->k, 1e+30f);
-                lost = !t1;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->w[0] = 0.0f;
-                s->w[1] = 0.0f;
-                s->k = 0.1f;
-                s->quiet = 0.0f;
-                s->settled = 0.0f;
-                s->falls = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 6360.0f;
-                s->doubt_sum = 0.0f;
-                status |= BIOREACTOR_RESTARTED;
-            }
-            /* keep w in its box */
-            {
-                const float w1 = s->w[0];
-                const float w2 = s->w[1];
-                s->w[0] = bioreactor_clamp(w1, -0.13f, 0.29f);
-                s->w[1] = bioreactor_clamp(w2, -0.19518037f, 0.25633296f);
-                if (w1 < -0.13f || w1 > 0.29f || w2 < -0.19518037f || w2 > 0.25633296f) {
-                    status |= BIOREACTOR_STATE_LIMITED;
-                }
-            }
-            /* keep k in its box */
-            {
-                const float k_2 = s->k;
-                s->k = bioreactor_clamp(k_2, 0.1f, 5.0f);
-            }
+            status |= bioreactor_keep_in_box(s, p);
         }
     }
     /* remember the input */
@@ -299,12 +394,12 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
     return status;
 }
 
+/* part of a step: adapt the gain; once after the updates */
 static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p)
 {
     unsigned status = 0u;
     bool beyond = false;
     bool falling = false;
-    bool lost = false;
     bool running = false;
     /* no time has passed before the second call */
     running = s->calls >= 2u;
@@ -351,45 +446,7 @@ static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p
             beyond = !(t1 && falls >= 0.0f && falls <= 6.0f);
         }
         if (bioreactor_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = bioreactor_within(s->k, 1e+30f) && bioreactor_within(s->quiet, 1e+30f)
-                    && bioreactor_within(s->settled, 1e+30f);
-                lost = !(t1 && bioreactor_within(s->falls, 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->w[0] = 0.0f;
-                s->w[1] = 0.0f;
-                s->k = 0.1f;
-                s->quiet = 0.0f;
-                s->settled = 0.0f;
-                s->falls = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 6360.0f;
-                s->doubt_sum = 0.0f;
-                status |= BIOREACTOR_RESTARTED;
-            }
-            /* keep k in its box */
-            {
-                const float k_2 = s->k;
-                s->k = bioreactor_clamp(k_2, 0.1f, 5.0f);
-            }
-            /* keep quiet in its box */
-            {
-                const float quiet = s->quiet;
-                s->quiet = bioreactor_clamp(quiet, 0.0f, 44.969326f);
-            }
-            /* keep settled in its box */
-            {
-                const float settled = s->settled;
-                s->settled = bioreactor_clamp(settled, 0.0f, 1.0f);
-            }
-            /* keep falls in its box */
-            {
-                const float falls = s->falls;
-                s->falls = bioreactor_clamp(falls, 0.0f, 6.0f);
-            }
+            status |= bioreactor_keep_in_box(s, p);
         }
     }
     return status;
@@ -438,8 +495,10 @@ unsigned bioreactor_tune(bioreactor_params *p)
     return status;
 }
 
+BIOREACTOR_RARELY
 void bioreactor_reset(bioreactor_state *s)
 {
+    s->ready = BIOREACTOR_READY;
     s->w[0] = 0.0f;
     s->w[1] = 0.0f;
     s->k = 0.1f;

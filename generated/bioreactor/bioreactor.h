@@ -41,9 +41,13 @@
  * are those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
  * parameters at their nominal values, which proves nothing: others may ask for a shorter one. A gain whose
  * largest value is its nominal one can only go down. The state may be copied, saved and restored, by the same
- * version of this file. To start from an estimate of yours write s.w, in the coordinates that the struct
- * names, after init or reset and before the first call, which takes the estimate as it stands; what else a
- * step remembers of it starts there too.
+ * version of this file. It begins with a mark, s.ready, that init and reset leave there. Memory without it
+ * (zeros, what a stack held, a page that was erased, a state of another program) is not used: the call that
+ * meets it begins as after a reset, and says UNINITIALISED. Only estimate, which has no status, does not ask:
+ * call it after a step. The mark is no checksum of the rest, and parameters have none: init makes them. To
+ * start from an estimate of yours write s.w, in the coordinates that the struct names, after init or reset
+ * and before the first call, which takes the estimate as it stands; what else a step remembers of it starts
+ * there too.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
@@ -96,6 +100,11 @@
  * gain falls by halves; if it stays, raise strip, or declare a higher cap, and a shorter dt for it. */
 #define BIOREACTOR_GAIN_LIMITED          0x0200u
 
+/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
+ * the state began as before the first call. To do: call init once before all else; of a state that was
+ * restored, check what was saved. */
+#define BIOREACTOR_UNINITIALISED         0x0400u
+
 /** @} */
 
 /** the period that is compiled in, in hours */
@@ -106,6 +115,9 @@
 
 /** the model that a restored state is of */
 #define BIOREACTOR_MODEL   "d3e50a381325b170"
+
+/** what init and reset leave in `ready` of a state */
+#define BIOREACTOR_READY   0xAE0Eu
 
 /**
  * @file
@@ -167,6 +179,7 @@ typedef struct {
 /** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
  * restored from beyond them is limited, or begins anew, where a call next computes with it */
 typedef struct {
+    unsigned ready;   /**< what init and reset leave here; a state without it begins anew */
     float w[2];       /**< estimate, in chains of integrators: m, a1*m*s/(a2*m + s) - m*u */
     float k;          /**< gain, which grows outside the strip [1/h], 0.1 .. 5 */
     float quiet;      /**< integral of k since the error is inside the strip, 0 .. 44.9693 */

@@ -2,6 +2,7 @@
 #include "cascaded_tanks.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(CASCADED_TANKS_USE_LIBM)
 #include <math.h>
 #elif defined(CASCADED_TANKS_USE_CMSIS)
@@ -11,6 +12,13 @@
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define CASCADED_TANKS_RARELY __attribute__((noinline))
+#else
+#define CASCADED_TANKS_RARELY
 #endif
 
 static float cascaded_tanks_abs(float v)
@@ -127,6 +135,39 @@ static float cascaded_tanks_nan(void)
     return large - large;
 }
 
+/* 2^x for whole x, where that is a normal number */
+static float cascaded_tanks_power_of_two(float x)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__) && (__SIZEOF_DOUBLE__ == 8)
+    const float sum = x + 1.2583039e+07f;
+    uint32_t bits;
+    float power;
+    (void)__builtin_memcpy(&bits, &sum, sizeof(bits));
+    bits <<= 23u;
+    (void)__builtin_memcpy(&power, &bits, sizeof(power));
+    return power;
+#else
+    const float t1 = 5.421011e-20f + ((x >= 0.0f) ? 1.0f : 0.0f);
+    const float t2 = x + ((x < 0.0f) ? 128.0f : 0.0f);
+    const bool t3 = t2 >= 64.0f;
+    const float t4 = t2 - (t3 ? 64.0f : 0.0f);
+    const bool t5 = t4 >= 32.0f;
+    const float t6 = t4 - (t5 ? 32.0f : 0.0f);
+    const bool t7 = t6 >= 16.0f;
+    const float t8 = (1.0f + (t3 ? 1.8446744e+19f : 0.0f))*(1.0f + (t5 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t7 ? 65535.0f : 0.0f));
+    const float t9 = t6 - (t7 ? 16.0f : 0.0f);
+    const bool t10 = t9 >= 8.0f;
+    const float t11 = t9 - (t10 ? 8.0f : 0.0f);
+    const bool t12 = t11 >= 4.0f;
+    const float t13 = t11 - (t12 ? 4.0f : 0.0f);
+    const bool t14 = t13 >= 2.0f;
+    const float t15 = t8*(1.0f + (t10 ? 255.0f : 0.0f))*(1.0f + (t12 ? 15.0f : 0.0f))*
+        (1.0f + (t14 ? 3.0f : 0.0f))*(1.0f + ((t13 - (t14 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f));
+    return t1*t15*t1;
+#endif
+}
+
 static float cascaded_tanks_sqrt(float x)
 {
     const float t1 = x*(1.0f + ((x < 1.0f) ? 8.507059e+37f : 0.0f));
@@ -157,27 +198,10 @@ static float cascaded_tanks_exp(float x)
     const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
     const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
         + 0.16666545f));
-    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
-    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
-    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
-    const bool t7 = t6 >= 64.0f;
-    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
-    const bool t9 = t8 >= 32.0f;
-    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
-    const bool t11 = t10 >= 16.0f;
-    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
-        (1.0f + (t11 ? 65535.0f : 0.0f));
-    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
-    const bool t14 = t13 >= 8.0f;
-    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
-    const bool t16 = t15 >= 4.0f;
-    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
-    const bool t18 = t17 >= 2.0f;
-    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
-        (1.0f + (t18 ? 3.0f : 0.0f));
-    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
-        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
-    return (x > 88.896126f) ? cascaded_tanks_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+    const float t4 = cascaded_tanks_nearest(0.5f*t1);
+    const float t5 = (x < -87.33655f) ? 0.0f
+        : (1.0f + t3)*cascaded_tanks_power_of_two(t4)*cascaded_tanks_power_of_two(t1 - t4);
+    return (x > 88.896126f) ? cascaded_tanks_inf() : t5;
 }
 #endif
 
@@ -196,13 +220,118 @@ static void cascaded_tanks_jacobian(float z1, float z2, float u, float F[2])
     F[1] = -(u/t1/t1*0.018575f); /* F_22 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned cascaded_tanks_ready(cascaded_tanks_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != CASCADED_TANKS_READY) {
+        cascaded_tanks_reset(s);
+        status = CASCADED_TANKS_UNINITIALISED;
+    }
+    return status;
+}
+
+CASCADED_TANKS_RARELY
+
+static void cascaded_tanks_clear_doubt(cascaded_tanks_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 23.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 23.0f;
+    s->doubt_sum = 0.0f;
+}
+
+CASCADED_TANKS_RARELY
+
+static void cascaded_tanks_clear_rest(cascaded_tanks_state *s)
+{
+    /* as after a reset */
+    s->L = 0.0f;
+    s->D[0] = 0.25f;
+    s->D[1] = 0.25f;
+    s->innovation = 0.0f;
+    s->theta = 1.0f;
+    /* counters as after a reset */
+    s->oldest = 0u;
+    s->tick = 0u;
+    for (unsigned k = 0u; k < 5u; ++k) {
+        cascaded_tanks_predictor *const predictor = &s->predictor[k];
+        /* from the estimate */
+        predictor->z[0] = s->z[0];
+        predictor->z[1] = s->z[1];
+        /* as after a reset */
+        predictor->sum = 0.0f;
+        /* counters as after a reset */
+        predictor->samples = 0u;
+    }
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned cascaded_tanks_keep_in_box(cascaded_tanks_state *s, const cascaded_tanks_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f) && cascaded_tanks_within(s->z[1], 1e+30f)
+            && cascaded_tanks_within(s->L, 1e+30f);
+        const bool t2 = t1 && cascaded_tanks_within(s->D[0], 1e+30f)
+            && cascaded_tanks_within(s->D[1], 1e+30f) && cascaded_tanks_within(s->innovation, 1e+30f);
+        lost = !(t2 && cascaded_tanks_within(s->theta, 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 5.0f;
+        s->z[1] = 1.7525125f;
+        status |= CASCADED_TANKS_RESTARTED;
+        cascaded_tanks_clear_doubt(s);
+        cascaded_tanks_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
+        s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
+        if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
+            status |= CASCADED_TANKS_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L;
+        s->L = cascaded_tanks_limit(L21, 3.2772714e+08f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
+        s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
+    }
+    /* keep innovation in its box */
+    {
+        const float innovation = s->innovation;
+        s->innovation = cascaded_tanks_clamp(innovation, 0.0f, 1e+30f);
+    }
+    /* keep theta in its box */
+    {
+        const float theta = s->theta;
+        s->theta = cascaded_tanks_clamp(theta, 1.0f, 4.0f);
+    }
+    return status;
+}
+
 unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = cascaded_tanks_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -329,64 +458,7 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             beyond = !(t1 && D1 >= 1e-16f && D1 <= 260.01562f && D2 >= 5.6e-15f && D2 <= 27.926996f);
         }
         if (cascaded_tanks_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f)
-                    && cascaded_tanks_within(s->z[1], 1e+30f) && cascaded_tanks_within(s->L, 1e+30f);
-                lost = !(t1 && cascaded_tanks_within(s->D[0], 1e+30f)
-                    && cascaded_tanks_within(s->D[1], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 5.0f;
-                s->z[1] = 1.7525125f;
-                s->L = 0.0f;
-                s->D[0] = 0.25f;
-                s->D[1] = 0.25f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 23.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 23.0f;
-                s->doubt_sum = 0.0f;
-                status |= CASCADED_TANKS_RESTARTED;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    /* as after a reset */
-                    predictor->sum = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples = 0u;
-                }
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
-                s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
-                if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
-                    status |= CASCADED_TANKS_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L;
-                s->L = cascaded_tanks_limit(L21, 3.2772714e+08f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
-                s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
-            }
+            status |= cascaded_tanks_keep_in_box(s, p);
         }
     } else {
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -403,7 +475,8 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
     return status;
 }
 
-unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+/* part of a step: correct with y */
+static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_output *out)
 {
     unsigned status = 0u;
@@ -450,12 +523,11 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float t1 = p->gain.R/(4.0f*s->theta);
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             for (unsigned k = 0u; k < 5u; ++k) {
                 cascaded_tanks_predictor *const predictor = &s->predictor[k];
@@ -478,62 +550,10 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 const float D1 = s->D[0];
                 const bool t1 = z1 >= -10.5f && z1 <= 21.75f && z2 >= -3.44345f && z2 <= 7.12575f
                     && D1 >= 1e-16f && D1 <= 260.01562f;
-                const float D2 = s->D[1];
-                beyond = !(t1 && D2 >= 5.6e-15f && D2 <= 27.926996f);
+                beyond = !t1;
             }
             if (cascaded_tanks_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f)
-                        && cascaded_tanks_within(s->z[1], 1e+30f) && cascaded_tanks_within(s->D[0], 1e+30f);
-                    lost = !(t1 && cascaded_tanks_within(s->D[1], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 5.0f;
-                    s->z[1] = 1.7525125f;
-                    s->L = 0.0f;
-                    s->D[0] = 0.25f;
-                    s->D[1] = 0.25f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 23.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 23.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= CASCADED_TANKS_RESTARTED;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        /* as after a reset */
-                        predictor->sum = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples = 0u;
-                    }
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
-                    s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
-                    if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
-                        status |= CASCADED_TANKS_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
-                    s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
-                }
+                status |= cascaded_tanks_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -568,12 +588,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 23.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 23.0f;
-                    s->doubt_sum = 0.0f;
+                    cascaded_tanks_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -649,25 +664,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                     }
                     /* the estimate has restarted from the sample */
                     status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L = 0.0f;
-                    s->D[0] = 0.25f;
-                    s->D[1] = 0.25f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        /* as after a reset */
-                        predictor->sum = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples = 0u;
-                    }
+                    cascaded_tanks_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y - 23.0f + s->doubt_y
@@ -681,11 +678,11 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
     return status;
 }
 
-unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p)
+/* part of a step: adapt the gain; once after the updates */
+static unsigned cascaded_tanks_run_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p)
 {
     unsigned status = 0u;
     bool beyond = false;
-    bool lost = false;
     bool moves = false;
     float mu = 0.0f;
     bool restart = false;
@@ -759,49 +756,24 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
             beyond = !(innovation >= 0.0f && innovation <= 1e+30f && theta >= 1.0f && theta <= 4.0f);
         }
         if (cascaded_tanks_acts(beyond)) {
-            /* is a value lost? */
-            lost = !(cascaded_tanks_within(s->innovation, 1e+30f) && cascaded_tanks_within(s->theta, 1e+30f));
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 5.0f;
-                s->z[1] = 1.7525125f;
-                s->L = 0.0f;
-                s->D[0] = 0.25f;
-                s->D[1] = 0.25f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 23.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 23.0f;
-                s->doubt_sum = 0.0f;
-                status |= CASCADED_TANKS_RESTARTED;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    /* as after a reset */
-                    predictor->sum = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples = 0u;
-                }
-            }
-            /* keep innovation in its box */
-            {
-                const float innovation = s->innovation;
-                s->innovation = cascaded_tanks_clamp(innovation, 0.0f, 1e+30f);
-            }
-            /* keep theta in its box */
-            {
-                const float theta = s->theta;
-                s->theta = cascaded_tanks_clamp(theta, 1.0f, 4.0f);
-            }
+            status |= cascaded_tanks_keep_in_box(s, p);
         }
     }
+    return status;
+}
+
+unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    const cascaded_tanks_output *out)
+{
+    unsigned status = cascaded_tanks_ready(s);
+    status |= cascaded_tanks_run_update_y(s, p, out);
+    return status;
+}
+
+unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p)
+{
+    unsigned status = cascaded_tanks_ready(s);
+    status |= cascaded_tanks_run_adapt(s, p);
     return status;
 }
 
@@ -810,8 +782,8 @@ unsigned cascaded_tanks_step(cascaded_tanks_state *s, const cascaded_tanks_param
 {
     unsigned status = 0u;
     status |= cascaded_tanks_predict(s, p, in);
-    status |= cascaded_tanks_update_y(s, p, out);
-    status |= cascaded_tanks_adapt(s, p);
+    status |= cascaded_tanks_run_update_y(s, p, out);
+    status |= cascaded_tanks_run_adapt(s, p);
     return status;
 }
 
@@ -867,31 +839,17 @@ unsigned cascaded_tanks_tune(cascaded_tanks_params *p)
     return status;
 }
 
+CASCADED_TANKS_RARELY
 void cascaded_tanks_reset(cascaded_tanks_state *s)
 {
+    s->ready = CASCADED_TANKS_READY;
     s->z[0] = 5.0f;
     s->z[1] = 1.7525125f;
-    s->L = 0.0f;
-    s->D[0] = 0.25f;
-    s->D[1] = 0.25f;
-    s->innovation = 0.0f;
-    s->oldest = 0u;
-    s->tick = 0u;
-    s->theta = 1.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 23.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 23.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 3.0f;
-    for (unsigned k = 0u; k < 5u; ++k) {
-        s->predictor[k].z[0] = 5.0f;
-        s->predictor[k].z[1] = 1.7525125f;
-        s->predictor[k].sum = 0.0f;
-        s->predictor[k].samples = 0u;
-    }
+    cascaded_tanks_clear_doubt(s);
+    cascaded_tanks_clear_rest(s);
 }
 
 void cascaded_tanks_init(cascaded_tanks_state *s, cascaded_tanks_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define CHUA_RARELY __attribute__((noinline))
+#else
+#define CHUA_RARELY
+#endif
+
 static float chua_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -83,9 +90,33 @@ static void chua_rate(const chua_params *p, float z1, float z2, float z3, float 
     dz[2] = p->derived.K[2]*t1 - 16.0f*t3;
 }
 
-unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned chua_ready(chua_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != CHUA_READY) {
+        chua_reset(s);
+        status = CHUA_UNINITIALISED;
+    }
+    return status;
+}
+
+CHUA_RARELY
+
+static void chua_clear_doubt(chua_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 3130.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 3130.0f;
+    s->doubt_sum = 0.0f;
+}
+
+unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
+{
+    unsigned status = chua_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -99,6 +130,9 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[3];
+    float z_from[3];
+    float z_sum[3];
     /* guard the measurements */
     {
         const float measurement = out->y;
@@ -123,25 +157,66 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
-            const float y_mid = y_last + 0.5f*(y - y_last);
             float k1_z[3];
             chua_rate(p, z1, z2, z3, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_from[2] = z3;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_sum[2] = k1_z[2];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+            z_at[2] = z3 + 0.0005f*k1_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k2_z[3];
-            chua_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], y_mid, valid,
-                k2_z);
+            chua_rate(p, z_at1, z_at2, z_at3, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k2_z[2];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+            z_at[2] = z_from[2] + 0.0005f*k2_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[3];
-            chua_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], z3 + 0.0005f*k2_z[2], y_mid, valid,
-                k3_z);
+            chua_rate(p, z_at1, z_at2, z_at3, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k3_z[2];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+            z_at[2] = z_from[2] + 0.001f*k3_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[3];
-            chua_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            chua_rate(p, z_at[0], z_at[1], z_at[2], y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
+            s->z[2] = z_from[2] + 0.00016666666f*(z_sum[2] + k4_z[2]);
         }
         /* is a value beyond its box, or lost? */
         beyond = !(chua_within(s->z[0], 9.0f) && chua_within(s->z[1], 5.0f) && chua_within(s->z[2], 125.0f));
@@ -154,12 +229,8 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
                 s->z[2] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 3130.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 3130.0f;
-                s->doubt_sum = 0.0f;
                 status |= CHUA_RESTARTED;
+                chua_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -209,12 +280,7 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 3130.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 3130.0f;
-                s->doubt_sum = 0.0f;
+                chua_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -332,19 +398,17 @@ unsigned chua_tune(chua_params *p)
     return status;
 }
 
+CHUA_RARELY
 void chua_reset(chua_state *s)
 {
+    s->ready = CHUA_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 3130.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 3130.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    chua_clear_doubt(s);
 }
 
 void chua_init(chua_state *s, chua_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define CONTOIS_RARELY __attribute__((noinline))
+#else
+#define CONTOIS_RARELY
+#endif
+
 static float contois_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -97,12 +104,83 @@ static void contois_jacobian(float z1, float z2, float u, float F[4])
     F[3] = -(u + t6); /* F_22 */
 }
 
-unsigned contois_predict(contois_state *s, const contois_params *p, const contois_input *in)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned contois_ready(contois_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != CONTOIS_READY) {
+        contois_reset(s);
+        status = CONTOIS_UNINITIALISED;
+    }
+    return status;
+}
+
+CONTOIS_RARELY
+
+static void contois_clear_doubt(contois_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 600.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 600.0f;
+    s->doubt_sum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned contois_keep_in_box(contois_state *s, const contois_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = contois_within(s->z[0], 1e+30f) && contois_within(s->z[1], 1e+30f)
+            && contois_within(s->L, 1e+30f);
+        lost = !(t1 && contois_within(s->D[0], 1e+30f) && contois_within(s->D[1], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.1f;
+        s->z[1] = 0.1f;
+        status |= CONTOIS_RESTARTED;
+        contois_clear_doubt(s);
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 6.0f;
+        s->D[1] = 20.0f;
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = contois_clamp(z1, -4.8f, 9.9f);
+        s->z[1] = contois_clamp(z2, -9.8f, 19.9f);
+        if (z1 < -4.8f || z1 > 9.9f || z2 < -9.8f || z2 > 19.9f) {
+            status |= CONTOIS_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L;
+        s->L = contois_limit(L21, 1.5333456e+10f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        s->D[0] = contois_clamp(D1, 5e-19f, 54.0225f);
+        s->D[1] = contois_clamp(D2, 1e-15f, 12701.493f);
+    }
+    return status;
+}
+
+unsigned contois_predict(contois_state *s, const contois_params *p, const contois_input *in)
+{
+    unsigned status = contois_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -199,48 +277,7 @@ unsigned contois_predict(contois_state *s, const contois_params *p, const contoi
             beyond = !(t1 && D1 >= 5e-19f && D1 <= 54.0225f && D2 >= 1e-15f && D2 <= 12701.493f);
         }
         if (contois_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = contois_within(s->z[0], 1e+30f) && contois_within(s->z[1], 1e+30f)
-                    && contois_within(s->L, 1e+30f);
-                lost = !(t1 && contois_within(s->D[0], 1e+30f) && contois_within(s->D[1], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.1f;
-                s->z[1] = 0.1f;
-                s->L = 0.0f;
-                s->D[0] = 6.0f;
-                s->D[1] = 20.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 600.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 600.0f;
-                s->doubt_sum = 0.0f;
-                status |= CONTOIS_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = contois_clamp(z1, -4.8f, 9.9f);
-                s->z[1] = contois_clamp(z2, -9.8f, 19.9f);
-                if (z1 < -4.8f || z1 > 9.9f || z2 < -9.8f || z2 > 19.9f) {
-                    status |= CONTOIS_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L;
-                s->L = contois_limit(L21, 1.5333456e+10f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                s->D[0] = contois_clamp(D1, 5e-19f, 54.0225f);
-                s->D[1] = contois_clamp(D2, 1e-15f, 12701.493f);
-            }
+            status |= contois_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -250,7 +287,8 @@ unsigned contois_predict(contois_state *s, const contois_params *p, const contoi
     return status;
 }
 
-unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *out)
+/* part of a step: correct with y */
+static unsigned contois_run_update_y(contois_state *s, const contois_params *p, const contois_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -295,61 +333,22 @@ unsigned contois_update_y(contois_state *s, const contois_params *p, const conto
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float t1 = p->gain.R/(0.01f*p->gain.theta);
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const bool t1 = z1 >= -4.8f && z1 <= 9.9f && z2 >= -9.8f && z2 <= 19.9f && D1 >= 5e-19f
-                    && D1 <= 54.0225f && D2 >= 1e-15f && D2 <= 12701.493f;
-                beyond = !t1;
+                beyond = !(z1 >= -4.8f && z1 <= 9.9f && z2 >= -9.8f && z2 <= 19.9f && D1 >= 5e-19f
+                    && D1 <= 54.0225f);
             }
             if (contois_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = contois_within(s->z[0], 1e+30f) && contois_within(s->z[1], 1e+30f)
-                        && contois_within(s->D[0], 1e+30f);
-                    lost = !(t1 && contois_within(s->D[1], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.1f;
-                    s->z[1] = 0.1f;
-                    s->L = 0.0f;
-                    s->D[0] = 6.0f;
-                    s->D[1] = 20.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 600.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 600.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= CONTOIS_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = contois_clamp(z1, -4.8f, 9.9f);
-                    s->z[1] = contois_clamp(z2, -9.8f, 19.9f);
-                    if (z1 < -4.8f || z1 > 9.9f || z2 < -9.8f || z2 > 19.9f) {
-                        status |= CONTOIS_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    s->D[0] = contois_clamp(D1, 5e-19f, 54.0225f);
-                    s->D[1] = contois_clamp(D2, 1e-15f, 12701.493f);
-                }
+                status |= contois_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -384,12 +383,7 @@ unsigned contois_update_y(contois_state *s, const contois_params *p, const conto
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 600.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 600.0f;
-                    s->doubt_sum = 0.0f;
+                    contois_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -482,12 +476,19 @@ unsigned contois_update_y(contois_state *s, const contois_params *p, const conto
     return status;
 }
 
+unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *out)
+{
+    unsigned status = contois_ready(s);
+    status |= contois_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned contois_step(contois_state *s, const contois_params *p, const contois_input *in,
     const contois_output *out)
 {
     unsigned status = 0u;
     status |= contois_predict(s, p, in);
-    status |= contois_update_y(s, p, out);
+    status |= contois_run_update_y(s, p, out);
     return status;
 }
 
@@ -521,21 +522,19 @@ unsigned contois_tune(contois_params *p)
     return status;
 }
 
+CONTOIS_RARELY
 void contois_reset(contois_state *s)
 {
+    s->ready = CONTOIS_READY;
     s->z[0] = 0.1f;
     s->z[1] = 0.1f;
     s->L = 0.0f;
     s->D[0] = 6.0f;
     s->D[1] = 20.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 600.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 600.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
+    contois_clear_doubt(s);
 }
 
 void contois_init(contois_state *s, contois_params *p)

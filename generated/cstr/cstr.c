@@ -2,6 +2,7 @@
 #include "cstr.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(CSTR_USE_LIBM)
 #include <math.h>
 #elif defined(CSTR_USE_CMSIS)
@@ -11,6 +12,13 @@
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define CSTR_RARELY __attribute__((noinline))
+#else
+#define CSTR_RARELY
 #endif
 
 static float cstr_abs(float v)
@@ -111,33 +119,48 @@ static float cstr_inf(void)
     return large*large;
 }
 
+/* 2^x for whole x, where that is a normal number */
+static float cstr_power_of_two(float x)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__) && (__SIZEOF_DOUBLE__ == 8)
+    const float sum = x + 1.2583039e+07f;
+    uint32_t bits;
+    float power;
+    (void)__builtin_memcpy(&bits, &sum, sizeof(bits));
+    bits <<= 23u;
+    (void)__builtin_memcpy(&power, &bits, sizeof(power));
+    return power;
+#else
+    const float t1 = 5.421011e-20f + ((x >= 0.0f) ? 1.0f : 0.0f);
+    const float t2 = x + ((x < 0.0f) ? 128.0f : 0.0f);
+    const bool t3 = t2 >= 64.0f;
+    const float t4 = t2 - (t3 ? 64.0f : 0.0f);
+    const bool t5 = t4 >= 32.0f;
+    const float t6 = t4 - (t5 ? 32.0f : 0.0f);
+    const bool t7 = t6 >= 16.0f;
+    const float t8 = (1.0f + (t3 ? 1.8446744e+19f : 0.0f))*(1.0f + (t5 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t7 ? 65535.0f : 0.0f));
+    const float t9 = t6 - (t7 ? 16.0f : 0.0f);
+    const bool t10 = t9 >= 8.0f;
+    const float t11 = t9 - (t10 ? 8.0f : 0.0f);
+    const bool t12 = t11 >= 4.0f;
+    const float t13 = t11 - (t12 ? 4.0f : 0.0f);
+    const bool t14 = t13 >= 2.0f;
+    const float t15 = t8*(1.0f + (t10 ? 255.0f : 0.0f))*(1.0f + (t12 ? 15.0f : 0.0f))*
+        (1.0f + (t14 ? 3.0f : 0.0f))*(1.0f + ((t13 - (t14 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f));
+    return t1*t15*t1;
+#endif
+}
+
 static float cstr_exp(float x)
 {
     const float t1 = cstr_nearest((x*x < 16384.0f) ? 1.442695f*x : 0.0f);
     const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
     const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
         + 0.16666545f));
-    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
-    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
-    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
-    const bool t7 = t6 >= 64.0f;
-    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
-    const bool t9 = t8 >= 32.0f;
-    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
-    const bool t11 = t10 >= 16.0f;
-    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
-        (1.0f + (t11 ? 65535.0f : 0.0f));
-    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
-    const bool t14 = t13 >= 8.0f;
-    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
-    const bool t16 = t15 >= 4.0f;
-    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
-    const bool t18 = t17 >= 2.0f;
-    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
-        (1.0f + (t18 ? 3.0f : 0.0f));
-    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
-        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
-    return (x > 88.896126f) ? cstr_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+    const float t4 = cstr_nearest(0.5f*t1);
+    return (x > 88.896126f) ? cstr_inf() : ((x < -87.33655f) ? 0.0f
+        : (1.0f + t3)*cstr_power_of_two(t4)*cstr_power_of_two(t1 - t4));
 }
 #endif
 
@@ -165,12 +188,83 @@ static void cstr_jacobian(float z1, float z2, float F[4])
     F[3] = -(1.0f + 7.2e+10f*t4); /* F_22 */
 }
 
-unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned cstr_ready(cstr_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != CSTR_READY) {
+        cstr_reset(s);
+        status = CSTR_UNINITIALISED;
+    }
+    return status;
+}
+
+CSTR_RARELY
+
+static void cstr_clear_doubt(cstr_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 239.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 239.0f;
+    s->doubt_sum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned cstr_keep_in_box(cstr_state *s, const cstr_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = cstr_within(s->z[0], 1e+30f) && cstr_within(s->z[1], 1e+30f)
+            && cstr_within(s->L, 1e+30f) && cstr_within(s->D[0], 1e+30f);
+        lost = !(t1 && cstr_within(s->D[1], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 300.0f;
+        s->z[1] = 0.05f;
+        status |= CSTR_RESTARTED;
+        cstr_clear_doubt(s);
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 2000.0f;
+        s->D[1] = 0.2f;
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = cstr_clamp(z1, 250.0f, 400.0f);
+        s->z[1] = cstr_clamp(z2, -0.9f, 1.95f);
+        if (z1 < 250.0f || z1 > 400.0f || z2 < -0.9f || z2 > 1.95f) {
+            status |= CSTR_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L;
+        s->L = cstr_limit(L21, 1.5931984e+07f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        s->D[0] = cstr_clamp(D1, 2e-15f, 8000.0f);
+        s->D[1] = cstr_clamp(D2, 4.5e-18f, 2.030625f);
+    }
+    return status;
+}
+
+unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
+{
+    unsigned status = cstr_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -265,48 +359,7 @@ unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
             beyond = !(t1 && D1 >= 2e-15f && D1 <= 8000.0f && D2 >= 4.5e-18f && D2 <= 2.030625f);
         }
         if (cstr_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = cstr_within(s->z[0], 1e+30f) && cstr_within(s->z[1], 1e+30f)
-                    && cstr_within(s->L, 1e+30f) && cstr_within(s->D[0], 1e+30f);
-                lost = !(t1 && cstr_within(s->D[1], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 300.0f;
-                s->z[1] = 0.05f;
-                s->L = 0.0f;
-                s->D[0] = 2000.0f;
-                s->D[1] = 0.2f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 239.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 239.0f;
-                s->doubt_sum = 0.0f;
-                status |= CSTR_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = cstr_clamp(z1, 250.0f, 400.0f);
-                s->z[1] = cstr_clamp(z2, -0.9f, 1.95f);
-                if (z1 < 250.0f || z1 > 400.0f || z2 < -0.9f || z2 > 1.95f) {
-                    status |= CSTR_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L;
-                s->L = cstr_limit(L21, 1.5931984e+07f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                s->D[0] = cstr_clamp(D1, 2e-15f, 8000.0f);
-                s->D[1] = cstr_clamp(D2, 4.5e-18f, 2.030625f);
-            }
+            status |= cstr_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -316,7 +369,8 @@ unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
     return status;
 }
 
-unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *out)
+/* part of a step: correct with y */
+static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cstr_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -361,61 +415,22 @@ unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *o
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float t1 = p->gain.R/0.005f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const bool t1 = z1 >= 250.0f && z1 <= 400.0f && z2 >= -0.9f && z2 <= 1.95f && D1 >= 2e-15f
-                    && D1 <= 8000.0f && D2 >= 4.5e-18f && D2 <= 2.030625f;
-                beyond = !t1;
+                beyond = !(z1 >= 250.0f && z1 <= 400.0f && z2 >= -0.9f && z2 <= 1.95f && D1 >= 2e-15f
+                    && D1 <= 8000.0f);
             }
             if (cstr_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = cstr_within(s->z[0], 1e+30f) && cstr_within(s->z[1], 1e+30f)
-                        && cstr_within(s->D[0], 1e+30f) && cstr_within(s->D[1], 1e+30f);
-                    lost = !t1;
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 300.0f;
-                    s->z[1] = 0.05f;
-                    s->L = 0.0f;
-                    s->D[0] = 2000.0f;
-                    s->D[1] = 0.2f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 239.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 239.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= CSTR_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = cstr_clamp(z1, 250.0f, 400.0f);
-                    s->z[1] = cstr_clamp(z2, -0.9f, 1.95f);
-                    if (z1 < 250.0f || z1 > 400.0f || z2 < -0.9f || z2 > 1.95f) {
-                        status |= CSTR_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    s->D[0] = cstr_clamp(D1, 2e-15f, 8000.0f);
-                    s->D[1] = cstr_clamp(D2, 4.5e-18f, 2.030625f);
-                }
+                status |= cstr_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -450,12 +465,7 @@ unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *o
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 239.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 239.0f;
-                    s->doubt_sum = 0.0f;
+                    cstr_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -548,11 +558,18 @@ unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *o
     return status;
 }
 
+unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *out)
+{
+    unsigned status = cstr_ready(s);
+    status |= cstr_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned cstr_step(cstr_state *s, const cstr_params *p, const cstr_input *in, const cstr_output *out)
 {
     unsigned status = 0u;
     status |= cstr_predict(s, p, in);
-    status |= cstr_update_y(s, p, out);
+    status |= cstr_run_update_y(s, p, out);
     return status;
 }
 
@@ -583,21 +600,19 @@ unsigned cstr_tune(cstr_params *p)
     return status;
 }
 
+CSTR_RARELY
 void cstr_reset(cstr_state *s)
 {
+    s->ready = CSTR_READY;
     s->z[0] = 300.0f;
     s->z[1] = 0.05f;
     s->L = 0.0f;
     s->D[0] = 2000.0f;
     s->D[1] = 0.2f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 239.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 239.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 280.0f;
+    cstr_clear_doubt(s);
 }
 
 void cstr_init(cstr_state *s, cstr_params *p)

@@ -13,6 +13,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define DISTURBED_PENDULUM_RARELY __attribute__((noinline))
+#else
+#define DISTURBED_PENDULUM_RARELY
+#endif
+
 static float disturbed_pendulum_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -93,25 +100,12 @@ static float disturbed_pendulum_small_sin(float x)
 }
 
 #else
-/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
- * whole numbers */
-static float disturbed_pendulum_nearest(float v)
-{
-#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
-    const volatile float sum = v + 1.2582912e+07f;
-    return sum - 1.2582912e+07f;
-#else
-    return v + 1.2582912e+07f - 1.2582912e+07f;
-#endif
-}
-
 static float disturbed_pendulum_small_sin(float x)
 {
-    const float t1 = disturbed_pendulum_nearest(0.31830987f*x);
-    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
-    const float t3 = t2*t2;
-    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
-        (1.0f - t1*t1*2.0f);
+    const float t1 = disturbed_pendulum_within(x, 1.5707964f) ? x
+        : ((x > 0.0f) ? 3.1415927f - x - 8.742278e-08f : -3.1415927f - x + 8.742278e-08f);
+    const float t2 = t1*t1;
+    return t1 + t1*(((2.606055e-06f*t2 - 0.00019809768f)*t2 + 0.008333069f)*t2 - 0.1666666f)*t2;
 }
 #endif
 
@@ -132,12 +126,39 @@ static void disturbed_pendulum_rate(const disturbed_pendulum_params *p, float w1
         : -(p->gain.sigma*t1))*valid;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != DISTURBED_PENDULUM_READY) {
+        disturbed_pendulum_reset(s);
+        status = DISTURBED_PENDULUM_UNINITIALISED;
+    }
+    return status;
+}
+
+DISTURBED_PENDULUM_RARELY
+
+static void disturbed_pendulum_clear_doubt(disturbed_pendulum_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 3499.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 3499.0f;
+    s->doubt_sum = 0.0f;
+}
+
 unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
     const disturbed_pendulum_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = disturbed_pendulum_ready(s);
     bool beyond = false;
     bool doubtful = false;
+    float gamma_at = 0.0f;
+    float gamma_from = 0.0f;
+    float gamma_sum = 0.0f;
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
@@ -147,6 +168,9 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
     bool shows_y = false;
     bool spoiled = false;
     float valid = 0.0f;
+    float w_at[3];
+    float w_from[3];
+    float w_sum[3];
     float y = 0.0f;
     float y_last = 0.0f;
     /* guard the measurements */
@@ -174,33 +198,83 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
         s->calls = 1u;
     }
     if (running) {
-        /* w, gamma: one step of classical Runge-Kutta */
+        /* w, gamma: one step of classical Runge-Kutta, stage 1 of 4 */
         {
-            const float gamma = s->gamma;
             const float w1 = s->w[0];
             const float w2 = s->w[1];
             const float w3 = s->w[2];
-            const float y_mid = y_last + 0.5f*(y - y_last);
+            const float gamma = s->gamma;
             float k1_w[3];
             float k1_gamma[1];
             disturbed_pendulum_rate(p, w1, w2, w3, gamma, y_last, valid, k1_w, k1_gamma);
+            w_from[0] = w1;
+            w_from[1] = w2;
+            w_from[2] = w3;
+            gamma_from = gamma;
+            w_sum[0] = k1_w[0];
+            w_sum[1] = k1_w[1];
+            w_sum[2] = k1_w[2];
+            gamma_sum = k1_gamma[0];
+            w_at[0] = w1 + 0.0005f*k1_w[0];
+            w_at[1] = w2 + 0.0005f*k1_w[1];
+            w_at[2] = w3 + 0.0005f*k1_w[2];
+            gamma_at = gamma + 0.0005f*k1_gamma[0];
+        }
+        /* w, gamma: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float gamma_at_2 = gamma_at;
+            const float gamma_sum_2 = gamma_sum;
+            const float w_at1 = w_at[0];
+            const float w_at2 = w_at[1];
+            const float w_at3 = w_at[2];
+            const float w_sum1 = w_sum[0];
+            const float w_sum2 = w_sum[1];
+            const float w_sum3 = w_sum[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k2_w[3];
             float k2_gamma[1];
-            disturbed_pendulum_rate(p, w1 + 0.0005f*k1_w[0], w2 + 0.0005f*k1_w[1], w3 + 0.0005f*k1_w[2],
-                gamma + 0.0005f*k1_gamma[0], y_mid, valid, k2_w, k2_gamma);
+            disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_mid, valid, k2_w, k2_gamma);
+            w_sum[0] = w_sum1 + 2.0f*k2_w[0];
+            w_sum[1] = w_sum2 + 2.0f*k2_w[1];
+            w_sum[2] = w_sum3 + 2.0f*k2_w[2];
+            gamma_sum = gamma_sum_2 + 2.0f*k2_gamma[0];
+            w_at[0] = w_from[0] + 0.0005f*k2_w[0];
+            w_at[1] = w_from[1] + 0.0005f*k2_w[1];
+            w_at[2] = w_from[2] + 0.0005f*k2_w[2];
+            gamma_at = gamma_from + 0.0005f*k2_gamma[0];
+        }
+        /* w, gamma: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float gamma_at_2 = gamma_at;
+            const float gamma_sum_2 = gamma_sum;
+            const float w_at1 = w_at[0];
+            const float w_at2 = w_at[1];
+            const float w_at3 = w_at[2];
+            const float w_sum1 = w_sum[0];
+            const float w_sum2 = w_sum[1];
+            const float w_sum3 = w_sum[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_w[3];
             float k3_gamma[1];
-            disturbed_pendulum_rate(p, w1 + 0.0005f*k2_w[0], w2 + 0.0005f*k2_w[1], w3 + 0.0005f*k2_w[2],
-                gamma + 0.0005f*k2_gamma[0], y_mid, valid, k3_w, k3_gamma);
+            disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_mid, valid, k3_w, k3_gamma);
+            w_sum[0] = w_sum1 + 2.0f*k3_w[0];
+            w_sum[1] = w_sum2 + 2.0f*k3_w[1];
+            w_sum[2] = w_sum3 + 2.0f*k3_w[2];
+            gamma_sum = gamma_sum_2 + 2.0f*k3_gamma[0];
+            w_at[0] = w_from[0] + 0.001f*k3_w[0];
+            w_at[1] = w_from[1] + 0.001f*k3_w[1];
+            w_at[2] = w_from[2] + 0.001f*k3_w[2];
+            gamma_at = gamma_from + 0.001f*k3_gamma[0];
+        }
+        /* w, gamma: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_w[3];
             float k4_gamma[1];
-            disturbed_pendulum_rate(p, w1 + 0.001f*k3_w[0], w2 + 0.001f*k3_w[1], w3 + 0.001f*k3_w[2], gamma
-                + 0.001f*k3_gamma[0], y, valid, k4_w, k4_gamma);
-            s->w[0] = w1 + 0.00016666666f*(k1_w[0] + 2.0f*k2_w[0] + 2.0f*k3_w[0] + k4_w[0]);
-            s->w[1] = w2 + 0.00016666666f*(k1_w[1] + 2.0f*k2_w[1] + 2.0f*k3_w[1] + k4_w[1]);
-            s->w[2] = w3 + 0.00016666666f*(k1_w[2] + 2.0f*k2_w[2] + 2.0f*k3_w[2] + k4_w[2]);
-            s->gamma = gamma + 0.00016666666f*(k1_gamma[0] + 2.0f*k2_gamma[0] + 2.0f*k3_gamma[0]
-                + k4_gamma[0]);
+            disturbed_pendulum_rate(p, w_at[0], w_at[1], w_at[2], gamma_at, y, valid, k4_w, k4_gamma);
+            s->w[0] = w_from[0] + 0.00016666666f*(w_sum[0] + k4_w[0]);
+            s->w[1] = w_from[1] + 0.00016666666f*(w_sum[1] + k4_w[1]);
+            s->w[2] = w_from[2] + 0.00016666666f*(w_sum[2] + k4_w[2]);
+            s->gamma = gamma_from + 0.00016666666f*(gamma_sum + k4_gamma[0]);
         }
         /* is a value beyond its box, or lost? */
         {
@@ -223,13 +297,10 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
                 s->w[0] = 1.0f;
                 s->w[1] = 1.0f;
                 s->w[2] = 1.0f;
-                s->gamma = 20.53f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 3499.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 3499.0f;
-                s->doubt_sum = 0.0f;
                 status |= DISTURBED_PENDULUM_RESTARTED;
+                disturbed_pendulum_clear_doubt(s);
+                /* as after a reset */
+                s->gamma = 20.53f;
             }
             /* keep w in its box */
             {
@@ -289,12 +360,7 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 3499.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 3499.0f;
-                s->doubt_sum = 0.0f;
+                disturbed_pendulum_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -413,20 +479,18 @@ unsigned disturbed_pendulum_tune(disturbed_pendulum_params *p)
     return status;
 }
 
+DISTURBED_PENDULUM_RARELY
 void disturbed_pendulum_reset(disturbed_pendulum_state *s)
 {
+    s->ready = DISTURBED_PENDULUM_READY;
     s->w[0] = 1.0f;
     s->w[1] = 1.0f;
     s->w[2] = 1.0f;
     s->gamma = 20.53f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 3499.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 3499.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    disturbed_pendulum_clear_doubt(s);
 }
 
 void disturbed_pendulum_init(disturbed_pendulum_state *s, disturbed_pendulum_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define DUFFING_RARELY __attribute__((noinline))
+#else
+#define DUFFING_RARELY
+#endif
+
 static float duffing_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -82,10 +89,34 @@ static void duffing_rate(const duffing_params *p, float z1, float z2, float u, f
     dz[1] = u - t2*t2*t2 + t2 - 0.3f*duffing_limit(z2, 3.0f) + p->derived.K[1]*t1;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned duffing_ready(duffing_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != DUFFING_READY) {
+        duffing_reset(s);
+        status = DUFFING_UNINITIALISED;
+    }
+    return status;
+}
+
+DUFFING_RARELY
+
+static void duffing_clear_doubt(duffing_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 2486.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2486.0f;
+    s->doubt_sum = 0.0f;
+}
+
 unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_input *in,
     const duffing_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = duffing_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -100,6 +131,9 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[2];
+    float z_from[2];
+    float z_sum[2];
     /* guard the input */
     {
         const float u_given = in->u;
@@ -137,23 +171,57 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
+            float k1_z[2];
+            duffing_rate(p, z1, z2, s->u, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
             const float u_before = s->u;
             const float u_mid = u_before + 0.5f*(u - u_before);
             const float y_mid = y_last + 0.5f*(y - y_last);
-            float k1_z[2];
-            duffing_rate(p, z1, z2, u_before, y_last, valid, k1_z);
             float k2_z[2];
-            duffing_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], u_mid, y_mid, valid, k2_z);
+            duffing_rate(p, z_at1, z_at2, u_mid, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[2];
-            duffing_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], u_mid, y_mid, valid, k3_z);
+            duffing_rate(p, z_at1, z_at2, u_mid, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[2];
-            duffing_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], u, y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            duffing_rate(p, z_at[0], z_at[1], u, y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
         }
         /* is a value beyond its box, or lost? */
         beyond = !(duffing_within(s->z[0], 6.0f) && duffing_within(s->z[1], 15.0f));
@@ -164,12 +232,8 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
                 /* a value is lost: all restart */
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 2486.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2486.0f;
-                s->doubt_sum = 0.0f;
                 status |= DUFFING_RESTARTED;
+                duffing_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -220,12 +284,7 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 2486.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2486.0f;
-                s->doubt_sum = 0.0f;
+                duffing_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -337,19 +396,17 @@ unsigned duffing_tune(duffing_params *p)
     return status;
 }
 
+DUFFING_RARELY
 void duffing_reset(duffing_state *s)
 {
+    s->ready = DUFFING_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 2486.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 2486.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    duffing_clear_doubt(s);
 }
 
 void duffing_init(duffing_state *s, duffing_params *p)

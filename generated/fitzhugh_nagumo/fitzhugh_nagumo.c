@@ -2,6 +2,7 @@
 #include "fitzhugh_nagumo.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(FITZHUGH_NAGUMO_USE_LIBM)
 #include <math.h>
 #elif defined(FITZHUGH_NAGUMO_USE_CMSIS)
@@ -11,6 +12,13 @@
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define FITZHUGH_NAGUMO_RARELY __attribute__((noinline))
+#else
+#define FITZHUGH_NAGUMO_RARELY
 #endif
 
 static float fitzhugh_nagumo_abs(float v)
@@ -131,53 +139,66 @@ static float fitzhugh_nagumo_inf(void)
     return large*large;
 }
 
+/* 2^x for whole x, where that is a normal number */
+static float fitzhugh_nagumo_power_of_two(float x)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__) && (__SIZEOF_DOUBLE__ == 8)
+    const float sum = x + 1.2583039e+07f;
+    uint32_t bits;
+    float power;
+    (void)__builtin_memcpy(&bits, &sum, sizeof(bits));
+    bits <<= 23u;
+    (void)__builtin_memcpy(&power, &bits, sizeof(power));
+    return power;
+#else
+    const float t1 = 5.421011e-20f + ((x >= 0.0f) ? 1.0f : 0.0f);
+    const float t2 = x + ((x < 0.0f) ? 128.0f : 0.0f);
+    const bool t3 = t2 >= 64.0f;
+    const float t4 = t2 - (t3 ? 64.0f : 0.0f);
+    const bool t5 = t4 >= 32.0f;
+    const float t6 = t4 - (t5 ? 32.0f : 0.0f);
+    const bool t7 = t6 >= 16.0f;
+    const float t8 = (1.0f + (t3 ? 1.8446744e+19f : 0.0f))*(1.0f + (t5 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t7 ? 65535.0f : 0.0f));
+    const float t9 = t6 - (t7 ? 16.0f : 0.0f);
+    const bool t10 = t9 >= 8.0f;
+    const float t11 = t9 - (t10 ? 8.0f : 0.0f);
+    const bool t12 = t11 >= 4.0f;
+    const float t13 = t11 - (t12 ? 4.0f : 0.0f);
+    const bool t14 = t13 >= 2.0f;
+    const float t15 = t8*(1.0f + (t10 ? 255.0f : 0.0f))*(1.0f + (t12 ? 15.0f : 0.0f))*
+        (1.0f + (t14 ? 3.0f : 0.0f))*(1.0f + ((t13 - (t14 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f));
+    return t1*t15*t1;
+#endif
+}
+
 static float fitzhugh_nagumo_exp(float x)
 {
     const float t1 = fitzhugh_nagumo_nearest((x*x < 16384.0f) ? 1.442695f*x : 0.0f);
     const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
     const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
         + 0.16666545f));
-    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
-    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
-    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
-    const bool t7 = t6 >= 64.0f;
-    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
-    const bool t9 = t8 >= 32.0f;
-    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
-    const bool t11 = t10 >= 16.0f;
-    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
-        (1.0f + (t11 ? 65535.0f : 0.0f));
-    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
-    const bool t14 = t13 >= 8.0f;
-    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
-    const bool t16 = t15 >= 4.0f;
-    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
-    const bool t18 = t17 >= 2.0f;
-    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
-        (1.0f + (t18 ? 3.0f : 0.0f));
-    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
-        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
-    return (x > 88.896126f) ? fitzhugh_nagumo_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+    const float t4 = fitzhugh_nagumo_nearest(0.5f*t1);
+    const float t5 = (x < -87.33655f) ? 0.0f
+        : (1.0f + t3)*fitzhugh_nagumo_power_of_two(t4)*fitzhugh_nagumo_power_of_two(t1 - t4);
+    return (x > 88.896126f) ? fitzhugh_nagumo_inf() : t5;
 }
 
 static float fitzhugh_nagumo_small_sin(float x)
 {
-    const float t1 = fitzhugh_nagumo_nearest(0.31830987f*x);
-    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
-    const float t3 = t2*t2;
-    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
-        (1.0f - t1*t1*2.0f);
+    const float t1 = fitzhugh_nagumo_within(x, 1.5707964f) ? x
+        : ((x > 0.0f) ? 3.1415927f - x - 8.742278e-08f : -3.1415927f - x + 8.742278e-08f);
+    const float t2 = t1*t1;
+    return t1 + t1*(((2.606055e-06f*t2 - 0.00019809768f)*t2 + 0.008333069f)*t2 - 0.1666666f)*t2;
 }
 
 static float fitzhugh_nagumo_small_cos(float x)
 {
     const float t1 = fitzhugh_nagumo_abs(x);
-    const float t2 = fitzhugh_nagumo_nearest(0.31830987f*t1 - 0.5f);
-    const float t3 = t2 + 0.5f;
-    const float t4 = t1 - 3.141593f*t3 + 3.2584137e-07f*t3 - 1.0780606e-14f*t3;
-    const float t5 = t4*t4;
-    return (t4 + t4*(((2.606055e-06f*t5 - 0.00019809768f)*t5 + 0.008333069f)*t5 - 0.1666666f)*t5)*
-        (2.0f*t2 - 1.0f);
+    const float t2 = fitzhugh_nagumo_within(x, 3.1415927f) ? 1.5707964f - t1 - 4.371139e-08f
+        : -(4.712389f - t1 - 1.1924881e-08f);
+    const float t3 = t2*t2;
+    return t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3;
 }
 #endif
 
@@ -198,13 +219,136 @@ static void fitzhugh_nagumo_jacobian(float z1, float u, float F[3])
     F[2] = -u; /* F_12 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != FITZHUGH_NAGUMO_READY) {
+        fitzhugh_nagumo_reset(s);
+        status = FITZHUGH_NAGUMO_UNINITIALISED;
+    }
+    return status;
+}
+
+FITZHUGH_NAGUMO_RARELY
+
+static void fitzhugh_nagumo_clear_doubt(fitzhugh_nagumo_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 1023.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 1023.0f;
+    s->doubt_sum = 0.0f;
+}
+
+FITZHUGH_NAGUMO_RARELY
+
+static void fitzhugh_nagumo_clear_rest(fitzhugh_nagumo_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 1.0f;
+    s->D[1] = 1.0f;
+    s->D[2] = 1.0f;
+    s->innovation = 0.0f;
+    s->theta = 1.0f;
+    /* counters as after a reset */
+    s->oldest = 0u;
+    s->tick = 0u;
+    for (unsigned k = 0u; k < 5u; ++k) {
+        fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+        /* from the estimate */
+        predictor->z[0] = s->z[0];
+        predictor->z[1] = s->z[1];
+        predictor->z[2] = s->z[2];
+        /* as after a reset */
+        predictor->sum = 0.0f;
+        /* counters as after a reset */
+        predictor->samples = 0u;
+    }
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned fitzhugh_nagumo_keep_in_box(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f) && fitzhugh_nagumo_within(s->z[1], 1e+30f)
+            && fitzhugh_nagumo_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1e+30f)
+            && fitzhugh_nagumo_within(s->L[1], 1e+30f) && fitzhugh_nagumo_within(s->L[2], 1e+30f);
+        const bool t3 = t2 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
+            && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
+        const bool t4 = t3 && fitzhugh_nagumo_within(s->innovation, 1e+30f)
+            && fitzhugh_nagumo_within(s->theta, 1e+30f);
+        lost = !t4;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= FITZHUGH_NAGUMO_RESTARTED;
+        fitzhugh_nagumo_clear_doubt(s);
+        fitzhugh_nagumo_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = fitzhugh_nagumo_limit(z1, 10.5f);
+        s->z[1] = fitzhugh_nagumo_limit(z2, 80.0f);
+        s->z[2] = fitzhugh_nagumo_limit(z3, 512.0f);
+        if (fitzhugh_nagumo_abs(z1) > 10.5f || fitzhugh_nagumo_abs(z2) > 80.0f
+            || fitzhugh_nagumo_abs(z3) > 512.0f) {
+            status |= FITZHUGH_NAGUMO_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        s->L[0] = fitzhugh_nagumo_limit(L21, 1.0354689e+10f);
+        s->L[1] = fitzhugh_nagumo_limit(L31, 4.8761905e+10f);
+        s->L[2] = fitzhugh_nagumo_limit(L32, 4.709162e+09f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
+        s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
+        s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
+    }
+    /* keep innovation in its box */
+    {
+        const float innovation = s->innovation;
+        s->innovation = fitzhugh_nagumo_clamp(innovation, 0.0f, 1e+30f);
+    }
+    /* keep theta in its box */
+    {
+        const float theta = s->theta;
+        s->theta = fitzhugh_nagumo_clamp(theta, 1.0f, 8.0f);
+    }
+    return status;
+}
+
 unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = fitzhugh_nagumo_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -376,81 +520,7 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             beyond = !(t3 && D3 >= 2.3e-18f && D3 <= 262144.0f);
         }
         if (fitzhugh_nagumo_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
-                    && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1e+30f)
-                    && fitzhugh_nagumo_within(s->L[1], 1e+30f) && fitzhugh_nagumo_within(s->L[2], 1e+30f);
-                const bool t3 = t2 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
-                    && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
-                lost = !t3;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 1.0f;
-                s->D[1] = 1.0f;
-                s->D[2] = 1.0f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 1023.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 1023.0f;
-                s->doubt_sum = 0.0f;
-                status |= FITZHUGH_NAGUMO_RESTARTED;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    predictor->z[2] = s->z[2];
-                    /* as after a reset */
-                    predictor->sum = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples = 0u;
-                }
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = fitzhugh_nagumo_limit(z1, 10.5f);
-                s->z[1] = fitzhugh_nagumo_limit(z2, 80.0f);
-                s->z[2] = fitzhugh_nagumo_limit(z3, 512.0f);
-                if (fitzhugh_nagumo_abs(z1) > 10.5f || fitzhugh_nagumo_abs(z2) > 80.0f
-                    || fitzhugh_nagumo_abs(z3) > 512.0f) {
-                    status |= FITZHUGH_NAGUMO_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                s->L[0] = fitzhugh_nagumo_limit(L21, 1.0354689e+10f);
-                s->L[1] = fitzhugh_nagumo_limit(L31, 4.8761905e+10f);
-                s->L[2] = fitzhugh_nagumo_limit(L32, 4.709162e+09f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
-                s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
-                s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
-            }
+            status |= fitzhugh_nagumo_keep_in_box(s, p);
         }
     } else {
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -468,7 +538,8 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
     return status;
 }
 
-unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+/* part of a step: correct with y */
+static unsigned fitzhugh_nagumo_run_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_output *out)
 {
     unsigned status = 0u;
@@ -517,14 +588,13 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
                 const float t1 = p->gain.R/(0.01f*s->theta);
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             for (unsigned k = 0u; k < 5u; ++k) {
                 fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
@@ -545,77 +615,10 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 const bool t1 = fitzhugh_nagumo_within(s->z[0], 10.5f)
                     && fitzhugh_nagumo_within(s->z[1], 80.0f) && fitzhugh_nagumo_within(s->z[2], 512.0f);
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t2 = t1 && D1 >= 1e-15f && D1 <= 110.25f && D2 >= 1e-16f && D2 <= 11820.959f
-                    && D3 >= 2.3e-18f && D3 <= 262144.0f;
-                beyond = !t2;
+                beyond = !(t1 && D1 >= 1e-15f && D1 <= 110.25f);
             }
             if (fitzhugh_nagumo_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
-                        && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
-                        && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
-                    lost = !t2;
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 1.0f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 1023.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1023.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= FITZHUGH_NAGUMO_RESTARTED;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        predictor->z[2] = s->z[2];
-                        /* as after a reset */
-                        predictor->sum = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples = 0u;
-                    }
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = fitzhugh_nagumo_limit(z1, 10.5f);
-                    s->z[1] = fitzhugh_nagumo_limit(z2, 80.0f);
-                    s->z[2] = fitzhugh_nagumo_limit(z3, 512.0f);
-                    if (fitzhugh_nagumo_abs(z1) > 10.5f || fitzhugh_nagumo_abs(z2) > 80.0f
-                        || fitzhugh_nagumo_abs(z3) > 512.0f) {
-                        status |= FITZHUGH_NAGUMO_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
-                    s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
-                    s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
-                }
+                status |= fitzhugh_nagumo_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -649,12 +652,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 1023.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1023.0f;
-                    s->doubt_sum = 0.0f;
+                    fitzhugh_nagumo_clear_doubt(s);
                 }
                 /* which signs show? */
                 shows_y = !fitzhugh_nagumo_within(output_error, 1.0f);
@@ -730,29 +728,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                     }
                     /* the estimate has restarted from the sample */
                     status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 1.0f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        predictor->z[2] = s->z[2];
-                        /* as after a reset */
-                        predictor->sum = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples = 0u;
-                    }
+                    fitzhugh_nagumo_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y - 1023.0f + s->doubt_y
@@ -766,11 +742,11 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     return status;
 }
 
-unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
+/* part of a step: adapt the gain; once after the updates */
+static unsigned fitzhugh_nagumo_run_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
 {
     unsigned status = 0u;
     bool beyond = false;
-    bool lost = false;
     bool moves = false;
     float mu = 0.0f;
     bool restart = false;
@@ -845,55 +821,24 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
             beyond = !(innovation >= 0.0f && innovation <= 1e+30f && theta >= 1.0f && theta <= 8.0f);
         }
         if (fitzhugh_nagumo_acts(beyond)) {
-            /* is a value lost? */
-            lost = !(fitzhugh_nagumo_within(s->innovation, 1e+30f)
-                && fitzhugh_nagumo_within(s->theta, 1e+30f));
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 1.0f;
-                s->D[1] = 1.0f;
-                s->D[2] = 1.0f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 1023.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 1023.0f;
-                s->doubt_sum = 0.0f;
-                status |= FITZHUGH_NAGUMO_RESTARTED;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    predictor->z[2] = s->z[2];
-                    /* as after a reset */
-                    predictor->sum = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples = 0u;
-                }
-            }
-            /* keep innovation in its box */
-            {
-                const float innovation = s->innovation;
-                s->innovation = fitzhugh_nagumo_clamp(innovation, 0.0f, 1e+30f);
-            }
-            /* keep theta in its box */
-            {
-                const float theta = s->theta;
-                s->theta = fitzhugh_nagumo_clamp(theta, 1.0f, 8.0f);
-            }
+            status |= fitzhugh_nagumo_keep_in_box(s, p);
         }
     }
+    return status;
+}
+
+unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    const fitzhugh_nagumo_output *out)
+{
+    unsigned status = fitzhugh_nagumo_ready(s);
+    status |= fitzhugh_nagumo_run_update_y(s, p, out);
+    return status;
+}
+
+unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
+{
+    unsigned status = fitzhugh_nagumo_ready(s);
+    status |= fitzhugh_nagumo_run_adapt(s, p);
     return status;
 }
 
@@ -902,8 +847,8 @@ unsigned fitzhugh_nagumo_step(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_pa
 {
     unsigned status = 0u;
     status |= fitzhugh_nagumo_predict(s, p, in);
-    status |= fitzhugh_nagumo_update_y(s, p, out);
-    status |= fitzhugh_nagumo_adapt(s, p);
+    status |= fitzhugh_nagumo_run_update_y(s, p, out);
+    status |= fitzhugh_nagumo_run_adapt(s, p);
     return status;
 }
 
@@ -959,36 +904,18 @@ unsigned fitzhugh_nagumo_tune(fitzhugh_nagumo_params *p)
     return status;
 }
 
+FITZHUGH_NAGUMO_RARELY
 void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s)
 {
+    s->ready = FITZHUGH_NAGUMO_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->D[0] = 1.0f;
-    s->D[1] = 1.0f;
-    s->D[2] = 1.0f;
-    s->innovation = 0.0f;
-    s->oldest = 0u;
-    s->tick = 0u;
-    s->theta = 1.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 1023.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1023.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    for (unsigned k = 0u; k < 5u; ++k) {
-        s->predictor[k].z[0] = 0.0f;
-        s->predictor[k].z[1] = 0.0f;
-        s->predictor[k].z[2] = 0.0f;
-        s->predictor[k].sum = 0.0f;
-        s->predictor[k].samples = 0u;
-    }
+    fitzhugh_nagumo_clear_doubt(s);
+    fitzhugh_nagumo_clear_rest(s);
 }
 
 void fitzhugh_nagumo_init(fitzhugh_nagumo_state *s, fitzhugh_nagumo_params *p)

@@ -13,6 +13,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define FLEXIBLE_JOINT_RARELY __attribute__((noinline))
+#else
+#define FLEXIBLE_JOINT_RARELY
+#endif
+
 static float flexible_joint_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -93,25 +100,12 @@ static float flexible_joint_small_sin(float x)
 }
 
 #else
-/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
- * whole numbers */
-static float flexible_joint_nearest(float v)
-{
-#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
-    const volatile float sum = v + 1.2582912e+07f;
-    return sum - 1.2582912e+07f;
-#else
-    return v + 1.2582912e+07f - 1.2582912e+07f;
-#endif
-}
-
 static float flexible_joint_small_sin(float x)
 {
-    const float t1 = flexible_joint_nearest(0.31830987f*x);
-    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
-    const float t3 = t2*t2;
-    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
-        (1.0f - t1*t1*2.0f);
+    const float t1 = flexible_joint_within(x, 1.5707964f) ? x
+        : ((x > 0.0f) ? 3.1415927f - x - 8.742278e-08f : -3.1415927f - x + 8.742278e-08f);
+    const float t2 = t1*t1;
+    return t1 + t1*(((2.606055e-06f*t2 - 0.00019809768f)*t2 + 0.008333069f)*t2 - 0.1666666f)*t2;
 }
 #endif
 
@@ -128,10 +122,34 @@ static void flexible_joint_rate(const flexible_joint_params *p, float z1, float 
         + p->derived.K[3]*t1;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned flexible_joint_ready(flexible_joint_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != FLEXIBLE_JOINT_READY) {
+        flexible_joint_reset(s);
+        status = FLEXIBLE_JOINT_UNINITIALISED;
+    }
+    return status;
+}
+
+FLEXIBLE_JOINT_RARELY
+
+static void flexible_joint_clear_doubt(flexible_joint_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 2303.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2303.0f;
+    s->doubt_sum = 0.0f;
+}
+
 unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_params *p,
     const flexible_joint_input *in, const flexible_joint_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = flexible_joint_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -146,6 +164,9 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[4];
+    float z_from[4];
+    float z_sum[4];
     /* guard the input */
     {
         const float u_given = in->u;
@@ -184,30 +205,83 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
             const float z4 = s->z[3];
+            float k1_z[4];
+            flexible_joint_rate(p, z1, z2, z3, z4, s->u, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_from[2] = z3;
+            z_from[3] = z4;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_sum[2] = k1_z[2];
+            z_sum[3] = k1_z[3];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+            z_at[2] = z3 + 0.0005f*k1_z[2];
+            z_at[3] = z4 + 0.0005f*k1_z[3];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_at4 = z_at[3];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
+            const float z_sum4 = z_sum[3];
             const float u_before = s->u;
             const float u_mid = u_before + 0.5f*(u - u_before);
             const float y_mid = y_last + 0.5f*(y - y_last);
-            float k1_z[4];
-            flexible_joint_rate(p, z1, z2, z3, z4, u_before, y_last, valid, k1_z);
             float k2_z[4];
-            flexible_joint_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], z4
-                + 0.0005f*k1_z[3], u_mid, y_mid, valid, k2_z);
+            flexible_joint_rate(p, z_at1, z_at2, z_at3, z_at4, u_mid, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k2_z[2];
+            z_sum[3] = z_sum4 + 2.0f*k2_z[3];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+            z_at[2] = z_from[2] + 0.0005f*k2_z[2];
+            z_at[3] = z_from[3] + 0.0005f*k2_z[3];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_at4 = z_at[3];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
+            const float z_sum4 = z_sum[3];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[4];
-            flexible_joint_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], z3 + 0.0005f*k2_z[2], z4
-                + 0.0005f*k2_z[3], u_mid, y_mid, valid, k3_z);
+            flexible_joint_rate(p, z_at1, z_at2, z_at3, z_at4, u_mid, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k3_z[2];
+            z_sum[3] = z_sum4 + 2.0f*k3_z[3];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+            z_at[2] = z_from[2] + 0.001f*k3_z[2];
+            z_at[3] = z_from[3] + 0.001f*k3_z[3];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[4];
-            flexible_joint_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], z4
-                + 0.001f*k3_z[3], u, y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
-            s->z[3] = z4 + 0.00016666666f*(k1_z[3] + 2.0f*k2_z[3] + 2.0f*k3_z[3] + k4_z[3]);
+            flexible_joint_rate(p, z_at[0], z_at[1], z_at[2], z_at[3], u, y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
+            s->z[2] = z_from[2] + 0.00016666666f*(z_sum[2] + k4_z[2]);
+            s->z[3] = z_from[3] + 0.00016666666f*(z_sum[3] + k4_z[3]);
         }
         /* is a value beyond its box, or lost? */
         {
@@ -228,12 +302,8 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
                 s->z[1] = 0.0f;
                 s->z[2] = 0.0f;
                 s->z[3] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 2303.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2303.0f;
-                s->doubt_sum = 0.0f;
                 status |= FLEXIBLE_JOINT_RESTARTED;
+                flexible_joint_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -292,12 +362,7 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 2303.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2303.0f;
-                s->doubt_sum = 0.0f;
+                flexible_joint_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -424,21 +489,19 @@ unsigned flexible_joint_tune(flexible_joint_params *p)
     return status;
 }
 
+FLEXIBLE_JOINT_RARELY
 void flexible_joint_reset(flexible_joint_state *s)
 {
+    s->ready = FLEXIBLE_JOINT_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
     s->z[3] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 2303.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 2303.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    flexible_joint_clear_doubt(s);
 }
 
 void flexible_joint_init(flexible_joint_state *s, flexible_joint_params *p)

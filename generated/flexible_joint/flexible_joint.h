@@ -40,9 +40,13 @@
  * Ranges are those of the model: to widen one, generate anew. Whether dt is short enough was judged with
  * gains and parameters at their nominal values, which proves nothing: others may ask for a shorter one. A
  * gain whose largest value is its nominal one can only go down. The state may be copied, saved and restored,
- * by the same version of this file. To start from an estimate of yours write s.z, in the coordinates that the
- * struct names, after init or reset and before the first call, which takes the estimate as it stands; what
- * else a step remembers of it starts there too.
+ * by the same version of this file. It begins with a mark, s.ready, that init and reset leave there. Memory
+ * without it (zeros, what a stack held, a page that was erased, a state of another program) is not used: the
+ * call that meets it begins as after a reset, and says UNINITIALISED. Only estimate, which has no status,
+ * does not ask: call it after a step. The mark is no checksum of the rest, and parameters have none: init
+ * makes them. To start from an estimate of yours write s.z, in the coordinates that the struct names, after
+ * init or reset and before the first call, which takes the estimate as it stands; what else a step remembers
+ * of it starts there too.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
@@ -90,6 +94,11 @@
  * do: correct the parameter and tune again. */
 #define FLEXIBLE_JOINT_PARAMETER_LIMITED     0x0100u
 
+/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
+ * the state began as before the first call. To do: call init once before all else; of a state that was
+ * restored, check what was saved. */
+#define FLEXIBLE_JOINT_UNINITIALISED         0x0200u
+
 /** @} */
 
 /** the period that is compiled in, in seconds */
@@ -100,6 +109,9 @@
 
 /** the model that a restored state is of */
 #define FLEXIBLE_JOINT_MODEL   "a27107bfd01e5727"
+
+/** what init and reset leave in `ready` of a state */
+#define FLEXIBLE_JOINT_READY   0xA633u
 
 /**
  * @file
@@ -165,6 +177,7 @@ typedef struct {
 /** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
  * restored from beyond them is limited, or begins anew, where a call next computes with it */
 typedef struct {
+    unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
     float z[4];           /**< estimate in the form's coordinates: q, p, r, s */
     float doubt_y;        /**< evidence of valid samples that the estimate is lost, 0 .. 2.35827e+06 */
     float patience_y;     /**< doubt at which it restarts, 2303 .. 2.35827e+06 */

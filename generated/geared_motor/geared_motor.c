@@ -2,6 +2,7 @@
 #include "geared_motor.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(GEARED_MOTOR_USE_LIBM)
 #include <math.h>
 #elif defined(GEARED_MOTOR_USE_CMSIS)
@@ -11,6 +12,13 @@
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define GEARED_MOTOR_RARELY __attribute__((noinline))
+#else
+#define GEARED_MOTOR_RARELY
 #endif
 
 static float geared_motor_abs(float v)
@@ -121,33 +129,49 @@ static float geared_motor_inf(void)
     return large*large;
 }
 
+/* 2^x for whole x, where that is a normal number */
+static float geared_motor_power_of_two(float x)
+{
+#if defined(__GNUC__) && !defined(__FRAMAC__) && (__SIZEOF_DOUBLE__ == 8)
+    const float sum = x + 1.2583039e+07f;
+    uint32_t bits;
+    float power;
+    (void)__builtin_memcpy(&bits, &sum, sizeof(bits));
+    bits <<= 23u;
+    (void)__builtin_memcpy(&power, &bits, sizeof(power));
+    return power;
+#else
+    const float t1 = 5.421011e-20f + ((x >= 0.0f) ? 1.0f : 0.0f);
+    const float t2 = x + ((x < 0.0f) ? 128.0f : 0.0f);
+    const bool t3 = t2 >= 64.0f;
+    const float t4 = t2 - (t3 ? 64.0f : 0.0f);
+    const bool t5 = t4 >= 32.0f;
+    const float t6 = t4 - (t5 ? 32.0f : 0.0f);
+    const bool t7 = t6 >= 16.0f;
+    const float t8 = (1.0f + (t3 ? 1.8446744e+19f : 0.0f))*(1.0f + (t5 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t7 ? 65535.0f : 0.0f));
+    const float t9 = t6 - (t7 ? 16.0f : 0.0f);
+    const bool t10 = t9 >= 8.0f;
+    const float t11 = t9 - (t10 ? 8.0f : 0.0f);
+    const bool t12 = t11 >= 4.0f;
+    const float t13 = t11 - (t12 ? 4.0f : 0.0f);
+    const bool t14 = t13 >= 2.0f;
+    const float t15 = t8*(1.0f + (t10 ? 255.0f : 0.0f))*(1.0f + (t12 ? 15.0f : 0.0f))*
+        (1.0f + (t14 ? 3.0f : 0.0f))*(1.0f + ((t13 - (t14 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f));
+    return t1*t15*t1;
+#endif
+}
+
 static float geared_motor_exp(float x)
 {
     const float t1 = geared_motor_nearest((x*x < 16384.0f) ? 1.442695f*x : 0.0f);
     const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
     const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
         + 0.16666545f));
-    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
-    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
-    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
-    const bool t7 = t6 >= 64.0f;
-    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
-    const bool t9 = t8 >= 32.0f;
-    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
-    const bool t11 = t10 >= 16.0f;
-    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
-        (1.0f + (t11 ? 65535.0f : 0.0f));
-    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
-    const bool t14 = t13 >= 8.0f;
-    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
-    const bool t16 = t15 >= 4.0f;
-    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
-    const bool t18 = t17 >= 2.0f;
-    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
-        (1.0f + (t18 ? 3.0f : 0.0f));
-    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
-        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
-    return (x > 88.896126f) ? geared_motor_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+    const float t4 = geared_motor_nearest(0.5f*t1);
+    const float t5 = (x < -87.33655f) ? 0.0f
+        : (1.0f + t3)*geared_motor_power_of_two(t4)*geared_motor_power_of_two(t1 - t4);
+    return (x > 88.896126f) ? geared_motor_inf() : t5;
 }
 
 static float geared_motor_tanh(float x)
@@ -156,21 +180,12 @@ static float geared_motor_tanh(float x)
     const float t2 = t1*x;
     const float t3 = (2.0f*t2 > 18.714973f) ? 18.714973f : 2.0f*t2;
     const float t4 = geared_motor_nearest((t3*t3 < 16384.0f) ? 1.442695f*t3 : 0.0f);
-    const bool t5 = t4 >= 16.0f;
-    const float t6 = t4 - (t5 ? 16.0f : 0.0f);
-    const bool t7 = t6 >= 8.0f;
-    const float t8 = t6 - (t7 ? 8.0f : 0.0f);
-    const bool t9 = t8 >= 4.0f;
-    const float t10 = t8 - (t9 ? 4.0f : 0.0f);
-    const bool t11 = t10 >= 2.0f;
-    const float t12 = (1.0f + (t5 ? 65535.0f : 0.0f))*(1.0f + (t7 ? 255.0f : 0.0f))*
-        (1.0f + (t9 ? 15.0f : 0.0f))*(1.0f + (t11 ? 3.0f : 0.0f));
-    const float t13 = t12*(1.0f + ((t10 - (t11 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f));
-    const float t14 = t3 - 0.69314575f*t4 - 1.4286068e-06f*t4;
-    const float t15 = t14*t14*(0.5f + t14*(((0.0013940646f*t14 + 0.008366435f)*t14 + 0.041666403f)*t14
+    const float t5 = geared_motor_power_of_two(t4);
+    const float t6 = t3 - 0.69314575f*t4 - 1.4286068e-06f*t4;
+    const float t7 = t6 + t6*t6*(0.5f + t6*(((0.0013940646f*t6 + 0.008366435f)*t6 + 0.041666403f)*t6
         + 0.16666545f));
-    const float t16 = t13 - 1.0f + t13*(t14 + t15);
-    return t16/(t16 + 2.0f)*t1;
+    const float t8 = t5 - 1.0f + t5*t7;
+    return t8/(t8 + 2.0f)*t1;
 }
 #endif
 
@@ -191,13 +206,159 @@ static void geared_motor_jacobian(float z3, float F[1])
     F[0] = -(0.1f + 10.0f*(1.0f - t1*t1)); /* F_33 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned geared_motor_ready(geared_motor_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != GEARED_MOTOR_READY) {
+        geared_motor_reset(s);
+        status = GEARED_MOTOR_UNINITIALISED;
+    }
+    return status;
+}
+
+GEARED_MOTOR_RARELY
+
+static void geared_motor_clear_doubt(geared_motor_state *s)
+{
+    /* as after a reset */
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 80.0f;
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 80.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 160.0f;
+    s->doubt_sum = 0.0f;
+}
+
+GEARED_MOTOR_RARELY
+
+static void geared_motor_clear_rest(geared_motor_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->L[3] = 0.0f;
+    s->L[4] = 0.0f;
+    s->L[5] = 0.0f;
+    s->D[0] = 1.0f;
+    s->D[1] = 1.0f;
+    s->D[2] = 100.0f;
+    s->D[3] = 0.01f;
+    s->innovation = 0.0f;
+    s->theta = 1.0f;
+    /* counters as after a reset */
+    s->oldest = 0u;
+    s->tick = 0u;
+    for (unsigned k = 0u; k < 5u; ++k) {
+        geared_motor_predictor *const predictor = &s->predictor[k];
+        /* from the estimate */
+        predictor->z[0] = s->z[0];
+        predictor->z[1] = s->z[1];
+        predictor->z[2] = s->z[2];
+        predictor->z[3] = s->z[3];
+        /* as after a reset */
+        predictor->sum[0] = 0.0f;
+        predictor->sum[1] = 0.0f;
+        /* counters as after a reset */
+        predictor->samples[0] = 0u;
+        predictor->samples[1] = 0u;
+    }
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_motor_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = geared_motor_within(s->z[0], 1e+30f) && geared_motor_within(s->z[1], 1e+30f)
+            && geared_motor_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && geared_motor_within(s->z[3], 1e+30f) && geared_motor_within(s->L[0], 1e+30f)
+            && geared_motor_within(s->L[1], 1e+30f);
+        const bool t3 = t2 && geared_motor_within(s->L[2], 1e+30f) && geared_motor_within(s->L[3], 1e+30f)
+            && geared_motor_within(s->L[4], 1e+30f);
+        const bool t4 = t3 && geared_motor_within(s->L[5], 1e+30f) && geared_motor_within(s->D[0], 1e+30f)
+            && geared_motor_within(s->D[1], 1e+30f);
+        const bool t5 = t4 && geared_motor_within(s->D[2], 1e+30f) && geared_motor_within(s->D[3], 1e+30f)
+            && geared_motor_within(s->innovation, 1e+30f);
+        lost = !(t5 && geared_motor_within(s->theta, 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        status |= GEARED_MOTOR_RESTARTED;
+        geared_motor_clear_doubt(s);
+        geared_motor_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t1 = geared_motor_abs(z1) > 3200.0f || geared_motor_abs(z2) > 45.0f
+            || geared_motor_abs(z3) > 1200.0f;
+        s->z[0] = geared_motor_limit(z1, 3200.0f);
+        s->z[1] = geared_motor_limit(z2, 45.0f);
+        s->z[2] = geared_motor_limit(z3, 1200.0f);
+        s->z[3] = geared_motor_limit(z4, 3.2f);
+        if (t1 || geared_motor_abs(z4) > 3.2f) {
+            status |= GEARED_MOTOR_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L32 = s->L[3];
+        const float L42 = s->L[4];
+        const float L43 = s->L[5];
+        s->L[0] = geared_motor_limit(L21, 1.40625e+07f);
+        s->L[1] = geared_motor_limit(L31, 3.75e+08f);
+        s->L[2] = geared_motor_limit(L41, 1000000.0f);
+        s->L[3] = geared_motor_limit(L32, 2.6666666e+10f);
+        s->L[4] = geared_motor_limit(L42, 7.111111e+07f);
+        s->L[5] = geared_motor_limit(L43, 2666666.8f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float D4 = s->D[3];
+        s->D[0] = geared_motor_clamp(D1, 1e-18f, 1.024e+07f);
+        s->D[1] = geared_motor_clamp(D2, 1e-15f, 2025.0f);
+        s->D[2] = geared_motor_clamp(D3, 1e-14f, 1440000.0f);
+        s->D[3] = geared_motor_clamp(D4, 1e-20f, 10.24f);
+    }
+    /* keep innovation in its box */
+    {
+        const float innovation = s->innovation;
+        s->innovation = geared_motor_clamp(innovation, 0.0f, 1e+30f);
+    }
+    /* keep theta in its box */
+    {
+        const float theta = s->theta;
+        s->theta = geared_motor_clamp(theta, 1.0f, 4.0f);
+    }
+    return status;
+}
+
 unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = geared_motor_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -443,104 +604,7 @@ unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *
             beyond = !(t5 && D4 >= 1e-20f && D4 <= 10.24f);
         }
         if (geared_motor_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = geared_motor_within(s->z[0], 1e+30f) && geared_motor_within(s->z[1], 1e+30f)
-                    && geared_motor_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && geared_motor_within(s->z[3], 1e+30f)
-                    && geared_motor_within(s->L[0], 1e+30f) && geared_motor_within(s->L[1], 1e+30f);
-                const bool t3 = t2 && geared_motor_within(s->L[2], 1e+30f)
-                    && geared_motor_within(s->L[3], 1e+30f) && geared_motor_within(s->L[4], 1e+30f);
-                const bool t4 = t3 && geared_motor_within(s->L[5], 1e+30f)
-                    && geared_motor_within(s->D[0], 1e+30f) && geared_motor_within(s->D[1], 1e+30f);
-                lost = !(t4 && geared_motor_within(s->D[2], 1e+30f) && geared_motor_within(s->D[3], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->z[3] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->L[3] = 0.0f;
-                s->L[4] = 0.0f;
-                s->L[5] = 0.0f;
-                s->D[0] = 1.0f;
-                s->D[1] = 1.0f;
-                s->D[2] = 100.0f;
-                s->D[3] = 0.01f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                s->doubt_y_y2 = 0.0f;
-                s->patience_y_y2 = 80.0f;
-                s->doubt_y_y1 = 0.0f;
-                s->patience_y_y1 = 80.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 160.0f;
-                s->doubt_sum = 0.0f;
-                status |= GEARED_MOTOR_RESTARTED;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    geared_motor_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    predictor->z[2] = s->z[2];
-                    predictor->z[3] = s->z[3];
-                    /* as after a reset */
-                    predictor->sum[0] = 0.0f;
-                    predictor->sum[1] = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples[0] = 0u;
-                    predictor->samples[1] = 0u;
-                }
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const bool t1 = geared_motor_abs(z1) > 3200.0f || geared_motor_abs(z2) > 45.0f
-                    || geared_motor_abs(z3) > 1200.0f;
-                s->z[0] = geared_motor_limit(z1, 3200.0f);
-                s->z[1] = geared_motor_limit(z2, 45.0f);
-                s->z[2] = geared_motor_limit(z3, 1200.0f);
-                s->z[3] = geared_motor_limit(z4, 3.2f);
-                if (t1 || geared_motor_abs(z4) > 3.2f) {
-                    status |= GEARED_MOTOR_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L32 = s->L[3];
-                const float L42 = s->L[4];
-                const float L43 = s->L[5];
-                s->L[0] = geared_motor_limit(L21, 1.40625e+07f);
-                s->L[1] = geared_motor_limit(L31, 3.75e+08f);
-                s->L[2] = geared_motor_limit(L41, 1000000.0f);
-                s->L[3] = geared_motor_limit(L32, 2.6666666e+10f);
-                s->L[4] = geared_motor_limit(L42, 7.111111e+07f);
-                s->L[5] = geared_motor_limit(L43, 2666666.8f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                s->D[0] = geared_motor_clamp(D1, 1e-18f, 1.024e+07f);
-                s->D[1] = geared_motor_clamp(D2, 1e-15f, 2025.0f);
-                s->D[2] = geared_motor_clamp(D3, 1e-14f, 1440000.0f);
-                s->D[3] = geared_motor_clamp(D4, 1e-20f, 10.24f);
-            }
+            status |= geared_motor_keep_in_box(s, p);
         }
     } else {
         for (unsigned k = 0u; k < 5u; ++k) {
@@ -560,7 +624,8 @@ unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *
     return status;
 }
 
-unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params *p,
+/* part of a step: correct with y1 */
+static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_output *out)
 {
     unsigned status = 0u;
@@ -611,16 +676,15 @@ unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params
                 const float z4 = s->z[3];
                 const float theta = s->theta;
                 const float t1 = theta*theta*theta*p->gain.R[0]*1000.0f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
-                const float K4 = L41*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
+                const float K4 = L41*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
                 s->z[3] = z4 + K4*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             for (unsigned k = 0u; k < 5u; ++k) {
                 geared_motor_predictor *const predictor = &s->predictor[k];
@@ -641,94 +705,10 @@ unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params
                 const bool t1 = geared_motor_within(s->z[0], 3200.0f) && geared_motor_within(s->z[1], 45.0f)
                     && geared_motor_within(s->z[2], 1200.0f);
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f) && D1 >= 1e-18f && D1 <= 1.024e+07f
-                    && D2 >= 1e-15f && D2 <= 2025.0f;
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                beyond = !(t2 && D3 >= 1e-14f && D3 <= 1440000.0f && D4 >= 1e-20f && D4 <= 10.24f);
+                beyond = !(t1 && geared_motor_within(s->z[3], 3.2f) && D1 >= 1e-18f && D1 <= 1.024e+07f);
             }
             if (geared_motor_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = geared_motor_within(s->z[0], 1e+30f)
-                        && geared_motor_within(s->z[1], 1e+30f) && geared_motor_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && geared_motor_within(s->z[3], 1e+30f)
-                        && geared_motor_within(s->D[0], 1e+30f) && geared_motor_within(s->D[1], 1e+30f);
-                    lost = !(t2 && geared_motor_within(s->D[2], 1e+30f)
-                        && geared_motor_within(s->D[3], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 0.01f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 80.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 80.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 160.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= GEARED_MOTOR_RESTARTED;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        geared_motor_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        predictor->z[2] = s->z[2];
-                        predictor->z[3] = s->z[3];
-                        /* as after a reset */
-                        predictor->sum[0] = 0.0f;
-                        predictor->sum[1] = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples[0] = 0u;
-                        predictor->samples[1] = 0u;
-                    }
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    const bool t1 = geared_motor_abs(z1) > 3200.0f || geared_motor_abs(z2) > 45.0f
-                        || geared_motor_abs(z3) > 1200.0f;
-                    s->z[0] = geared_motor_limit(z1, 3200.0f);
-                    s->z[1] = geared_motor_limit(z2, 45.0f);
-                    s->z[2] = geared_motor_limit(z3, 1200.0f);
-                    s->z[3] = geared_motor_limit(z4, 3.2f);
-                    if (t1 || geared_motor_abs(z4) > 3.2f) {
-                        status |= GEARED_MOTOR_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    s->D[0] = geared_motor_clamp(D1, 1e-18f, 1.024e+07f);
-                    s->D[1] = geared_motor_clamp(D2, 1e-15f, 2025.0f);
-                    s->D[2] = geared_motor_clamp(D3, 1e-14f, 1440000.0f);
-                    s->D[3] = geared_motor_clamp(D4, 1e-20f, 10.24f);
-                }
+                status |= geared_motor_keep_in_box(s, p);
             }
             /* y1 is used */
             s->used_y1 = 1u;
@@ -765,14 +745,7 @@ unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params
                     spoiled = !t4;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 80.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 80.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 160.0f;
-                    s->doubt_sum = 0.0f;
+                    geared_motor_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -854,36 +827,7 @@ unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params
                     }
                     /* the estimate has restarted from the sample */
                     status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 0.01f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        geared_motor_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        predictor->z[2] = s->z[2];
-                        predictor->z[3] = s->z[3];
-                        /* as after a reset */
-                        predictor->sum[0] = 0.0f;
-                        predictor->sum[1] = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples[0] = 0u;
-                        predictor->samples[1] = 0u;
-                    }
+                    geared_motor_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y2 - 80.0f + s->doubt_y_y2
@@ -898,7 +842,8 @@ unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params
     return status;
 }
 
-unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params *p,
+/* part of a step: correct with y2 */
+static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_output *out)
 {
     unsigned status = 0u;
@@ -990,118 +935,14 @@ unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params
                     && geared_motor_within(s->z[2], 1200.0f);
                 const bool t2 = t1 && geared_motor_within(s->z[3], 3.2f)
                     && geared_motor_within(s->L[0], 1.40625e+07f) && geared_motor_within(s->L[1], 3.75e+08f);
-                const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f)
-                    && geared_motor_within(s->L[3], 2.6666666e+10f);
-                const bool t4 = t3 && geared_motor_within(s->L[4], 7.111111e+07f)
-                    && geared_motor_within(s->L[5], 2666666.8f);
                 const float D1 = s->D[0];
                 const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t5 = t4 && D1 >= 1e-18f && D1 <= 1.024e+07f && D2 >= 1e-15f && D2 <= 2025.0f
-                    && D3 >= 1e-14f && D3 <= 1440000.0f;
-                const float D4 = s->D[3];
-                beyond = !(t5 && D4 >= 1e-20f && D4 <= 10.24f);
+                const bool t3 = t2 && geared_motor_within(s->L[2], 1000000.0f) && D1 >= 1e-18f
+                    && D1 <= 1.024e+07f && D2 >= 1e-15f && D2 <= 2025.0f;
+                beyond = !t3;
             }
             if (geared_motor_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = geared_motor_within(s->z[0], 1e+30f)
-                        && geared_motor_within(s->z[1], 1e+30f) && geared_motor_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && geared_motor_within(s->z[3], 1e+30f)
-                        && geared_motor_within(s->L[0], 1e+30f) && geared_motor_within(s->L[1], 1e+30f);
-                    const bool t3 = t2 && geared_motor_within(s->L[2], 1e+30f)
-                        && geared_motor_within(s->L[3], 1e+30f) && geared_motor_within(s->L[4], 1e+30f);
-                    const bool t4 = t3 && geared_motor_within(s->L[5], 1e+30f)
-                        && geared_motor_within(s->D[0], 1e+30f) && geared_motor_within(s->D[1], 1e+30f);
-                    lost = !(t4 && geared_motor_within(s->D[2], 1e+30f)
-                        && geared_motor_within(s->D[3], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 0.01f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 80.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 80.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 160.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= GEARED_MOTOR_RESTARTED;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        geared_motor_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        predictor->z[2] = s->z[2];
-                        predictor->z[3] = s->z[3];
-                        /* as after a reset */
-                        predictor->sum[0] = 0.0f;
-                        predictor->sum[1] = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples[0] = 0u;
-                        predictor->samples[1] = 0u;
-                    }
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    const bool t1 = geared_motor_abs(z1) > 3200.0f || geared_motor_abs(z2) > 45.0f
-                        || geared_motor_abs(z3) > 1200.0f;
-                    s->z[0] = geared_motor_limit(z1, 3200.0f);
-                    s->z[1] = geared_motor_limit(z2, 45.0f);
-                    s->z[2] = geared_motor_limit(z3, 1200.0f);
-                    s->z[3] = geared_motor_limit(z4, 3.2f);
-                    if (t1 || geared_motor_abs(z4) > 3.2f) {
-                        status |= GEARED_MOTOR_STATE_LIMITED;
-                    }
-                }
-                /* keep L in its box */
-                {
-                    const float L21 = s->L[0];
-                    const float L31 = s->L[1];
-                    const float L41 = s->L[2];
-                    const float L32 = s->L[3];
-                    const float L42 = s->L[4];
-                    const float L43 = s->L[5];
-                    s->L[0] = geared_motor_limit(L21, 1.40625e+07f);
-                    s->L[1] = geared_motor_limit(L31, 3.75e+08f);
-                    s->L[2] = geared_motor_limit(L41, 1000000.0f);
-                    s->L[3] = geared_motor_limit(L32, 2.6666666e+10f);
-                    s->L[4] = geared_motor_limit(L42, 7.111111e+07f);
-                    s->L[5] = geared_motor_limit(L43, 2666666.8f);
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    s->D[0] = geared_motor_clamp(D1, 1e-18f, 1.024e+07f);
-                    s->D[1] = geared_motor_clamp(D2, 1e-15f, 2025.0f);
-                    s->D[2] = geared_motor_clamp(D3, 1e-14f, 1440000.0f);
-                    s->D[3] = geared_motor_clamp(D4, 1e-20f, 10.24f);
-                }
+                status |= geared_motor_keep_in_box(s, p);
             }
             /* y2 is used */
             s->used_y2 = 1u;
@@ -1140,14 +981,7 @@ unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params
                     spoiled = !t4;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 80.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 80.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 160.0f;
-                    s->doubt_sum = 0.0f;
+                    geared_motor_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -1229,36 +1063,7 @@ unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params
                     }
                     /* the estimate has restarted from the sample */
                     status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 0.01f;
-                    s->innovation = 0.0f;
-                    s->theta = 1.0f;
-                    /* counters as after a reset */
-                    s->oldest = 0u;
-                    s->tick = 0u;
-                    for (unsigned k = 0u; k < 5u; ++k) {
-                        geared_motor_predictor *const predictor = &s->predictor[k];
-                        /* from the estimate */
-                        predictor->z[0] = s->z[0];
-                        predictor->z[1] = s->z[1];
-                        predictor->z[2] = s->z[2];
-                        predictor->z[3] = s->z[3];
-                        /* as after a reset */
-                        predictor->sum[0] = 0.0f;
-                        predictor->sum[1] = 0.0f;
-                        /* counters as after a reset */
-                        predictor->samples[0] = 0u;
-                        predictor->samples[1] = 0u;
-                    }
+                    geared_motor_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y2 - 80.0f + s->doubt_y_y2
@@ -1273,11 +1078,11 @@ unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params
     return status;
 }
 
-unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p)
+/* part of a step: adapt the gain; once after the updates */
+static unsigned geared_motor_run_adapt(geared_motor_state *s, const geared_motor_params *p)
 {
     unsigned status = 0u;
     bool beyond = false;
-    bool lost = false;
     bool moves = false;
     float mu = 0.0f;
     bool restart = false;
@@ -1360,64 +1165,32 @@ unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p)
             beyond = !(innovation >= 0.0f && innovation <= 1e+30f && theta >= 1.0f && theta <= 4.0f);
         }
         if (geared_motor_acts(beyond)) {
-            /* is a value lost? */
-            lost = !(geared_motor_within(s->innovation, 1e+30f) && geared_motor_within(s->theta, 1e+30f));
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->z[3] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->L[3] = 0.0f;
-                s->L[4] = 0.0f;
-                s->L[5] = 0.0f;
-                s->D[0] = 1.0f;
-                s->D[1] = 1.0f;
-                s->D[2] = 100.0f;
-                s->D[3] = 0.01f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                s->doubt_y_y2 = 0.0f;
-                s->patience_y_y2 = 80.0f;
-                s->doubt_y_y1 = 0.0f;
-                s->patience_y_y1 = 80.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 160.0f;
-                s->doubt_sum = 0.0f;
-                status |= GEARED_MOTOR_RESTARTED;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    geared_motor_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    predictor->z[2] = s->z[2];
-                    predictor->z[3] = s->z[3];
-                    /* as after a reset */
-                    predictor->sum[0] = 0.0f;
-                    predictor->sum[1] = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples[0] = 0u;
-                    predictor->samples[1] = 0u;
-                }
-            }
-            /* keep innovation in its box */
-            {
-                const float innovation = s->innovation;
-                s->innovation = geared_motor_clamp(innovation, 0.0f, 1e+30f);
-            }
-            /* keep theta in its box */
-            {
-                const float theta = s->theta;
-                s->theta = geared_motor_clamp(theta, 1.0f, 4.0f);
-            }
+            status |= geared_motor_keep_in_box(s, p);
         }
     }
+    return status;
+}
+
+unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params *p,
+    const geared_motor_output *out)
+{
+    unsigned status = geared_motor_ready(s);
+    status |= geared_motor_run_update_y1(s, p, out);
+    return status;
+}
+
+unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params *p,
+    const geared_motor_output *out)
+{
+    unsigned status = geared_motor_ready(s);
+    status |= geared_motor_run_update_y2(s, p, out);
+    return status;
+}
+
+unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p)
+{
+    unsigned status = geared_motor_ready(s);
+    status |= geared_motor_run_adapt(s, p);
     return status;
 }
 
@@ -1426,9 +1199,9 @@ unsigned geared_motor_step(geared_motor_state *s, const geared_motor_params *p, 
 {
     unsigned status = 0u;
     status |= geared_motor_predict(s, p, in);
-    status |= geared_motor_update_y1(s, p, out);
-    status |= geared_motor_update_y2(s, p, out);
-    status |= geared_motor_adapt(s, p);
+    status |= geared_motor_run_update_y1(s, p, out);
+    status |= geared_motor_run_update_y2(s, p, out);
+    status |= geared_motor_run_adapt(s, p);
     return status;
 }
 
@@ -1488,47 +1261,20 @@ unsigned geared_motor_tune(geared_motor_params *p)
     return status;
 }
 
+GEARED_MOTOR_RARELY
 void geared_motor_reset(geared_motor_state *s)
 {
+    s->ready = GEARED_MOTOR_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
     s->z[3] = 0.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->L[3] = 0.0f;
-    s->L[4] = 0.0f;
-    s->L[5] = 0.0f;
-    s->D[0] = 1.0f;
-    s->D[1] = 1.0f;
-    s->D[2] = 100.0f;
-    s->D[3] = 0.01f;
-    s->innovation = 0.0f;
-    s->oldest = 0u;
-    s->tick = 0u;
-    s->theta = 1.0f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 80.0f;
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 80.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 160.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y1 = 1u;
     s->used_y2 = 1u;
     s->u = 0.0f;
-    for (unsigned k = 0u; k < 5u; ++k) {
-        s->predictor[k].z[0] = 0.0f;
-        s->predictor[k].z[1] = 0.0f;
-        s->predictor[k].z[2] = 0.0f;
-        s->predictor[k].z[3] = 0.0f;
-        s->predictor[k].sum[0] = 0.0f;
-        s->predictor[k].sum[1] = 0.0f;
-        s->predictor[k].samples[0] = 0u;
-        s->predictor[k].samples[1] = 0u;
-    }
+    geared_motor_clear_doubt(s);
+    geared_motor_clear_rest(s);
 }
 
 void geared_motor_init(geared_motor_state *s, geared_motor_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define GLUCOSE_INSULIN_RARELY __attribute__((noinline))
+#else
+#define GLUCOSE_INSULIN_RARELY
+#endif
+
 static float glucose_insulin_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -88,13 +95,107 @@ static void glucose_insulin_jacobian(float z1, float z2, float F[2])
     F[1] = glucose_insulin_clamp(z1, 40.0f, 400.0f); /* F_12 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned glucose_insulin_ready(glucose_insulin_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != GLUCOSE_INSULIN_READY) {
+        glucose_insulin_reset(s);
+        status = GLUCOSE_INSULIN_UNINITIALISED;
+    }
+    return status;
+}
+
+GLUCOSE_INSULIN_RARELY
+
+static void glucose_insulin_clear_doubt(glucose_insulin_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 450.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 450.0f;
+    s->doubt_sum = 0.0f;
+}
+
+GLUCOSE_INSULIN_RARELY
+
+static void glucose_insulin_clear_rest(glucose_insulin_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 30000.0f;
+    s->D[1] = 0.0006f;
+    s->D[2] = 10000.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned glucose_insulin_keep_in_box(glucose_insulin_state *s, const glucose_insulin_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = glucose_insulin_within(s->z[0], 1e+30f) && glucose_insulin_within(s->z[1], 1e+30f)
+            && glucose_insulin_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && glucose_insulin_within(s->L[0], 1e+30f)
+            && glucose_insulin_within(s->L[1], 1e+30f) && glucose_insulin_within(s->L[2], 1e+30f);
+        const bool t3 = t2 && glucose_insulin_within(s->D[0], 1e+30f)
+            && glucose_insulin_within(s->D[1], 1e+30f) && glucose_insulin_within(s->D[2], 1e+30f);
+        lost = !t3;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 40.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= GLUCOSE_INSULIN_RESTARTED;
+        glucose_insulin_clear_doubt(s);
+        glucose_insulin_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = glucose_insulin_clamp(z1, -320.0f, 760.0f);
+        s->z[1] = glucose_insulin_clamp(z2, -0.1f, 0.05f);
+        s->z[2] = glucose_insulin_clamp(z3, -400.0f, 200.0f);
+        if (z1 < -320.0f || z1 > 760.0f || z2 < -0.1f || z2 > 0.05f || z3 < -400.0f || z3 > 200.0f) {
+            status |= GLUCOSE_INSULIN_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        s->L[0] = glucose_insulin_limit(L21, 138888.89f);
+        s->L[1] = glucose_insulin_limit(L31, 5.555556e+08f);
+        s->L[2] = glucose_insulin_limit(L32, 4e+12f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        s->D[0] = glucose_insulin_clamp(D1, 4e-13f, 291600.0f);
+        s->D[1] = glucose_insulin_clamp(D2, 8e-21f, 0.005625f);
+        s->D[2] = glucose_insulin_clamp(D3, 1e-13f, 90000.0f);
+    }
+    return status;
+}
+
 unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = glucose_insulin_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -235,64 +336,7 @@ unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin
             beyond = !t3;
         }
         if (glucose_insulin_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = glucose_insulin_within(s->z[0], 1e+30f)
-                    && glucose_insulin_within(s->z[1], 1e+30f) && glucose_insulin_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && glucose_insulin_within(s->L[0], 1e+30f)
-                    && glucose_insulin_within(s->L[1], 1e+30f) && glucose_insulin_within(s->L[2], 1e+30f);
-                const bool t3 = t2 && glucose_insulin_within(s->D[0], 1e+30f)
-                    && glucose_insulin_within(s->D[1], 1e+30f) && glucose_insulin_within(s->D[2], 1e+30f);
-                lost = !t3;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 40.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 30000.0f;
-                s->D[1] = 0.0006f;
-                s->D[2] = 10000.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 450.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 450.0f;
-                s->doubt_sum = 0.0f;
-                status |= GLUCOSE_INSULIN_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = glucose_insulin_clamp(z1, -320.0f, 760.0f);
-                s->z[1] = glucose_insulin_clamp(z2, -0.1f, 0.05f);
-                s->z[2] = glucose_insulin_clamp(z3, -400.0f, 200.0f);
-                if (z1 < -320.0f || z1 > 760.0f || z2 < -0.1f || z2 > 0.05f || z3 < -400.0f || z3 > 200.0f) {
-                    status |= GLUCOSE_INSULIN_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                s->L[0] = glucose_insulin_limit(L21, 138888.89f);
-                s->L[1] = glucose_insulin_limit(L31, 5.555556e+08f);
-                s->L[2] = glucose_insulin_limit(L32, 4e+12f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                s->D[0] = glucose_insulin_clamp(D1, 4e-13f, 291600.0f);
-                s->D[1] = glucose_insulin_clamp(D2, 8e-21f, 0.005625f);
-                s->D[2] = glucose_insulin_clamp(D3, 1e-13f, 90000.0f);
-            }
+            status |= glucose_insulin_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -302,7 +346,8 @@ unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin
     return status;
 }
 
-unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
+/* part of a step: correct with y */
+static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_output *out)
 {
     unsigned status = 0u;
@@ -351,14 +396,13 @@ unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insuli
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
                 const float t1 = p->gain.R/0.1f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -368,59 +412,10 @@ unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insuli
                 const float D1 = s->D[0];
                 const bool t1 = z1 >= -320.0f && z1 <= 760.0f && z2 >= -0.1f && z2 <= 0.05f && z3 >= -400.0f
                     && z3 <= 200.0f && D1 >= 4e-13f && D1 <= 291600.0f;
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                beyond = !(t1 && D2 >= 8e-21f && D2 <= 0.005625f && D3 >= 1e-13f && D3 <= 90000.0f);
+                beyond = !t1;
             }
             if (glucose_insulin_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = glucose_insulin_within(s->z[0], 1e+30f)
-                        && glucose_insulin_within(s->z[1], 1e+30f) && glucose_insulin_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && glucose_insulin_within(s->D[0], 1e+30f)
-                        && glucose_insulin_within(s->D[1], 1e+30f) && glucose_insulin_within(s->D[2], 1e+30f);
-                    lost = !t2;
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 40.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 30000.0f;
-                    s->D[1] = 0.0006f;
-                    s->D[2] = 10000.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 450.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 450.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= GLUCOSE_INSULIN_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = glucose_insulin_clamp(z1, -320.0f, 760.0f);
-                    s->z[1] = glucose_insulin_clamp(z2, -0.1f, 0.05f);
-                    s->z[2] = glucose_insulin_clamp(z3, -400.0f, 200.0f);
-                    if (z1 < -320.0f || z1 > 760.0f || z2 < -0.1f || z2 > 0.05f || z3 < -400.0f
-                        || z3 > 200.0f) {
-                        status |= GLUCOSE_INSULIN_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    s->D[0] = glucose_insulin_clamp(D1, 4e-13f, 291600.0f);
-                    s->D[1] = glucose_insulin_clamp(D2, 8e-21f, 0.005625f);
-                    s->D[2] = glucose_insulin_clamp(D3, 1e-13f, 90000.0f);
-                }
+                status |= glucose_insulin_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -460,12 +455,7 @@ unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insuli
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 450.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 450.0f;
-                    s->doubt_sum = 0.0f;
+                    glucose_insulin_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -546,13 +536,7 @@ unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insuli
                     }
                     /* the estimate has restarted from the sample */
                     status |= GLUCOSE_INSULIN_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 30000.0f;
-                    s->D[1] = 0.0006f;
-                    s->D[2] = 10000.0f;
+                    glucose_insulin_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y - 450.0f + s->doubt_y
@@ -566,12 +550,20 @@ unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insuli
     return status;
 }
 
+unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
+    const glucose_insulin_output *out)
+{
+    unsigned status = glucose_insulin_ready(s);
+    status |= glucose_insulin_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned glucose_insulin_step(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_input *in, const glucose_insulin_output *out)
 {
     unsigned status = 0u;
     status |= glucose_insulin_predict(s, p, in);
-    status |= glucose_insulin_update_y(s, p, out);
+    status |= glucose_insulin_run_update_y(s, p, out);
     return status;
 }
 
@@ -607,25 +599,18 @@ unsigned glucose_insulin_tune(glucose_insulin_params *p)
     return status;
 }
 
+GLUCOSE_INSULIN_RARELY
 void glucose_insulin_reset(glucose_insulin_state *s)
 {
+    s->ready = GLUCOSE_INSULIN_READY;
     s->z[0] = 40.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->D[0] = 30000.0f;
-    s->D[1] = 0.0006f;
-    s->D[2] = 10000.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 450.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 450.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
+    glucose_insulin_clear_doubt(s);
+    glucose_insulin_clear_rest(s);
 }
 
 void glucose_insulin_init(glucose_insulin_state *s, glucose_insulin_params *p)

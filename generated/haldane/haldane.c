@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define HALDANE_RARELY __attribute__((noinline))
+#else
+#define HALDANE_RARELY
+#endif
+
 static float haldane_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -95,12 +102,83 @@ static void haldane_jacobian(float z1, float z2, float u, float F[4])
     F[3] = -(u + t5); /* F_22 */
 }
 
-unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldane_input *in)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned haldane_ready(haldane_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != HALDANE_READY) {
+        haldane_reset(s);
+        status = HALDANE_UNINITIALISED;
+    }
+    return status;
+}
+
+HALDANE_RARELY
+
+static void haldane_clear_doubt(haldane_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 897.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 897.0f;
+    s->doubt_sum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned haldane_keep_in_box(haldane_state *s, const haldane_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = haldane_within(s->z[0], 1e+30f) && haldane_within(s->z[1], 1e+30f)
+            && haldane_within(s->L, 1e+30f);
+        lost = !(t1 && haldane_within(s->D[0], 1e+30f) && haldane_within(s->D[1], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.5f;
+        s->z[1] = 0.0f;
+        status |= HALDANE_RESTARTED;
+        haldane_clear_doubt(s);
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 20.0f;
+        s->D[1] = 100.0f;
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = haldane_clamp(z1, -9.0f, 19.5f);
+        s->z[1] = haldane_clamp(z2, -20.0f, 40.0f);
+        if (z1 < -9.0f || z1 > 19.5f || z2 < -20.0f || z2 > 40.0f) {
+            status |= HALDANE_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L;
+        s->L = haldane_limit(L21, 4.167631e+09f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        s->D[0] = haldane_clamp(D1, 1e-16f, 203.0625f);
+        s->D[1] = haldane_clamp(D2, 1e-15f, 3527.023f);
+    }
+    return status;
+}
+
+unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldane_input *in)
+{
+    unsigned status = haldane_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -195,48 +273,7 @@ unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldan
             beyond = !(t1 && D1 >= 1e-16f && D1 <= 203.0625f && D2 >= 1e-15f && D2 <= 3527.023f);
         }
         if (haldane_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = haldane_within(s->z[0], 1e+30f) && haldane_within(s->z[1], 1e+30f)
-                    && haldane_within(s->L, 1e+30f);
-                lost = !(t1 && haldane_within(s->D[0], 1e+30f) && haldane_within(s->D[1], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.5f;
-                s->z[1] = 0.0f;
-                s->L = 0.0f;
-                s->D[0] = 20.0f;
-                s->D[1] = 100.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 897.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 897.0f;
-                s->doubt_sum = 0.0f;
-                status |= HALDANE_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = haldane_clamp(z1, -9.0f, 19.5f);
-                s->z[1] = haldane_clamp(z2, -20.0f, 40.0f);
-                if (z1 < -9.0f || z1 > 19.5f || z2 < -20.0f || z2 > 40.0f) {
-                    status |= HALDANE_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L;
-                s->L = haldane_limit(L21, 4.167631e+09f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                s->D[0] = haldane_clamp(D1, 1e-16f, 203.0625f);
-                s->D[1] = haldane_clamp(D2, 1e-15f, 3527.023f);
-            }
+            status |= haldane_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -246,7 +283,8 @@ unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldan
     return status;
 }
 
-unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
+/* part of a step: correct with y */
+static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -291,61 +329,22 @@ unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const halda
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float t1 = p->gain.R/0.01f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const bool t1 = z1 >= -9.0f && z1 <= 19.5f && z2 >= -20.0f && z2 <= 40.0f && D1 >= 1e-16f
-                    && D1 <= 203.0625f && D2 >= 1e-15f && D2 <= 3527.023f;
-                beyond = !t1;
+                beyond = !(z1 >= -9.0f && z1 <= 19.5f && z2 >= -20.0f && z2 <= 40.0f && D1 >= 1e-16f
+                    && D1 <= 203.0625f);
             }
             if (haldane_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = haldane_within(s->z[0], 1e+30f) && haldane_within(s->z[1], 1e+30f)
-                        && haldane_within(s->D[0], 1e+30f);
-                    lost = !(t1 && haldane_within(s->D[1], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.5f;
-                    s->z[1] = 0.0f;
-                    s->L = 0.0f;
-                    s->D[0] = 20.0f;
-                    s->D[1] = 100.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 897.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 897.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= HALDANE_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = haldane_clamp(z1, -9.0f, 19.5f);
-                    s->z[1] = haldane_clamp(z2, -20.0f, 40.0f);
-                    if (z1 < -9.0f || z1 > 19.5f || z2 < -20.0f || z2 > 40.0f) {
-                        status |= HALDANE_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    s->D[0] = haldane_clamp(D1, 1e-16f, 203.0625f);
-                    s->D[1] = haldane_clamp(D2, 1e-15f, 3527.023f);
-                }
+                status |= haldane_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -380,12 +379,7 @@ unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const halda
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 897.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 897.0f;
-                    s->doubt_sum = 0.0f;
+                    haldane_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -478,12 +472,19 @@ unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const halda
     return status;
 }
 
+unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
+{
+    unsigned status = haldane_ready(s);
+    status |= haldane_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned haldane_step(haldane_state *s, const haldane_params *p, const haldane_input *in,
     const haldane_output *out)
 {
     unsigned status = 0u;
     status |= haldane_predict(s, p, in);
-    status |= haldane_update_y(s, p, out);
+    status |= haldane_run_update_y(s, p, out);
     return status;
 }
 
@@ -514,21 +515,19 @@ unsigned haldane_tune(haldane_params *p)
     return status;
 }
 
+HALDANE_RARELY
 void haldane_reset(haldane_state *s)
 {
+    s->ready = HALDANE_READY;
     s->z[0] = 0.5f;
     s->z[1] = 0.0f;
     s->L = 0.0f;
     s->D[0] = 20.0f;
     s->D[1] = 100.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 897.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 897.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
+    haldane_clear_doubt(s);
 }
 
 void haldane_init(haldane_state *s, haldane_params *p)

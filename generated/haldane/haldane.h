@@ -47,9 +47,13 @@
  * those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
  * parameters at their nominal values, which proves nothing: others may ask for a shorter one. A gain whose
  * largest value is its nominal one can only go down. The state may be copied, saved and restored, by the same
- * version of this file. To start from an estimate of yours write s.z, in the coordinates that the struct
- * names, after init or reset and before the first call, which takes the estimate as it stands; what else a
- * step remembers of it starts there too.
+ * version of this file. It begins with a mark, s.ready, that init and reset leave there. Memory without it
+ * (zeros, what a stack held, a page that was erased, a state of another program) is not used: the call that
+ * meets it begins as after a reset, and says UNINITIALISED. Only estimate, which has no status, does not ask:
+ * call it after a step. The mark is no checksum of the rest, and parameters have none: init makes them. To
+ * start from an estimate of yours write s.z, in the coordinates that the struct names, after init or reset
+ * and before the first call, which takes the estimate as it stands; what else a step remembers of it starts
+ * there too.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
@@ -105,6 +109,11 @@
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define HALDANE_COVARIANCE_LIMITED    0x0400u
 
+/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
+ * the state began as before the first call. To do: call init once before all else; of a state that was
+ * restored, check what was saved. */
+#define HALDANE_UNINITIALISED         0x0800u
+
 /** @} */
 
 /** the period that is compiled in, in hours */
@@ -115,6 +124,9 @@
 
 /** the model that a restored state is of */
 #define HALDANE_MODEL   "9edec5267dc05d79"
+
+/** what init and reset leave in `ready` of a state */
+#define HALDANE_READY   0x98F6u
 
 /**
  * @file
@@ -174,6 +186,7 @@ typedef struct {
 /** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
  * restored from beyond them is limited, or begins anew, where a call next computes with it */
 typedef struct {
+    unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
     float z[2];           /**< estimate in the form's coordinates: X, S */
     /** unit lower factor of P, strict lower triangle by columns: L21, -4.16763e+09 .. 4.16763e+09 */
     float L;

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define HINDMARSH_ROSE_RARELY __attribute__((noinline))
+#else
+#define HINDMARSH_ROSE_RARELY
+#endif
+
 static float hindmarsh_rose_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -93,10 +100,34 @@ static void hindmarsh_rose_rate(const hindmarsh_rose_params *p, float z1, float 
     dz[2] = 0.024f*z1 - 0.006f*z3 + 0.0384f + ((t8*t9 - t14)/t10*K1 - t9/t10*K2 + t15)*t5;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != HINDMARSH_ROSE_READY) {
+        hindmarsh_rose_reset(s);
+        status = HINDMARSH_ROSE_UNINITIALISED;
+    }
+    return status;
+}
+
+HINDMARSH_ROSE_RARELY
+
+static void hindmarsh_rose_clear_doubt(hindmarsh_rose_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 1101.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 1101.0f;
+    s->doubt_sum = 0.0f;
+}
+
 unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_params *p,
     const hindmarsh_rose_input *in, const hindmarsh_rose_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = hindmarsh_rose_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -111,6 +142,9 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[3];
+    float z_from[3];
+    float z_sum[3];
     /* guard the input */
     {
         const float u_given = in->u;
@@ -149,28 +183,70 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
+            float k1_z[3];
+            hindmarsh_rose_rate(p, z1, z2, z3, s->u, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_from[2] = z3;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_sum[2] = k1_z[2];
+            z_at[0] = z1 + 0.0025f*k1_z[0];
+            z_at[1] = z2 + 0.0025f*k1_z[1];
+            z_at[2] = z3 + 0.0025f*k1_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
             const float u_before = s->u;
             const float u_mid = u_before + 0.5f*(u - u_before);
             const float y_mid = y_last + 0.5f*(y - y_last);
-            float k1_z[3];
-            hindmarsh_rose_rate(p, z1, z2, z3, u_before, y_last, valid, k1_z);
             float k2_z[3];
-            hindmarsh_rose_rate(p, z1 + 0.0025f*k1_z[0], z2 + 0.0025f*k1_z[1], z3 + 0.0025f*k1_z[2], u_mid,
-                y_mid, valid, k2_z);
+            hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_mid, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k2_z[2];
+            z_at[0] = z_from[0] + 0.0025f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0025f*k2_z[1];
+            z_at[2] = z_from[2] + 0.0025f*k2_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[3];
-            hindmarsh_rose_rate(p, z1 + 0.0025f*k2_z[0], z2 + 0.0025f*k2_z[1], z3 + 0.0025f*k2_z[2], u_mid,
-                y_mid, valid, k3_z);
+            hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_mid, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k3_z[2];
+            z_at[0] = z_from[0] + 0.005f*k3_z[0];
+            z_at[1] = z_from[1] + 0.005f*k3_z[1];
+            z_at[2] = z_from[2] + 0.005f*k3_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[3];
-            hindmarsh_rose_rate(p, z1 + 0.005f*k3_z[0], z2 + 0.005f*k3_z[1], z3 + 0.005f*k3_z[2], u, y,
-                valid, k4_z);
-            s->z[0] = z1 + 0.00083333335f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00083333335f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 0.00083333335f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            hindmarsh_rose_rate(p, z_at[0], z_at[1], z_at[2], u, y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00083333335f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00083333335f*(z_sum[1] + k4_z[1]);
+            s->z[2] = z_from[2] + 0.00083333335f*(z_sum[2] + k4_z[2]);
         }
         /* is a value beyond its box, or lost? */
         {
@@ -193,12 +269,8 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
                 s->z[2] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 1101.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 1101.0f;
-                s->doubt_sum = 0.0f;
                 status |= HINDMARSH_ROSE_RESTARTED;
+                hindmarsh_rose_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -254,12 +326,7 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 1101.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 1101.0f;
-                s->doubt_sum = 0.0f;
+                hindmarsh_rose_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -381,20 +448,18 @@ unsigned hindmarsh_rose_tune(hindmarsh_rose_params *p)
     return status;
 }
 
+HINDMARSH_ROSE_RARELY
 void hindmarsh_rose_reset(hindmarsh_rose_state *s)
 {
+    s->ready = HINDMARSH_ROSE_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 1101.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1101.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    hindmarsh_rose_clear_doubt(s);
 }
 
 void hindmarsh_rose_init(hindmarsh_rose_state *s, hindmarsh_rose_params *p)

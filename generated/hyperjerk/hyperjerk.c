@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define HYPERJERK_RARELY __attribute__((noinline))
+#else
+#define HYPERJERK_RARELY
+#endif
+
 static float hyperjerk_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -98,11 +105,49 @@ static void hyperjerk_rate(const hyperjerk_params *p, const float w[4], const fl
     deta[3] = theta*(theta*eta3 - 3.0f*eta4);
 }
 
-unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned hyperjerk_ready(hyperjerk_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != HYPERJERK_READY) {
+        hyperjerk_reset(s);
+        status = HYPERJERK_UNINITIALISED;
+    }
+    return status;
+}
+
+HYPERJERK_RARELY
+
+static void hyperjerk_clear_doubt(hyperjerk_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 7523.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 7523.0f;
+    s->doubt_sum = 0.0f;
+}
+
+HYPERJERK_RARELY
+
+static void hyperjerk_clear_rest(hyperjerk_state *s)
+{
+    /* as after a reset */
+    s->eta[0] = 0.0f;
+    s->eta[1] = 0.0f;
+    s->eta[2] = 0.0f;
+    s->eta[3] = 0.0f;
+}
+
+unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
+{
+    unsigned status = hyperjerk_ready(s);
     bool beyond = false;
     bool doubtful = false;
+    float eta_at[4];
+    float eta_from[4];
+    float eta_sum[4];
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
@@ -112,6 +157,9 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
     bool shows_y = false;
     bool spoiled = false;
     float valid = 0.0f;
+    float w_at[4];
+    float w_from[4];
+    float w_sum[4];
     float y = 0.0f;
     float y_last = 0.0f;
     /* guard the measurements */
@@ -139,73 +187,119 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         s->calls = 1u;
     }
     if (running) {
-        /* w, eta: one step of classical Runge-Kutta */
+        /* w, eta: one step of classical Runge-Kutta, stage 1 of 4 */
         {
-            const float eta1 = s->eta[0];
-            const float eta2 = s->eta[1];
-            const float eta3 = s->eta[2];
-            const float eta4 = s->eta[3];
+            float k1_w[4];
+            float k1_eta[4];
+            hyperjerk_rate(p, s->w, s->eta, y_last, valid, k1_w, k1_eta);
             const float w1 = s->w[0];
             const float w2 = s->w[1];
             const float w3 = s->w[2];
             const float w4 = s->w[3];
+            const float eta1 = s->eta[0];
+            const float eta2 = s->eta[1];
+            const float eta3 = s->eta[2];
+            const float eta4 = s->eta[3];
+            w_from[0] = w1;
+            w_from[1] = w2;
+            w_from[2] = w3;
+            w_from[3] = w4;
+            eta_from[0] = eta1;
+            eta_from[1] = eta2;
+            eta_from[2] = eta3;
+            eta_from[3] = eta4;
+            w_sum[0] = k1_w[0];
+            w_sum[1] = k1_w[1];
+            w_sum[2] = k1_w[2];
+            w_sum[3] = k1_w[3];
+            eta_sum[0] = k1_eta[0];
+            eta_sum[1] = k1_eta[1];
+            eta_sum[2] = k1_eta[2];
+            eta_sum[3] = k1_eta[3];
+            w_at[0] = w1 + 0.0005f*k1_w[0];
+            w_at[1] = w2 + 0.0005f*k1_w[1];
+            w_at[2] = w3 + 0.0005f*k1_w[2];
+            w_at[3] = w4 + 0.0005f*k1_w[3];
+            eta_at[0] = eta1 + 0.0005f*k1_eta[0];
+            eta_at[1] = eta2 + 0.0005f*k1_eta[1];
+            eta_at[2] = eta3 + 0.0005f*k1_eta[2];
+            eta_at[3] = eta4 + 0.0005f*k1_eta[3];
+        }
+        /* w, eta: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float eta_sum1 = eta_sum[0];
+            const float eta_sum2 = eta_sum[1];
+            const float eta_sum3 = eta_sum[2];
+            const float eta_sum4 = eta_sum[3];
+            const float w_sum1 = w_sum[0];
+            const float w_sum2 = w_sum[1];
+            const float w_sum3 = w_sum[2];
+            const float w_sum4 = w_sum[3];
             const float y_mid = y_last + 0.5f*(y - y_last);
-            float k1_w[4];
-            float k1_eta[4];
-            hyperjerk_rate(p, s->w, s->eta, y_last, valid, k1_w, k1_eta);
-            const float w_2[4] = {
-                w1 + 0.0005f*k1_w[0],
-                w2 + 0.0005f*k1_w[1],
-                w3 + 0.0005f*k1_w[2],
-                w4 + 0.0005f*k1_w[3]
-            };
-            const float eta_2[4] = {
-                eta1 + 0.0005f*k1_eta[0],
-                eta2 + 0.0005f*k1_eta[1],
-                eta3 + 0.0005f*k1_eta[2],
-                eta4 + 0.0005f*k1_eta[3]
-            };
             float k2_w[4];
             float k2_eta[4];
-            hyperjerk_rate(p, w_2, eta_2, y_mid, valid, k2_w, k2_eta);
-            const float w_3[4] = {
-                w1 + 0.0005f*k2_w[0],
-                w2 + 0.0005f*k2_w[1],
-                w3 + 0.0005f*k2_w[2],
-                w4 + 0.0005f*k2_w[3]
-            };
-            const float eta_3[4] = {
-                eta1 + 0.0005f*k2_eta[0],
-                eta2 + 0.0005f*k2_eta[1],
-                eta3 + 0.0005f*k2_eta[2],
-                eta4 + 0.0005f*k2_eta[3]
-            };
+            hyperjerk_rate(p, w_at, eta_at, y_mid, valid, k2_w, k2_eta);
+            w_sum[0] = w_sum1 + 2.0f*k2_w[0];
+            w_sum[1] = w_sum2 + 2.0f*k2_w[1];
+            w_sum[2] = w_sum3 + 2.0f*k2_w[2];
+            w_sum[3] = w_sum4 + 2.0f*k2_w[3];
+            eta_sum[0] = eta_sum1 + 2.0f*k2_eta[0];
+            eta_sum[1] = eta_sum2 + 2.0f*k2_eta[1];
+            eta_sum[2] = eta_sum3 + 2.0f*k2_eta[2];
+            eta_sum[3] = eta_sum4 + 2.0f*k2_eta[3];
+            w_at[0] = w_from[0] + 0.0005f*k2_w[0];
+            w_at[1] = w_from[1] + 0.0005f*k2_w[1];
+            w_at[2] = w_from[2] + 0.0005f*k2_w[2];
+            w_at[3] = w_from[3] + 0.0005f*k2_w[3];
+            eta_at[0] = eta_from[0] + 0.0005f*k2_eta[0];
+            eta_at[1] = eta_from[1] + 0.0005f*k2_eta[1];
+            eta_at[2] = eta_from[2] + 0.0005f*k2_eta[2];
+            eta_at[3] = eta_from[3] + 0.0005f*k2_eta[3];
+        }
+        /* w, eta: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float eta_sum1 = eta_sum[0];
+            const float eta_sum2 = eta_sum[1];
+            const float eta_sum3 = eta_sum[2];
+            const float eta_sum4 = eta_sum[3];
+            const float w_sum1 = w_sum[0];
+            const float w_sum2 = w_sum[1];
+            const float w_sum3 = w_sum[2];
+            const float w_sum4 = w_sum[3];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_w[4];
             float k3_eta[4];
-            hyperjerk_rate(p, w_3, eta_3, y_mid, valid, k3_w, k3_eta);
-            const float w_4[4] = {
-                w1 + 0.001f*k3_w[0],
-                w2 + 0.001f*k3_w[1],
-                w3 + 0.001f*k3_w[2],
-                w4 + 0.001f*k3_w[3]
-            };
-            const float eta_4[4] = {
-                eta1 + 0.001f*k3_eta[0],
-                eta2 + 0.001f*k3_eta[1],
-                eta3 + 0.001f*k3_eta[2],
-                eta4 + 0.001f*k3_eta[3]
-            };
+            hyperjerk_rate(p, w_at, eta_at, y_mid, valid, k3_w, k3_eta);
+            w_sum[0] = w_sum1 + 2.0f*k3_w[0];
+            w_sum[1] = w_sum2 + 2.0f*k3_w[1];
+            w_sum[2] = w_sum3 + 2.0f*k3_w[2];
+            w_sum[3] = w_sum4 + 2.0f*k3_w[3];
+            eta_sum[0] = eta_sum1 + 2.0f*k3_eta[0];
+            eta_sum[1] = eta_sum2 + 2.0f*k3_eta[1];
+            eta_sum[2] = eta_sum3 + 2.0f*k3_eta[2];
+            eta_sum[3] = eta_sum4 + 2.0f*k3_eta[3];
+            w_at[0] = w_from[0] + 0.001f*k3_w[0];
+            w_at[1] = w_from[1] + 0.001f*k3_w[1];
+            w_at[2] = w_from[2] + 0.001f*k3_w[2];
+            w_at[3] = w_from[3] + 0.001f*k3_w[3];
+            eta_at[0] = eta_from[0] + 0.001f*k3_eta[0];
+            eta_at[1] = eta_from[1] + 0.001f*k3_eta[1];
+            eta_at[2] = eta_from[2] + 0.001f*k3_eta[2];
+            eta_at[3] = eta_from[3] + 0.001f*k3_eta[3];
+        }
+        /* w, eta: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_w[4];
             float k4_eta[4];
-            hyperjerk_rate(p, w_4, eta_4, y, valid, k4_w, k4_eta);
-            s->w[0] = w1 + 0.00016666666f*(k1_w[0] + 2.0f*k2_w[0] + 2.0f*k3_w[0] + k4_w[0]);
-            s->w[1] = w2 + 0.00016666666f*(k1_w[1] + 2.0f*k2_w[1] + 2.0f*k3_w[1] + k4_w[1]);
-            s->w[2] = w3 + 0.00016666666f*(k1_w[2] + 2.0f*k2_w[2] + 2.0f*k3_w[2] + k4_w[2]);
-            s->w[3] = w4 + 0.00016666666f*(k1_w[3] + 2.0f*k2_w[3] + 2.0f*k3_w[3] + k4_w[3]);
-            s->eta[0] = eta1 + 0.00016666666f*(k1_eta[0] + 2.0f*k2_eta[0] + 2.0f*k3_eta[0] + k4_eta[0]);
-            s->eta[1] = eta2 + 0.00016666666f*(k1_eta[1] + 2.0f*k2_eta[1] + 2.0f*k3_eta[1] + k4_eta[1]);
-            s->eta[2] = eta3 + 0.00016666666f*(k1_eta[2] + 2.0f*k2_eta[2] + 2.0f*k3_eta[2] + k4_eta[2]);
-            s->eta[3] = eta4 + 0.00016666666f*(k1_eta[3] + 2.0f*k2_eta[3] + 2.0f*k3_eta[3] + k4_eta[3]);
+            hyperjerk_rate(p, w_at, eta_at, y, valid, k4_w, k4_eta);
+            s->w[0] = w_from[0] + 0.00016666666f*(w_sum[0] + k4_w[0]);
+            s->w[1] = w_from[1] + 0.00016666666f*(w_sum[1] + k4_w[1]);
+            s->w[2] = w_from[2] + 0.00016666666f*(w_sum[2] + k4_w[2]);
+            s->w[3] = w_from[3] + 0.00016666666f*(w_sum[3] + k4_w[3]);
+            s->eta[0] = eta_from[0] + 0.00016666666f*(eta_sum[0] + k4_eta[0]);
+            s->eta[1] = eta_from[1] + 0.00016666666f*(eta_sum[1] + k4_eta[1]);
+            s->eta[2] = eta_from[2] + 0.00016666666f*(eta_sum[2] + k4_eta[2]);
+            s->eta[3] = eta_from[3] + 0.00016666666f*(eta_sum[3] + k4_eta[3]);
         }
         /* is a value beyond its box, or lost? */
         {
@@ -230,16 +324,9 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                 s->w[1] = 0.0f;
                 s->w[2] = 0.0f;
                 s->w[3] = 0.0f;
-                s->eta[0] = 0.0f;
-                s->eta[1] = 0.0f;
-                s->eta[2] = 0.0f;
-                s->eta[3] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 7523.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 7523.0f;
-                s->doubt_sum = 0.0f;
                 status |= HYPERJERK_RESTARTED;
+                hyperjerk_clear_doubt(s);
+                hyperjerk_clear_rest(s);
             }
             /* keep w in its box */
             {
@@ -305,12 +392,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 7523.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 7523.0f;
-                s->doubt_sum = 0.0f;
+                hyperjerk_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -392,11 +474,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                 }
                 /* the estimate has restarted from the sample */
                 status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
-                /* as after a reset */
-                s->eta[0] = 0.0f;
-                s->eta[1] = 0.0f;
-                s->eta[2] = 0.0f;
-                s->eta[3] = 0.0f;
+                hyperjerk_clear_rest(s);
             }
             /* remember what doubt and patience add up to */
             s->doubt_sum = s->patience_y - 7523.0f + s->doubt_y
@@ -430,24 +508,19 @@ unsigned hyperjerk_tune(hyperjerk_params *p)
     return status;
 }
 
+HYPERJERK_RARELY
 void hyperjerk_reset(hyperjerk_state *s)
 {
+    s->ready = HYPERJERK_READY;
     s->w[0] = 0.0f;
     s->w[1] = 0.0f;
     s->w[2] = 0.0f;
     s->w[3] = 0.0f;
-    s->eta[0] = 0.0f;
-    s->eta[1] = 0.0f;
-    s->eta[2] = 0.0f;
-    s->eta[3] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 7523.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 7523.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    hyperjerk_clear_doubt(s);
+    hyperjerk_clear_rest(s);
 }
 
 void hyperjerk_init(hyperjerk_state *s, hyperjerk_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define INDUCTION_MOTOR_RARELY __attribute__((noinline))
+#else
+#define INDUCTION_MOTOR_RARELY
+#endif
+
 static float induction_motor_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -109,13 +116,150 @@ static void induction_motor_jacobian(float z1, float z2, float z3, float z4, flo
     F[11] = 2.0f*t2; /* F_45 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned induction_motor_ready(induction_motor_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != INDUCTION_MOTOR_READY) {
+        induction_motor_reset(s);
+        status = INDUCTION_MOTOR_UNINITIALISED;
+    }
+    return status;
+}
+
+INDUCTION_MOTOR_RARELY
+
+static void induction_motor_clear_doubt(induction_motor_state *s)
+{
+    /* as after a reset */
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 522.0f;
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 522.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 1043.0f;
+    s->doubt_sum = 0.0f;
+}
+
+INDUCTION_MOTOR_RARELY
+
+static void induction_motor_clear_rest(induction_motor_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->L[3] = 0.0f;
+    s->L[4] = 0.0f;
+    s->L[5] = 0.0f;
+    s->L[6] = 0.0f;
+    s->L[7] = 0.0f;
+    s->L[8] = 0.0f;
+    s->L[9] = 0.0f;
+    s->D[0] = 1.0f;
+    s->D[1] = 1.0f;
+    s->D[2] = 0.1f;
+    s->D[3] = 0.1f;
+    s->D[4] = 400.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned induction_motor_keep_in_box(induction_motor_state *s, const induction_motor_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = induction_motor_within(s->z[0], 1e+30f) && induction_motor_within(s->z[1], 1e+30f)
+            && induction_motor_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && induction_motor_within(s->z[3], 1e+30f)
+            && induction_motor_within(s->z[4], 1e+30f) && induction_motor_within(s->L[0], 1e+30f);
+        const bool t3 = t2 && induction_motor_within(s->L[1], 1e+30f)
+            && induction_motor_within(s->L[2], 1e+30f) && induction_motor_within(s->L[3], 1e+30f);
+        const bool t4 = t3 && induction_motor_within(s->L[4], 1e+30f)
+            && induction_motor_within(s->L[5], 1e+30f) && induction_motor_within(s->L[6], 1e+30f);
+        const bool t5 = t4 && induction_motor_within(s->L[7], 1e+30f)
+            && induction_motor_within(s->L[8], 1e+30f) && induction_motor_within(s->L[9], 1e+30f);
+        const bool t6 = t5 && induction_motor_within(s->D[0], 1e+30f)
+            && induction_motor_within(s->D[1], 1e+30f) && induction_motor_within(s->D[2], 1e+30f);
+        lost = !(t6 && induction_motor_within(s->D[3], 1e+30f) && induction_motor_within(s->D[4], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        s->z[4] = 0.0f;
+        status |= INDUCTION_MOTOR_RESTARTED;
+        induction_motor_clear_doubt(s);
+        induction_motor_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float z5 = s->z[4];
+        const bool t1 = induction_motor_abs(z1) > 60.0f || induction_motor_abs(z2) > 60.0f
+            || induction_motor_abs(z3) > 4.5f;
+        s->z[0] = induction_motor_limit(z1, 60.0f);
+        s->z[1] = induction_motor_limit(z2, 60.0f);
+        s->z[2] = induction_motor_limit(z3, 4.5f);
+        s->z[3] = induction_motor_limit(z4, 4.5f);
+        s->z[4] = induction_motor_limit(z5, 600.0f);
+        if (t1 || induction_motor_abs(z4) > 4.5f || induction_motor_abs(z5) > 600.0f) {
+            status |= INDUCTION_MOTOR_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L51 = s->L[3];
+        const float L32 = s->L[4];
+        const float L42 = s->L[5];
+        const float L52 = s->L[6];
+        const float L43 = s->L[7];
+        const float L53 = s->L[8];
+        const float L54 = s->L[9];
+        s->L[0] = induction_motor_limit(L21, 1e+09f);
+        s->L[1] = induction_motor_limit(L31, 7.5e+07f);
+        s->L[2] = induction_motor_limit(L41, 7.5e+07f);
+        s->L[3] = induction_motor_limit(L51, 1e+10f);
+        s->L[4] = induction_motor_limit(L32, 7.5e+07f);
+        s->L[5] = induction_motor_limit(L42, 7.5e+07f);
+        s->L[6] = induction_motor_limit(L52, 1e+10f);
+        s->L[7] = induction_motor_limit(L43, 1e+09f);
+        s->L[8] = induction_motor_limit(L53, 1.3333334e+11f);
+        s->L[9] = induction_motor_limit(L54, 1.3333334e+11f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float D4 = s->D[3];
+        const float D5 = s->D[4];
+        s->D[0] = induction_motor_clamp(D1, 1e-16f, 3600.0f);
+        s->D[1] = induction_motor_clamp(D2, 1e-16f, 3600.0f);
+        s->D[2] = induction_motor_clamp(D3, 1e-20f, 20.25f);
+        s->D[3] = induction_motor_clamp(D4, 1e-20f, 20.25f);
+        s->D[4] = induction_motor_clamp(D5, 1e-15f, 360000.0f);
+    }
+    return status;
+}
+
 unsigned induction_motor_predict(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = induction_motor_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u[2];
     /* guard the input */
@@ -465,108 +609,7 @@ unsigned induction_motor_predict(induction_motor_state *s, const induction_motor
             beyond = !t7;
         }
         if (induction_motor_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = induction_motor_within(s->z[0], 1e+30f)
-                    && induction_motor_within(s->z[1], 1e+30f) && induction_motor_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && induction_motor_within(s->z[3], 1e+30f)
-                    && induction_motor_within(s->z[4], 1e+30f) && induction_motor_within(s->L[0], 1e+30f);
-                const bool t3 = t2 && induction_motor_within(s->L[1], 1e+30f)
-                    && induction_motor_within(s->L[2], 1e+30f) && induction_motor_within(s->L[3], 1e+30f);
-                const bool t4 = t3 && induction_motor_within(s->L[4], 1e+30f)
-                    && induction_motor_within(s->L[5], 1e+30f) && induction_motor_within(s->L[6], 1e+30f);
-                const bool t5 = t4 && induction_motor_within(s->L[7], 1e+30f)
-                    && induction_motor_within(s->L[8], 1e+30f) && induction_motor_within(s->L[9], 1e+30f);
-                const bool t6 = t5 && induction_motor_within(s->D[0], 1e+30f)
-                    && induction_motor_within(s->D[1], 1e+30f) && induction_motor_within(s->D[2], 1e+30f);
-                lost = !(t6 && induction_motor_within(s->D[3], 1e+30f)
-                    && induction_motor_within(s->D[4], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->z[3] = 0.0f;
-                s->z[4] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->L[3] = 0.0f;
-                s->L[4] = 0.0f;
-                s->L[5] = 0.0f;
-                s->L[6] = 0.0f;
-                s->L[7] = 0.0f;
-                s->L[8] = 0.0f;
-                s->L[9] = 0.0f;
-                s->D[0] = 1.0f;
-                s->D[1] = 1.0f;
-                s->D[2] = 0.1f;
-                s->D[3] = 0.1f;
-                s->D[4] = 400.0f;
-                s->doubt_y_y1 = 0.0f;
-                s->patience_y_y1 = 522.0f;
-                s->doubt_y_y2 = 0.0f;
-                s->patience_y_y2 = 522.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 1043.0f;
-                s->doubt_sum = 0.0f;
-                status |= INDUCTION_MOTOR_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float z5 = s->z[4];
-                const bool t1 = induction_motor_abs(z1) > 60.0f || induction_motor_abs(z2) > 60.0f
-                    || induction_motor_abs(z3) > 4.5f;
-                s->z[0] = induction_motor_limit(z1, 60.0f);
-                s->z[1] = induction_motor_limit(z2, 60.0f);
-                s->z[2] = induction_motor_limit(z3, 4.5f);
-                s->z[3] = induction_motor_limit(z4, 4.5f);
-                s->z[4] = induction_motor_limit(z5, 600.0f);
-                if (t1 || induction_motor_abs(z4) > 4.5f || induction_motor_abs(z5) > 600.0f) {
-                    status |= INDUCTION_MOTOR_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L51 = s->L[3];
-                const float L32 = s->L[4];
-                const float L42 = s->L[5];
-                const float L52 = s->L[6];
-                const float L43 = s->L[7];
-                const float L53 = s->L[8];
-                const float L54 = s->L[9];
-                s->L[0] = induction_motor_limit(L21, 1e+09f);
-                s->L[1] = induction_motor_limit(L31, 7.5e+07f);
-                s->L[2] = induction_motor_limit(L41, 7.5e+07f);
-                s->L[3] = induction_motor_limit(L51, 1e+10f);
-                s->L[4] = induction_motor_limit(L32, 7.5e+07f);
-                s->L[5] = induction_motor_limit(L42, 7.5e+07f);
-                s->L[6] = induction_motor_limit(L52, 1e+10f);
-                s->L[7] = induction_motor_limit(L43, 1e+09f);
-                s->L[8] = induction_motor_limit(L53, 1.3333334e+11f);
-                s->L[9] = induction_motor_limit(L54, 1.3333334e+11f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const float D5 = s->D[4];
-                s->D[0] = induction_motor_clamp(D1, 1e-16f, 3600.0f);
-                s->D[1] = induction_motor_clamp(D2, 1e-16f, 3600.0f);
-                s->D[2] = induction_motor_clamp(D3, 1e-20f, 20.25f);
-                s->D[3] = induction_motor_clamp(D4, 1e-20f, 20.25f);
-                s->D[4] = induction_motor_clamp(D5, 1e-15f, 360000.0f);
-            }
+            status |= induction_motor_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -578,7 +621,8 @@ unsigned induction_motor_predict(induction_motor_state *s, const induction_motor
     return status;
 }
 
-unsigned induction_motor_update_y1(induction_motor_state *s, const induction_motor_params *p,
+/* part of a step: correct with y1 */
+static unsigned induction_motor_run_update_y1(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_output *out)
 {
     unsigned status = 0u;
@@ -631,18 +675,17 @@ unsigned induction_motor_update_y1(induction_motor_state *s, const induction_mot
                 const float z4 = s->z[3];
                 const float z5 = s->z[4];
                 const float t1 = p->gain.R[0]/0.0001f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
-                const float K4 = L41*D1/t2;
-                const float K5 = L51*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
+                const float K4 = L41*K1;
+                const float K5 = L51*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
                 s->z[3] = z4 + K4*e;
                 s->z[4] = z5 + K5*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -651,87 +694,10 @@ unsigned induction_motor_update_y1(induction_motor_state *s, const induction_mot
                 const float D1 = s->D[0];
                 const bool t2 = t1 && induction_motor_within(s->z[3], 4.5f)
                     && induction_motor_within(s->z[4], 600.0f) && D1 >= 1e-16f && D1 <= 3600.0f;
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const bool t3 = t2 && D2 >= 1e-16f && D2 <= 3600.0f && D3 >= 1e-20f && D3 <= 20.25f
-                    && D4 >= 1e-20f && D4 <= 20.25f;
-                const float D5 = s->D[4];
-                beyond = !(t3 && D5 >= 1e-15f && D5 <= 360000.0f);
+                beyond = !t2;
             }
             if (induction_motor_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = induction_motor_within(s->z[0], 1e+30f)
-                        && induction_motor_within(s->z[1], 1e+30f) && induction_motor_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && induction_motor_within(s->z[3], 1e+30f)
-                        && induction_motor_within(s->z[4], 1e+30f) && induction_motor_within(s->D[0], 1e+30f);
-                    const bool t3 = t2 && induction_motor_within(s->D[1], 1e+30f)
-                        && induction_motor_within(s->D[2], 1e+30f) && induction_motor_within(s->D[3], 1e+30f);
-                    lost = !(t3 && induction_motor_within(s->D[4], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.1f;
-                    s->D[3] = 0.1f;
-                    s->D[4] = 400.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 522.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 522.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1043.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= INDUCTION_MOTOR_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    const float z5 = s->z[4];
-                    const bool t1 = induction_motor_abs(z1) > 60.0f || induction_motor_abs(z2) > 60.0f
-                        || induction_motor_abs(z3) > 4.5f;
-                    s->z[0] = induction_motor_limit(z1, 60.0f);
-                    s->z[1] = induction_motor_limit(z2, 60.0f);
-                    s->z[2] = induction_motor_limit(z3, 4.5f);
-                    s->z[3] = induction_motor_limit(z4, 4.5f);
-                    s->z[4] = induction_motor_limit(z5, 600.0f);
-                    if (t1 || induction_motor_abs(z4) > 4.5f || induction_motor_abs(z5) > 600.0f) {
-                        status |= INDUCTION_MOTOR_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    const float D5 = s->D[4];
-                    s->D[0] = induction_motor_clamp(D1, 1e-16f, 3600.0f);
-                    s->D[1] = induction_motor_clamp(D2, 1e-16f, 3600.0f);
-                    s->D[2] = induction_motor_clamp(D3, 1e-20f, 20.25f);
-                    s->D[3] = induction_motor_clamp(D4, 1e-20f, 20.25f);
-                    s->D[4] = induction_motor_clamp(D5, 1e-15f, 360000.0f);
-                }
+                status |= induction_motor_keep_in_box(s, p);
             }
             /* y1 is used */
             s->used_y1 = 1u;
@@ -768,14 +734,7 @@ unsigned induction_motor_update_y1(induction_motor_state *s, const induction_mot
                     spoiled = !(t4 && patience_range >= 1043.0f && patience_range <= 1068032.0f);
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 522.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 522.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1043.0f;
-                    s->doubt_sum = 0.0f;
+                    induction_motor_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -861,22 +820,7 @@ unsigned induction_motor_update_y1(induction_motor_state *s, const induction_mot
                     }
                     /* the estimate has restarted from the sample */
                     status |= INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.1f;
-                    s->D[3] = 0.1f;
-                    s->D[4] = 400.0f;
+                    induction_motor_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y1 - 522.0f + s->doubt_y_y1
@@ -891,7 +835,8 @@ unsigned induction_motor_update_y1(induction_motor_state *s, const induction_mot
     return status;
 }
 
-unsigned induction_motor_update_y2(induction_motor_state *s, const induction_motor_params *p,
+/* part of a step: correct with y2 */
+static unsigned induction_motor_run_update_y2(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_output *out)
 {
     unsigned status = 0u;
@@ -979,124 +924,12 @@ unsigned induction_motor_update_y2(induction_motor_state *s, const induction_mot
                     && induction_motor_within(s->z[4], 600.0f) && induction_motor_within(s->L[0], 1e+09f);
                 const bool t3 = t2 && induction_motor_within(s->L[1], 7.5e+07f)
                     && induction_motor_within(s->L[2], 7.5e+07f) && induction_motor_within(s->L[3], 1e+10f);
-                const bool t4 = t3 && induction_motor_within(s->L[4], 7.5e+07f)
-                    && induction_motor_within(s->L[5], 7.5e+07f) && induction_motor_within(s->L[6], 1e+10f);
-                const bool t5 = t4 && induction_motor_within(s->L[7], 1e+09f)
-                    && induction_motor_within(s->L[8], 1.3333334e+11f);
                 const float D1 = s->D[0];
                 const float D2 = s->D[1];
-                const bool t6 = t5 && induction_motor_within(s->L[9], 1.3333334e+11f) && D1 >= 1e-16f
-                    && D1 <= 3600.0f && D2 >= 1e-16f && D2 <= 3600.0f;
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const float D5 = s->D[4];
-                const bool t7 = t6 && D3 >= 1e-20f && D3 <= 20.25f && D4 >= 1e-20f && D4 <= 20.25f
-                    && D5 >= 1e-15f && D5 <= 360000.0f;
-                beyond = !t7;
+                beyond = !(t3 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 1e-16f && D2 <= 3600.0f);
             }
             if (induction_motor_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = induction_motor_within(s->z[0], 1e+30f)
-                        && induction_motor_within(s->z[1], 1e+30f) && induction_motor_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && induction_motor_within(s->z[3], 1e+30f)
-                        && induction_motor_within(s->z[4], 1e+30f) && induction_motor_within(s->L[0], 1e+30f);
-                    const bool t3 = t2 && induction_motor_within(s->L[1], 1e+30f)
-                        && induction_motor_within(s->L[2], 1e+30f) && induction_motor_within(s->L[3], 1e+30f);
-                    const bool t4 = t3 && induction_motor_within(s->L[4], 1e+30f)
-                        && induction_motor_within(s->L[5], 1e+30f) && induction_motor_within(s->L[6], 1e+30f);
-                    const bool t5 = t4 && induction_motor_within(s->L[7], 1e+30f)
-                        && induction_motor_within(s->L[8], 1e+30f) && induction_motor_within(s->L[9], 1e+30f);
-                    const bool t6 = t5 && induction_motor_within(s->D[0], 1e+30f)
-                        && induction_motor_within(s->D[1], 1e+30f) && induction_motor_within(s->D[2], 1e+30f);
-                    lost = !(t6 && induction_motor_within(s->D[3], 1e+30f)
-                        && induction_motor_within(s->D[4], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.1f;
-                    s->D[3] = 0.1f;
-                    s->D[4] = 400.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 522.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 522.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1043.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= INDUCTION_MOTOR_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    const float z5 = s->z[4];
-                    const bool t1 = induction_motor_abs(z1) > 60.0f || induction_motor_abs(z2) > 60.0f
-                        || induction_motor_abs(z3) > 4.5f;
-                    s->z[0] = induction_motor_limit(z1, 60.0f);
-                    s->z[1] = induction_motor_limit(z2, 60.0f);
-                    s->z[2] = induction_motor_limit(z3, 4.5f);
-                    s->z[3] = induction_motor_limit(z4, 4.5f);
-                    s->z[4] = induction_motor_limit(z5, 600.0f);
-                    if (t1 || induction_motor_abs(z4) > 4.5f || induction_motor_abs(z5) > 600.0f) {
-                        status |= INDUCTION_MOTOR_STATE_LIMITED;
-                    }
-                }
-                /* keep L in its box */
-                {
-                    const float L21 = s->L[0];
-                    const float L31 = s->L[1];
-                    const float L41 = s->L[2];
-                    const float L51 = s->L[3];
-                    const float L32 = s->L[4];
-                    const float L42 = s->L[5];
-                    const float L52 = s->L[6];
-                    const float L43 = s->L[7];
-                    const float L53 = s->L[8];
-                    const float L54 = s->L[9];
-                    s->L[0] = induction_motor_limit(L21, 1e+09f);
-                    s->L[1] = induction_motor_limit(L31, 7.5e+07f);
-                    s->L[2] = induction_motor_limit(L41, 7.5e+07f);
-                    s->L[3] = induction_motor_limit(L51, 1e+10f);
-                    s->L[4] = induction_motor_limit(L32, 7.5e+07f);
-                    s->L[5] = induction_motor_limit(L42, 7.5e+07f);
-                    s->L[6] = induction_motor_limit(L52, 1e+10f);
-                    s->L[7] = induction_motor_limit(L43, 1e+09f);
-                    s->L[8] = induction_motor_limit(L53, 1.3333334e+11f);
-                    s->L[9] = induction_motor_limit(L54, 1.3333334e+11f);
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    const float D5 = s->D[4];
-                    s->D[0] = induction_motor_clamp(D1, 1e-16f, 3600.0f);
-                    s->D[1] = induction_motor_clamp(D2, 1e-16f, 3600.0f);
-                    s->D[2] = induction_motor_clamp(D3, 1e-20f, 20.25f);
-                    s->D[3] = induction_motor_clamp(D4, 1e-20f, 20.25f);
-                    s->D[4] = induction_motor_clamp(D5, 1e-15f, 360000.0f);
-                }
+                status |= induction_motor_keep_in_box(s, p);
             }
             /* y2 is used */
             s->used_y2 = 1u;
@@ -1136,14 +969,7 @@ unsigned induction_motor_update_y2(induction_motor_state *s, const induction_mot
                     spoiled = !(t4 && patience_range >= 1043.0f && patience_range <= 1068032.0f);
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 522.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 522.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1043.0f;
-                    s->doubt_sum = 0.0f;
+                    induction_motor_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -1229,22 +1055,7 @@ unsigned induction_motor_update_y2(induction_motor_state *s, const induction_mot
                     }
                     /* the estimate has restarted from the sample */
                     status |= INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.1f;
-                    s->D[3] = 0.1f;
-                    s->D[4] = 400.0f;
+                    induction_motor_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y1 - 522.0f + s->doubt_y_y1
@@ -1259,13 +1070,29 @@ unsigned induction_motor_update_y2(induction_motor_state *s, const induction_mot
     return status;
 }
 
+unsigned induction_motor_update_y1(induction_motor_state *s, const induction_motor_params *p,
+    const induction_motor_output *out)
+{
+    unsigned status = induction_motor_ready(s);
+    status |= induction_motor_run_update_y1(s, p, out);
+    return status;
+}
+
+unsigned induction_motor_update_y2(induction_motor_state *s, const induction_motor_params *p,
+    const induction_motor_output *out)
+{
+    unsigned status = induction_motor_ready(s);
+    status |= induction_motor_run_update_y2(s, p, out);
+    return status;
+}
+
 unsigned induction_motor_step(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_input *in, const induction_motor_output *out)
 {
     unsigned status = 0u;
     status |= induction_motor_predict(s, p, in);
-    status |= induction_motor_update_y1(s, p, out);
-    status |= induction_motor_update_y2(s, p, out);
+    status |= induction_motor_run_update_y1(s, p, out);
+    status |= induction_motor_run_update_y2(s, p, out);
     return status;
 }
 
@@ -1319,40 +1146,22 @@ unsigned induction_motor_tune(induction_motor_params *p)
     return status;
 }
 
+INDUCTION_MOTOR_RARELY
 void induction_motor_reset(induction_motor_state *s)
 {
+    s->ready = INDUCTION_MOTOR_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
     s->z[3] = 0.0f;
     s->z[4] = 0.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->L[3] = 0.0f;
-    s->L[4] = 0.0f;
-    s->L[5] = 0.0f;
-    s->L[6] = 0.0f;
-    s->L[7] = 0.0f;
-    s->L[8] = 0.0f;
-    s->L[9] = 0.0f;
-    s->D[0] = 1.0f;
-    s->D[1] = 1.0f;
-    s->D[2] = 0.1f;
-    s->D[3] = 0.1f;
-    s->D[4] = 400.0f;
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 522.0f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 522.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1043.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y1 = 1u;
     s->used_y2 = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
+    induction_motor_clear_doubt(s);
+    induction_motor_clear_rest(s);
 }
 
 void induction_motor_init(induction_motor_state *s, induction_motor_params *p)

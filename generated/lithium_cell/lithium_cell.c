@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define LITHIUM_CELL_RARELY __attribute__((noinline))
+#else
+#define LITHIUM_CELL_RARELY
+#endif
+
 static float lithium_cell_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -142,13 +149,84 @@ static void lithium_cell_flow(float z2, float u, float dz[1])
     dz[0] = -0.00011111111f*z2 - 0.00011111111f*u;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned lithium_cell_ready(lithium_cell_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != LITHIUM_CELL_READY) {
+        lithium_cell_reset(s);
+        status = LITHIUM_CELL_UNINITIALISED;
+    }
+    return status;
+}
+
+LITHIUM_CELL_RARELY
+
+static void lithium_cell_clear_doubt(lithium_cell_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 952.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 952.0f;
+    s->doubt_sum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned lithium_cell_keep_in_box(lithium_cell_state *s, const lithium_cell_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = lithium_cell_within(s->z[0], 1e+30f) && lithium_cell_within(s->z[1], 1e+30f)
+            && lithium_cell_within(s->L, 1e+30f);
+        lost = !(t1 && lithium_cell_within(s->D[0], 1e+30f) && lithium_cell_within(s->D[1], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.03f;
+        s->z[1] = 0.0f;
+        status |= LITHIUM_CELL_RESTARTED;
+        lithium_cell_clear_doubt(s);
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 0.05f;
+        s->D[1] = 0.1f;
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = lithium_cell_clamp(z1, -0.91f, 1.91f);
+        s->z[1] = lithium_cell_limit(z2, 1.5f);
+        if (z1 < -0.91f || z1 > 1.91f || lithium_cell_abs(z2) > 1.5f) {
+            status |= LITHIUM_CELL_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L;
+        s->L = lithium_cell_limit(L21, 1.06382976e+09f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        s->D[0] = lithium_cell_clamp(D1, 1e-20f, 1.9881f);
+        s->D[1] = lithium_cell_clamp(D2, 1e-18f, 2.25f);
+    }
+    return status;
+}
+
 unsigned lithium_cell_predict(lithium_cell_state *s, const lithium_cell_params *p,
     const lithium_cell_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = lithium_cell_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -231,48 +309,7 @@ unsigned lithium_cell_predict(lithium_cell_state *s, const lithium_cell_params *
             beyond = !(t1 && D1 >= 1e-20f && D1 <= 1.9881f && D2 >= 1e-18f && D2 <= 2.25f);
         }
         if (lithium_cell_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = lithium_cell_within(s->z[0], 1e+30f) && lithium_cell_within(s->z[1], 1e+30f)
-                    && lithium_cell_within(s->L, 1e+30f);
-                lost = !(t1 && lithium_cell_within(s->D[0], 1e+30f) && lithium_cell_within(s->D[1], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.03f;
-                s->z[1] = 0.0f;
-                s->L = 0.0f;
-                s->D[0] = 0.05f;
-                s->D[1] = 0.1f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 952.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 952.0f;
-                s->doubt_sum = 0.0f;
-                status |= LITHIUM_CELL_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = lithium_cell_clamp(z1, -0.91f, 1.91f);
-                s->z[1] = lithium_cell_limit(z2, 1.5f);
-                if (z1 < -0.91f || z1 > 1.91f || lithium_cell_abs(z2) > 1.5f) {
-                    status |= LITHIUM_CELL_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L;
-                s->L = lithium_cell_limit(L21, 1.06382976e+09f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                s->D[0] = lithium_cell_clamp(D1, 1e-20f, 1.9881f);
-                s->D[1] = lithium_cell_clamp(D2, 1e-18f, 2.25f);
-            }
+            status |= lithium_cell_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -282,7 +319,8 @@ unsigned lithium_cell_predict(lithium_cell_state *s, const lithium_cell_params *
     return status;
 }
 
-unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params *p,
+/* part of a step: correct with y */
+static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_cell_params *p,
     const lithium_cell_output *out)
 {
     unsigned status = 0u;
@@ -334,7 +372,7 @@ unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params 
                 const float R = p->gain.R;
                 const float t3 = R + t2*t1;
                 const float K1 = t2/t3;
-                const float K2 = L21*t2/t3;
+                const float K2 = L21*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->D[0] = D1*R/t3;
@@ -345,47 +383,10 @@ unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params 
                 const float D1 = s->D[0];
                 const bool t1 = z1 >= -0.91f && z1 <= 1.91f && lithium_cell_within(s->z[1], 1.5f)
                     && D1 >= 1e-20f && D1 <= 1.9881f;
-                const float D2 = s->D[1];
-                beyond = !(t1 && D2 >= 1e-18f && D2 <= 2.25f);
+                beyond = !t1;
             }
             if (lithium_cell_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = lithium_cell_within(s->z[0], 1e+30f)
-                        && lithium_cell_within(s->z[1], 1e+30f) && lithium_cell_within(s->D[0], 1e+30f);
-                    lost = !(t1 && lithium_cell_within(s->D[1], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.03f;
-                    s->z[1] = 0.0f;
-                    s->L = 0.0f;
-                    s->D[0] = 0.05f;
-                    s->D[1] = 0.1f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 952.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 952.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= LITHIUM_CELL_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = lithium_cell_clamp(z1, -0.91f, 1.91f);
-                    s->z[1] = lithium_cell_limit(z2, 1.5f);
-                    if (z1 < -0.91f || z1 > 1.91f || lithium_cell_abs(z2) > 1.5f) {
-                        status |= LITHIUM_CELL_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    s->D[0] = lithium_cell_clamp(D1, 1e-20f, 1.9881f);
-                    s->D[1] = lithium_cell_clamp(D2, 1e-18f, 2.25f);
-                }
+                status |= lithium_cell_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -419,12 +420,7 @@ unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params 
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 952.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 952.0f;
-                    s->doubt_sum = 0.0f;
+                    lithium_cell_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -545,12 +541,20 @@ unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params 
     return status;
 }
 
+unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params *p,
+    const lithium_cell_output *out)
+{
+    unsigned status = lithium_cell_ready(s);
+    status |= lithium_cell_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned lithium_cell_step(lithium_cell_state *s, const lithium_cell_params *p, const lithium_cell_input *in,
     const lithium_cell_output *out)
 {
     unsigned status = 0u;
     status |= lithium_cell_predict(s, p, in);
-    status |= lithium_cell_update_y(s, p, out);
+    status |= lithium_cell_run_update_y(s, p, out);
     return status;
 }
 
@@ -580,21 +584,19 @@ unsigned lithium_cell_tune(lithium_cell_params *p)
     return status;
 }
 
+LITHIUM_CELL_RARELY
 void lithium_cell_reset(lithium_cell_state *s)
 {
+    s->ready = LITHIUM_CELL_READY;
     s->z[0] = 0.03f;
     s->z[1] = 0.0f;
     s->L = 0.0f;
     s->D[0] = 0.05f;
     s->D[1] = 0.1f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 952.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 952.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
+    lithium_cell_clear_doubt(s);
 }
 
 void lithium_cell_init(lithium_cell_state *s, lithium_cell_params *p)

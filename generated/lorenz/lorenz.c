@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define LORENZ_RARELY __attribute__((noinline))
+#else
+#define LORENZ_RARELY
+#endif
+
 static float lorenz_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -92,12 +99,106 @@ static void lorenz_jacobian(float z1, float z2, float z3, float F[4])
     F[3] = -t1; /* F_23 */
 }
 
-unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned lorenz_ready(lorenz_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != LORENZ_READY) {
+        lorenz_reset(s);
+        status = LORENZ_UNINITIALISED;
+    }
+    return status;
+}
+
+LORENZ_RARELY
+
+static void lorenz_clear_doubt(lorenz_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 178.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 178.0f;
+    s->doubt_sum = 0.0f;
+}
+
+LORENZ_RARELY
+
+static void lorenz_clear_rest(lorenz_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 400.0f;
+    s->D[1] = 900.0f;
+    s->D[2] = 600.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned lorenz_keep_in_box(lorenz_state *s, const lorenz_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = lorenz_within(s->z[0], 1e+30f) && lorenz_within(s->z[1], 1e+30f)
+            && lorenz_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && lorenz_within(s->L[0], 1e+30f) && lorenz_within(s->L[1], 1e+30f)
+            && lorenz_within(s->L[2], 1e+30f);
+        const bool t3 = t2 && lorenz_within(s->D[0], 1e+30f) && lorenz_within(s->D[1], 1e+30f)
+            && lorenz_within(s->D[2], 1e+30f);
+        lost = !t3;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= LORENZ_RESTARTED;
+        lorenz_clear_doubt(s);
+        lorenz_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = lorenz_limit(z1, 60.0f);
+        s->z[1] = lorenz_limit(z2, 90.0f);
+        s->z[2] = lorenz_clamp(z3, -50.0f, 100.0f);
+        if (lorenz_abs(z1) > 60.0f || lorenz_abs(z2) > 90.0f || z3 < -50.0f || z3 > 100.0f) {
+            status |= LORENZ_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        s->L[0] = lorenz_limit(L21, 1.5e+09f);
+        s->L[1] = lorenz_limit(L31, 1.25e+09f);
+        s->L[2] = lorenz_limit(L32, 8.333333e+08f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        s->D[0] = lorenz_clamp(D1, 1e-16f, 3600.0f);
+        s->D[1] = lorenz_clamp(D2, 2e-15f, 8100.0f);
+        s->D[2] = lorenz_clamp(D3, 1e-15f, 5625.0f);
+    }
+    return status;
+}
+
+unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
+{
+    unsigned status = lorenz_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     /* the first call advances no time */
     {
@@ -226,64 +327,7 @@ unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
             beyond = !t3;
         }
         if (lorenz_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = lorenz_within(s->z[0], 1e+30f) && lorenz_within(s->z[1], 1e+30f)
-                    && lorenz_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && lorenz_within(s->L[0], 1e+30f) && lorenz_within(s->L[1], 1e+30f)
-                    && lorenz_within(s->L[2], 1e+30f);
-                const bool t3 = t2 && lorenz_within(s->D[0], 1e+30f) && lorenz_within(s->D[1], 1e+30f)
-                    && lorenz_within(s->D[2], 1e+30f);
-                lost = !t3;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 400.0f;
-                s->D[1] = 900.0f;
-                s->D[2] = 600.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 178.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 178.0f;
-                s->doubt_sum = 0.0f;
-                status |= LORENZ_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = lorenz_limit(z1, 60.0f);
-                s->z[1] = lorenz_limit(z2, 90.0f);
-                s->z[2] = lorenz_clamp(z3, -50.0f, 100.0f);
-                if (lorenz_abs(z1) > 60.0f || lorenz_abs(z2) > 90.0f || z3 < -50.0f || z3 > 100.0f) {
-                    status |= LORENZ_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                s->L[0] = lorenz_limit(L21, 1.5e+09f);
-                s->L[1] = lorenz_limit(L31, 1.25e+09f);
-                s->L[2] = lorenz_limit(L32, 8.333333e+08f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                s->D[0] = lorenz_clamp(D1, 1e-16f, 3600.0f);
-                s->D[1] = lorenz_clamp(D2, 2e-15f, 8100.0f);
-                s->D[2] = lorenz_clamp(D3, 1e-15f, 5625.0f);
-            }
+            status |= lorenz_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -291,7 +335,8 @@ unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
     return status;
 }
 
-unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
+/* part of a step: correct with y */
+static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -338,14 +383,13 @@ unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_o
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
                 const float t1 = p->gain.R/0.001f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -353,60 +397,10 @@ unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_o
                 const bool t1 = lorenz_within(s->z[0], 60.0f) && lorenz_within(s->z[1], 90.0f)
                     && z3 >= -50.0f && z3 <= 100.0f;
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t2 = t1 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 2e-15f && D2 <= 8100.0f
-                    && D3 >= 1e-15f && D3 <= 5625.0f;
-                beyond = !t2;
+                beyond = !(t1 && D1 >= 1e-16f && D1 <= 3600.0f);
             }
             if (lorenz_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = lorenz_within(s->z[0], 1e+30f) && lorenz_within(s->z[1], 1e+30f)
-                        && lorenz_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && lorenz_within(s->D[0], 1e+30f) && lorenz_within(s->D[1], 1e+30f)
-                        && lorenz_within(s->D[2], 1e+30f);
-                    lost = !t2;
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 400.0f;
-                    s->D[1] = 900.0f;
-                    s->D[2] = 600.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 178.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 178.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= LORENZ_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = lorenz_limit(z1, 60.0f);
-                    s->z[1] = lorenz_limit(z2, 90.0f);
-                    s->z[2] = lorenz_clamp(z3, -50.0f, 100.0f);
-                    if (lorenz_abs(z1) > 60.0f || lorenz_abs(z2) > 90.0f || z3 < -50.0f || z3 > 100.0f) {
-                        status |= LORENZ_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    s->D[0] = lorenz_clamp(D1, 1e-16f, 3600.0f);
-                    s->D[1] = lorenz_clamp(D2, 2e-15f, 8100.0f);
-                    s->D[2] = lorenz_clamp(D3, 1e-15f, 5625.0f);
-                }
+                status |= lorenz_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -440,12 +434,7 @@ unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_o
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 178.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 178.0f;
-                    s->doubt_sum = 0.0f;
+                    lorenz_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -524,13 +513,7 @@ unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_o
                     }
                     /* the estimate has restarted from the sample */
                     status |= LORENZ_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 400.0f;
-                    s->D[1] = 900.0f;
-                    s->D[2] = 600.0f;
+                    lorenz_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y - 178.0f + s->doubt_y
@@ -544,11 +527,18 @@ unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_o
     return status;
 }
 
+unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
+{
+    unsigned status = lorenz_ready(s);
+    status |= lorenz_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned lorenz_step(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
 {
     unsigned status = 0u;
     status |= lorenz_predict(s, p);
-    status |= lorenz_update_y(s, p, out);
+    status |= lorenz_run_update_y(s, p, out);
     return status;
 }
 
@@ -583,24 +573,17 @@ unsigned lorenz_tune(lorenz_params *p)
     return status;
 }
 
+LORENZ_RARELY
 void lorenz_reset(lorenz_state *s)
 {
+    s->ready = LORENZ_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->D[0] = 400.0f;
-    s->D[1] = 900.0f;
-    s->D[2] = 600.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 178.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 178.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
+    lorenz_clear_doubt(s);
+    lorenz_clear_rest(s);
 }
 
 void lorenz_init(lorenz_state *s, lorenz_params *p)

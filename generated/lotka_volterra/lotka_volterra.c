@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define LOTKA_VOLTERRA_RARELY __attribute__((noinline))
+#else
+#define LOTKA_VOLTERRA_RARELY
+#endif
+
 static float lotka_volterra_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -92,12 +99,83 @@ static void lotka_volterra_jacobian(float z1, float z2, float F[4])
     F[3] = 0.01f*t2 - 0.3f; /* F_22 */
 }
 
-unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_params *p)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned lotka_volterra_ready(lotka_volterra_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != LOTKA_VOLTERRA_READY) {
+        lotka_volterra_reset(s);
+        status = LOTKA_VOLTERRA_UNINITIALISED;
+    }
+    return status;
+}
+
+LOTKA_VOLTERRA_RARELY
+
+static void lotka_volterra_clear_doubt(lotka_volterra_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 478.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 478.0f;
+    s->doubt_sum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned lotka_volterra_keep_in_box(lotka_volterra_state *s, const lotka_volterra_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = lotka_volterra_within(s->z[0], 1e+30f) && lotka_volterra_within(s->z[1], 1e+30f)
+            && lotka_volterra_within(s->L, 1e+30f);
+        lost = !(t1 && lotka_volterra_within(s->D[0], 1e+30f) && lotka_volterra_within(s->D[1], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 1.0f;
+        s->z[1] = -1.0f;
+        status |= LOTKA_VOLTERRA_RESTARTED;
+        lotka_volterra_clear_doubt(s);
+        /* as after a reset */
+        s->L = 0.0f;
+        s->D[0] = 2000.0f;
+        s->D[1] = 400.0f;
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = lotka_volterra_clamp(z1, -78.0f, 159.0f);
+        s->z[1] = lotka_volterra_clamp(z2, -79.0f, 38.0f);
+        if (z1 < -78.0f || z1 > 159.0f || z2 < -79.0f || z2 > 38.0f) {
+            status |= LOTKA_VOLTERRA_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L;
+        s->L = lotka_volterra_limit(L21, 4.9367088e+08f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        s->D[0] = lotka_volterra_clamp(D1, 1e-14f, 14042.25f);
+        s->D[1] = lotka_volterra_clamp(D2, 3e-15f, 3422.25f);
+    }
+    return status;
+}
+
+unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_params *p)
+{
+    unsigned status = lotka_volterra_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     /* the first call advances no time */
     {
@@ -176,49 +254,7 @@ unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_pa
             beyond = !(t1 && D1 >= 1e-14f && D1 <= 14042.25f && D2 >= 3e-15f && D2 <= 3422.25f);
         }
         if (lotka_volterra_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = lotka_volterra_within(s->z[0], 1e+30f)
-                    && lotka_volterra_within(s->z[1], 1e+30f) && lotka_volterra_within(s->L, 1e+30f);
-                lost = !(t1 && lotka_volterra_within(s->D[0], 1e+30f)
-                    && lotka_volterra_within(s->D[1], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 1.0f;
-                s->z[1] = -1.0f;
-                s->L = 0.0f;
-                s->D[0] = 2000.0f;
-                s->D[1] = 400.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 478.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 478.0f;
-                s->doubt_sum = 0.0f;
-                status |= LOTKA_VOLTERRA_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = lotka_volterra_clamp(z1, -78.0f, 159.0f);
-                s->z[1] = lotka_volterra_clamp(z2, -79.0f, 38.0f);
-                if (z1 < -78.0f || z1 > 159.0f || z2 < -79.0f || z2 > 38.0f) {
-                    status |= LOTKA_VOLTERRA_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L;
-                s->L = lotka_volterra_limit(L21, 4.9367088e+08f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                s->D[0] = lotka_volterra_clamp(D1, 1e-14f, 14042.25f);
-                s->D[1] = lotka_volterra_clamp(D2, 3e-15f, 3422.25f);
-            }
+            status |= lotka_volterra_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -226,7 +262,8 @@ unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_pa
     return status;
 }
 
-unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
+/* part of a step: correct with y */
+static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
     const lotka_volterra_output *out)
 {
     unsigned status = 0u;
@@ -273,12 +310,11 @@ unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_p
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float t1 = p->gain.R/0.01f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -287,47 +323,10 @@ unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_p
                 const float D1 = s->D[0];
                 const bool t1 = z1 >= -78.0f && z1 <= 159.0f && z2 >= -79.0f && z2 <= 38.0f && D1 >= 1e-14f
                     && D1 <= 14042.25f;
-                const float D2 = s->D[1];
-                beyond = !(t1 && D2 >= 3e-15f && D2 <= 3422.25f);
+                beyond = !t1;
             }
             if (lotka_volterra_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = lotka_volterra_within(s->z[0], 1e+30f)
-                        && lotka_volterra_within(s->z[1], 1e+30f) && lotka_volterra_within(s->D[0], 1e+30f);
-                    lost = !(t1 && lotka_volterra_within(s->D[1], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 1.0f;
-                    s->z[1] = -1.0f;
-                    s->L = 0.0f;
-                    s->D[0] = 2000.0f;
-                    s->D[1] = 400.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 478.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 478.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= LOTKA_VOLTERRA_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = lotka_volterra_clamp(z1, -78.0f, 159.0f);
-                    s->z[1] = lotka_volterra_clamp(z2, -79.0f, 38.0f);
-                    if (z1 < -78.0f || z1 > 159.0f || z2 < -79.0f || z2 > 38.0f) {
-                        status |= LOTKA_VOLTERRA_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    s->D[0] = lotka_volterra_clamp(D1, 1e-14f, 14042.25f);
-                    s->D[1] = lotka_volterra_clamp(D2, 3e-15f, 3422.25f);
-                }
+                status |= lotka_volterra_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -362,12 +361,7 @@ unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_p
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 478.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 478.0f;
-                    s->doubt_sum = 0.0f;
+                    lotka_volterra_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -460,12 +454,20 @@ unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_p
     return status;
 }
 
+unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
+    const lotka_volterra_output *out)
+{
+    unsigned status = lotka_volterra_ready(s);
+    status |= lotka_volterra_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned lotka_volterra_step(lotka_volterra_state *s, const lotka_volterra_params *p,
     const lotka_volterra_output *out)
 {
     unsigned status = 0u;
     status |= lotka_volterra_predict(s, p);
-    status |= lotka_volterra_update_y(s, p, out);
+    status |= lotka_volterra_run_update_y(s, p, out);
     return status;
 }
 
@@ -497,20 +499,18 @@ unsigned lotka_volterra_tune(lotka_volterra_params *p)
     return status;
 }
 
+LOTKA_VOLTERRA_RARELY
 void lotka_volterra_reset(lotka_volterra_state *s)
 {
+    s->ready = LOTKA_VOLTERRA_READY;
     s->z[0] = 1.0f;
     s->z[1] = -1.0f;
     s->L = 0.0f;
     s->D[0] = 2000.0f;
     s->D[1] = 400.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 478.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 478.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
+    lotka_volterra_clear_doubt(s);
 }
 
 void lotka_volterra_init(lotka_volterra_state *s, lotka_volterra_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define MAGNETIC_LEVITATION_RARELY __attribute__((noinline))
+#else
+#define MAGNETIC_LEVITATION_RARELY
+#endif
+
 static float magnetic_levitation_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -92,13 +99,110 @@ static void magnetic_levitation_jacobian(float z1, float z3, float F[2])
     F[1] = -(2.0f*t1/t3*0.001f); /* F_23 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned magnetic_levitation_ready(magnetic_levitation_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != MAGNETIC_LEVITATION_READY) {
+        magnetic_levitation_reset(s);
+        status = MAGNETIC_LEVITATION_UNINITIALISED;
+    }
+    return status;
+}
+
+MAGNETIC_LEVITATION_RARELY
+
+static void magnetic_levitation_clear_doubt(magnetic_levitation_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 1571.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 1571.0f;
+    s->doubt_sum = 0.0f;
+}
+
+MAGNETIC_LEVITATION_RARELY
+
+static void magnetic_levitation_clear_rest(magnetic_levitation_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 0.0002f;
+    s->D[1] = 1.0f;
+    s->D[2] = 2.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned magnetic_levitation_keep_in_box(magnetic_levitation_state *s,
+    const magnetic_levitation_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = magnetic_levitation_within(s->z[0], 1e+30f)
+            && magnetic_levitation_within(s->z[1], 1e+30f) && magnetic_levitation_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && magnetic_levitation_within(s->L[0], 1e+30f)
+            && magnetic_levitation_within(s->L[1], 1e+30f);
+        const bool t3 = t2 && magnetic_levitation_within(s->L[2], 1e+30f)
+            && magnetic_levitation_within(s->D[0], 1e+30f);
+        const bool t4 = t3 && magnetic_levitation_within(s->D[1], 1e+30f)
+            && magnetic_levitation_within(s->D[2], 1e+30f);
+        lost = !t4;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.005f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.1f;
+        status |= MAGNETIC_LEVITATION_RESTARTED;
+        magnetic_levitation_clear_doubt(s);
+        magnetic_levitation_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = magnetic_levitation_clamp(z1, -0.02f, 0.055f);
+        s->z[1] = magnetic_levitation_limit(z2, 3.0f);
+        s->z[2] = magnetic_levitation_clamp(z3, -2.8f, 5.9f);
+        if (z1 < -0.02f || z1 > 0.055f || magnetic_levitation_abs(z2) > 3.0f || z3 < -2.8f || z3 > 5.9f) {
+            status |= MAGNETIC_LEVITATION_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        s->L[0] = magnetic_levitation_limit(L21, 8e+10f);
+        s->L[1] = magnetic_levitation_limit(L31, 1.16e+11f);
+        s->L[2] = magnetic_levitation_limit(L32, 1.45e+09f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        s->D[0] = magnetic_levitation_clamp(D1, 1e-24f, 0.00140625f);
+        s->D[1] = magnetic_levitation_clamp(D2, 1.5e-17f, 9.0f);
+        s->D[2] = magnetic_levitation_clamp(D3, 3.5e-17f, 18.9225f);
+    }
+    return status;
+}
+
 unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magnetic_levitation_params *p,
     const magnetic_levitation_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = magnetic_levitation_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -240,68 +344,7 @@ unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magneti
             beyond = !(t3 && D3 >= 3.5e-17f && D3 <= 18.9225f);
         }
         if (magnetic_levitation_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = magnetic_levitation_within(s->z[0], 1e+30f)
-                    && magnetic_levitation_within(s->z[1], 1e+30f)
-                        && magnetic_levitation_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && magnetic_levitation_within(s->L[0], 1e+30f)
-                    && magnetic_levitation_within(s->L[1], 1e+30f);
-                const bool t3 = t2 && magnetic_levitation_within(s->L[2], 1e+30f)
-                    && magnetic_levitation_within(s->D[0], 1e+30f);
-                const bool t4 = t3 && magnetic_levitation_within(s->D[1], 1e+30f)
-                    && magnetic_levitation_within(s->D[2], 1e+30f);
-                lost = !t4;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.005f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.1f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 0.0002f;
-                s->D[1] = 1.0f;
-                s->D[2] = 2.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 1571.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 1571.0f;
-                s->doubt_sum = 0.0f;
-                status |= MAGNETIC_LEVITATION_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = magnetic_levitation_clamp(z1, -0.02f, 0.055f);
-                s->z[1] = magnetic_levitation_limit(z2, 3.0f);
-                s->z[2] = magnetic_levitation_clamp(z3, -2.8f, 5.9f);
-                if (z1 < -0.02f || z1 > 0.055f || magnetic_levitation_abs(z2) > 3.0f || z3 < -2.8f
-                    || z3 > 5.9f) {
-                    status |= MAGNETIC_LEVITATION_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                s->L[0] = magnetic_levitation_limit(L21, 8e+10f);
-                s->L[1] = magnetic_levitation_limit(L31, 1.16e+11f);
-                s->L[2] = magnetic_levitation_limit(L32, 1.45e+09f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                s->D[0] = magnetic_levitation_clamp(D1, 1e-24f, 0.00140625f);
-                s->D[1] = magnetic_levitation_clamp(D2, 1.5e-17f, 9.0f);
-                s->D[2] = magnetic_levitation_clamp(D3, 3.5e-17f, 18.9225f);
-            }
+            status |= magnetic_levitation_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -311,8 +354,9 @@ unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magneti
     return status;
 }
 
-unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnetic_levitation_params *p,
-    const magnetic_levitation_output *out)
+/* part of a step: correct with y */
+static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
+    const magnetic_levitation_params *p, const magnetic_levitation_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -360,14 +404,13 @@ unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnet
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
                 const float t1 = p->gain.R/5e-05f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -376,62 +419,10 @@ unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnet
                 const bool t1 = z1 >= -0.02f && z1 <= 0.055f && magnetic_levitation_within(s->z[1], 3.0f)
                     && z3 >= -2.8f && z3 <= 5.9f;
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t2 = t1 && D1 >= 1e-24f && D1 <= 0.00140625f && D2 >= 1.5e-17f && D2 <= 9.0f
-                    && D3 >= 3.5e-17f && D3 <= 18.9225f;
-                beyond = !t2;
+                beyond = !(t1 && D1 >= 1e-24f && D1 <= 0.00140625f);
             }
             if (magnetic_levitation_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = magnetic_levitation_within(s->z[0], 1e+30f)
-                        && magnetic_levitation_within(s->z[1], 1e+30f)
-                            && magnetic_levitation_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && magnetic_levitation_within(s->D[0], 1e+30f)
-                        && magnetic_levitation_within(s->D[1], 1e+30f);
-                    lost = !(t2 && magnetic_levitation_within(s->D[2], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.005f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.1f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 0.0002f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 2.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 1571.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1571.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= MAGNETIC_LEVITATION_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = magnetic_levitation_clamp(z1, -0.02f, 0.055f);
-                    s->z[1] = magnetic_levitation_limit(z2, 3.0f);
-                    s->z[2] = magnetic_levitation_clamp(z3, -2.8f, 5.9f);
-                    if (z1 < -0.02f || z1 > 0.055f || magnetic_levitation_abs(z2) > 3.0f || z3 < -2.8f
-                        || z3 > 5.9f) {
-                        status |= MAGNETIC_LEVITATION_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    s->D[0] = magnetic_levitation_clamp(D1, 1e-24f, 0.00140625f);
-                    s->D[1] = magnetic_levitation_clamp(D2, 1.5e-17f, 9.0f);
-                    s->D[2] = magnetic_levitation_clamp(D3, 3.5e-17f, 18.9225f);
-                }
+                status |= magnetic_levitation_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -471,12 +462,7 @@ unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnet
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 1571.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 1571.0f;
-                    s->doubt_sum = 0.0f;
+                    magnetic_levitation_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -556,13 +542,7 @@ unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnet
                     }
                     /* the estimate has restarted from the sample */
                     status |= MAGNETIC_LEVITATION_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 0.0002f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 2.0f;
+                    magnetic_levitation_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y - 1571.0f + s->doubt_y
@@ -576,12 +556,20 @@ unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnet
     return status;
 }
 
+unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnetic_levitation_params *p,
+    const magnetic_levitation_output *out)
+{
+    unsigned status = magnetic_levitation_ready(s);
+    status |= magnetic_levitation_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned magnetic_levitation_step(magnetic_levitation_state *s, const magnetic_levitation_params *p,
     const magnetic_levitation_input *in, const magnetic_levitation_output *out)
 {
     unsigned status = 0u;
     status |= magnetic_levitation_predict(s, p, in);
-    status |= magnetic_levitation_update_y(s, p, out);
+    status |= magnetic_levitation_run_update_y(s, p, out);
     return status;
 }
 
@@ -617,25 +605,18 @@ unsigned magnetic_levitation_tune(magnetic_levitation_params *p)
     return status;
 }
 
+MAGNETIC_LEVITATION_RARELY
 void magnetic_levitation_reset(magnetic_levitation_state *s)
 {
+    s->ready = MAGNETIC_LEVITATION_READY;
     s->z[0] = 0.005f;
     s->z[1] = 0.0f;
     s->z[2] = 0.1f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->D[0] = 0.0002f;
-    s->D[1] = 1.0f;
-    s->D[2] = 2.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 1571.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1571.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
+    magnetic_levitation_clear_doubt(s);
+    magnetic_levitation_clear_rest(s);
 }
 
 void magnetic_levitation_init(magnetic_levitation_state *s, magnetic_levitation_params *p)

@@ -13,6 +13,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define NOT_ISS_RARELY __attribute__((noinline))
+#else
+#define NOT_ISS_RARELY
+#endif
+
 static float not_iss_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -61,19 +68,6 @@ static bool not_iss_within(float v, float limit)
 #else
     return v == v && v >= -limit && v <= limit;
 #endif
-}
-#if defined(__GNUC__)
-#pragma GCC diagnostic pop
-#endif
-
-#if defined(__GNUC__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wfloat-equal"
-#endif
-/* whether two numbers are one, and meant to be */
-static bool not_iss_equal(float a, float b)
-{
-    return a == b;
 }
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop
@@ -160,51 +154,70 @@ static void not_iss_rate(const not_iss_params *p, const float z[2], const float 
     const float t3 = not_iss_clamp(z1, 0.0f, 2.0f);
     const float t4 = t3*u;
     const float R1 = p->gain.R[0];
-    const float t5 = (P1*t2 + P2*t4)*R1;
-    const float t6 = u*t3;
-    const float t7 = t6*t1;
-    const float t8 = y1 - (u*z1 + t7);
-    const float R2 = p->gain.R[1];
-    const float t9 = P2*R2;
-    const float t10 = y2 - z2;
-    const float t11 = ((!not_iss_equal(valid1, 0.0f)) ? t5*t8 : 0.0f)
-        + ((!not_iss_equal(valid2, 0.0f)) ? t9*t10 : 0.0f);
-    const float t12 = 2.0f*u;
-    const float t13 = (P2*t2 + P3*t4)*R1;
-    const float t14 = P3*R2;
-    const float t15 = ((!not_iss_equal(valid1, 0.0f)) ? t13*t8 : 0.0f)
-        + ((!not_iss_equal(valid2, 0.0f)) ? t14*t10 : 0.0f);
-    const float t16 = ((!not_iss_equal(valid1, 0.0f)) ? t5*t4 : 0.0f)
-        + ((!not_iss_equal(valid2, 0.0f)) ? t9 : 0.0f);
-    const float t17 = u*P2 - P1 + (P2*u - P1) + p->derived.Q_inverse[0]
-        - (((!not_iss_equal(valid1, 0.0f)) ? t5*t2*P1 : 0.0f) + t16*P2);
+    const float t5 = valid1*R1;
+    const float t6 = (P1*t2 + P2*t4)*t5;
+    const float t7 = u*t3;
+    const float t8 = t7*t1;
+    const float t9 = y1 - (u*z1 + t8);
+    const float t10 = valid2*p->gain.R[1];
+    const float t11 = P2*t10;
+    const float t12 = y2 - z2;
+    const float t13 = 2.0f*u;
+    const float t14 = (P2*t2 + P3*t4)*t5;
+    const float t15 = P3*t10;
     const float curvature = p->gain.curvature;
-    const float t18 = valid1*t8*R1*u;
-    const float t19 = P2*t18;
-    const float t20 = t19*t19;
-    const float t21 = P1*t18;
-    const float t22 = P3*t18;
-    const float t23 = curvature/not_iss_sqrt(not_iss_max(curvature*curvature, t20 + t21*t22
-        + (t22*t21 + t20)));
-    const float t24 = t1*u*2.0f - 4.0f*t3 + t12;
-    const float t25 = 2.0f*t6;
-    const float t26 = t13*t2;
-    const float t27 = ((!not_iss_equal(valid1, 0.0f)) ? t13*t4 : 0.0f)
-        + ((!not_iss_equal(valid2, 0.0f)) ? t14 : 0.0f);
-    const float t28 = t24*P2 + t25*P3 + (P2*t24 + P3*t25) + p->derived.Q_inverse[1]
-        - (((!not_iss_equal(valid1, 0.0f)) ? t26*P2 : 0.0f) + t27*P3);
-    dz[0] = u*z2 - z1 + u + t11;
-    dz[1] = 2.0f*t7 - t3*t3*2.0f + t12*z1 + t15;
-    dP[0] = t17 + t23*(t19*P1 + t21*P2);
-    dP[1] = t24*P1 + t25*P2 + (P3*u - P2) - (((!not_iss_equal(valid1, 0.0f)) ? t26*P1 : 0.0f) + t27*P2)
-        + t23*(t22*P1 + t19*P2);
-    dP[2] = t28 + t23*(t22*P2 + t19*P3);
+    const float t16 = valid1*t9*R1*u;
+    const float t17 = P2*t16;
+    const float t18 = t17*t17;
+    const float t19 = P1*t16;
+    const float t20 = P3*t16;
+    const float t21 = curvature/not_iss_sqrt(not_iss_max(curvature*curvature, t18 + t19*t20
+        + (t20*t19 + t18)));
+    const float t22 = t1*u*2.0f - 4.0f*t3 + t13;
+    const float t23 = 2.0f*t7;
+    const float t24 = t14*t2;
+    const float t25 = t14*t4 + t15;
+    dz[0] = u*z2 - z1 + u + (t6*t9 + t11*t12);
+    dz[1] = 2.0f*t8 - t3*t3*2.0f + t13*z1 + (t14*t9 + t15*t12);
+    dP[0] = 2.0f*(u*P2 - P1) + p->derived.Q_inverse[0] - (t6*t2*P1 + (t6*t4 + t11)*P2)
+        + t21*(t17*P1 + t19*P2);
+    dP[1] = t22*P1 + t23*P2 + (u*P3 - P2) - (t24*P1 + t25*P2) + t21*(t20*P1 + t17*P2);
+    dP[2] = 2.0f*(t22*P2 + t23*P3) + p->derived.Q_inverse[1] - (t24*P2 + t25*P3) + t21*(t20*P2 + t17*P3);
+}
+
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned not_iss_ready(not_iss_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != NOT_ISS_READY) {
+        not_iss_reset(s);
+        status = NOT_ISS_UNINITIALISED;
+    }
+    return status;
+}
+
+NOT_ISS_RARELY
+
+static void not_iss_clear_doubt(not_iss_state *s)
+{
+    /* as after a reset */
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 276.0f;
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 276.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 551.0f;
+    s->doubt_sum = 0.0f;
 }
 
 unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_input *in,
     const not_iss_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = not_iss_ready(s);
+    float P_at[3];
+    float P_from[3];
+    float P_sum[3];
     bool beyond = false;
     bool broken = false;
     bool counts_y_y1 = false;
@@ -224,6 +237,9 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
     float valid[2];
     float y[2];
     float y_last[2];
+    float z_at[2];
+    float z_from[2];
+    float z_sum[2];
     /* guard the input */
     {
         const float w = in->w;
@@ -279,44 +295,98 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
         s->calls = 1u;
     }
     if (running) {
-        /* z, P: one step of classical Runge-Kutta */
+        /* z, P: one step of classical Runge-Kutta, stage 1 of 4 */
         {
+            float k1_z[2];
+            float k1_P[3];
+            not_iss_rate(p, s->z, s->P, s->u, y_last, valid, k1_z, k1_P);
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
             const float P11 = s->P[0];
             const float P21 = s->P[1];
             const float P22 = s->P[2];
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
+            z_from[0] = z1;
+            z_from[1] = z2;
+            P_from[0] = P11;
+            P_from[1] = P21;
+            P_from[2] = P22;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            P_sum[0] = k1_P[0];
+            P_sum[1] = k1_P[1];
+            P_sum[2] = k1_P[2];
+            z_at[0] = z1 + 0.005f*k1_z[0];
+            z_at[1] = z2 + 0.005f*k1_z[1];
+            P_at[0] = P11 + 0.005f*k1_P[0];
+            P_at[1] = P21 + 0.005f*k1_P[1];
+            P_at[2] = P22 + 0.005f*k1_P[2];
+        }
+        /* z, P: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float P_sum1 = P_sum[0];
+            const float P_sum2 = P_sum[1];
+            const float P_sum3 = P_sum[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
             const float u_before = s->u;
             const float u_mid = u_before + 0.5f*(u - u_before);
             const float y_last1 = y_last[0];
             const float y_mid1 = y_last1 + 0.5f*(y[0] - y_last1);
             const float y_last2 = y_last[1];
             const float y_mid2 = y_last2 + 0.5f*(y[1] - y_last2);
-            float k1_z[2];
-            float k1_P[3];
-            not_iss_rate(p, s->z, s->P, u_before, y_last, valid, k1_z, k1_P);
-            const float z_2[2] = {z1 + 0.005f*k1_z[0], z2 + 0.005f*k1_z[1]};
-            const float P_2[3] = {P11 + 0.005f*k1_P[0], P21 + 0.005f*k1_P[1], P22 + 0.005f*k1_P[2]};
-            const float y_2[2] = {y_mid1, y_mid2};
+            const float y_1[2] = {y_mid1, y_mid2};
             float k2_z[2];
             float k2_P[3];
-            not_iss_rate(p, z_2, P_2, u_mid, y_2, valid, k2_z, k2_P);
-            const float z_3[2] = {z1 + 0.005f*k2_z[0], z2 + 0.005f*k2_z[1]};
-            const float P_3[3] = {P11 + 0.005f*k2_P[0], P21 + 0.005f*k2_P[1], P22 + 0.005f*k2_P[2]};
-            const float y_3[2] = {y_mid1, y_mid2};
+            not_iss_rate(p, z_at, P_at, u_mid, y_1, valid, k2_z, k2_P);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            P_sum[0] = P_sum1 + 2.0f*k2_P[0];
+            P_sum[1] = P_sum2 + 2.0f*k2_P[1];
+            P_sum[2] = P_sum3 + 2.0f*k2_P[2];
+            z_at[0] = z_from[0] + 0.005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.005f*k2_z[1];
+            P_at[0] = P_from[0] + 0.005f*k2_P[0];
+            P_at[1] = P_from[1] + 0.005f*k2_P[1];
+            P_at[2] = P_from[2] + 0.005f*k2_P[2];
+        }
+        /* z, P: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float P_sum1 = P_sum[0];
+            const float P_sum2 = P_sum[1];
+            const float P_sum3 = P_sum[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_last1 = y_last[0];
+            const float y_mid1 = y_last1 + 0.5f*(y[0] - y_last1);
+            const float y_last2 = y_last[1];
+            const float y_mid2 = y_last2 + 0.5f*(y[1] - y_last2);
+            const float y_1[2] = {y_mid1, y_mid2};
             float k3_z[2];
             float k3_P[3];
-            not_iss_rate(p, z_3, P_3, u_mid, y_3, valid, k3_z, k3_P);
-            const float z_4[2] = {z1 + 0.01f*k3_z[0], z2 + 0.01f*k3_z[1]};
-            const float P_4[3] = {P11 + 0.01f*k3_P[0], P21 + 0.01f*k3_P[1], P22 + 0.01f*k3_P[2]};
+            not_iss_rate(p, z_at, P_at, u_mid, y_1, valid, k3_z, k3_P);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            P_sum[0] = P_sum1 + 2.0f*k3_P[0];
+            P_sum[1] = P_sum2 + 2.0f*k3_P[1];
+            P_sum[2] = P_sum3 + 2.0f*k3_P[2];
+            z_at[0] = z_from[0] + 0.01f*k3_z[0];
+            z_at[1] = z_from[1] + 0.01f*k3_z[1];
+            P_at[0] = P_from[0] + 0.01f*k3_P[0];
+            P_at[1] = P_from[1] + 0.01f*k3_P[1];
+            P_at[2] = P_from[2] + 0.01f*k3_P[2];
+        }
+        /* z, P: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[2];
             float k4_P[3];
-            not_iss_rate(p, z_4, P_4, u, y, valid, k4_z, k4_P);
-            s->z[0] = z1 + 0.0016666667f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.0016666667f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->P[0] = P11 + 0.0016666667f*(k1_P[0] + 2.0f*k2_P[0] + 2.0f*k3_P[0] + k4_P[0]);
-            s->P[1] = P21 + 0.0016666667f*(k1_P[1] + 2.0f*k2_P[1] + 2.0f*k3_P[1] + k4_P[1]);
-            s->P[2] = P22 + 0.0016666667f*(k1_P[2] + 2.0f*k2_P[2] + 2.0f*k3_P[2] + k4_P[2]);
+            not_iss_rate(p, z_at, P_at, u, y, valid, k4_z, k4_P);
+            s->z[0] = z_from[0] + 0.0016666667f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.0016666667f*(z_sum[1] + k4_z[1]);
+            s->P[0] = P_from[0] + 0.0016666667f*(P_sum[0] + k4_P[0]);
+            s->P[1] = P_from[1] + 0.0016666667f*(P_sum[1] + k4_P[1]);
+            s->P[2] = P_from[2] + 0.0016666667f*(P_sum[2] + k4_P[2]);
         }
         /* is it positive definite? */
         {
@@ -350,17 +420,12 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                 /* a value is lost: all restart */
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
+                status |= NOT_ISS_RESTARTED;
+                not_iss_clear_doubt(s);
+                /* as after a reset */
                 s->P[0] = 0.01f;
                 s->P[1] = 0.0f;
                 s->P[2] = 0.01f;
-                s->doubt_y_y2 = 0.0f;
-                s->patience_y_y2 = 276.0f;
-                s->doubt_y_y1 = 0.0f;
-                s->patience_y_y1 = 276.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 551.0f;
-                s->doubt_sum = 0.0f;
-                status |= NOT_ISS_RESTARTED;
             }
             /* keep z in its box */
             {
@@ -435,14 +500,7 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                 spoiled = !t4;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y_y2 = 0.0f;
-                s->patience_y_y2 = 276.0f;
-                s->doubt_y_y1 = 0.0f;
-                s->patience_y_y1 = 276.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 551.0f;
-                s->doubt_sum = 0.0f;
+                not_iss_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -708,26 +766,22 @@ unsigned not_iss_tune(not_iss_params *p)
     return status;
 }
 
+NOT_ISS_RARELY
 void not_iss_reset(not_iss_state *s)
 {
+    s->ready = NOT_ISS_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->P[0] = 0.01f;
     s->P[1] = 0.0f;
     s->P[2] = 0.01f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 276.0f;
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 276.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 551.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y[0] = 0.0f;
     s->y[1] = 0.0f;
     s->y_valid[0] = 0.0f;
     s->y_valid[1] = 0.0f;
+    not_iss_clear_doubt(s);
 }
 
 void not_iss_init(not_iss_state *s, not_iss_params *p)

@@ -13,6 +13,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define PENDULUM_RARELY __attribute__((noinline))
+#else
+#define PENDULUM_RARELY
+#endif
+
 static float pendulum_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -93,25 +100,12 @@ static float pendulum_small_sin(float x)
 }
 
 #else
-/* whole number nearest to v, where |v| is below a third of 1.2582912e+07f: sums near that are rounded to
- * whole numbers */
-static float pendulum_nearest(float v)
-{
-#if !defined(__FLT_EVAL_METHOD__) || (__FLT_EVAL_METHOD__ != 0)
-    const volatile float sum = v + 1.2582912e+07f;
-    return sum - 1.2582912e+07f;
-#else
-    return v + 1.2582912e+07f - 1.2582912e+07f;
-#endif
-}
-
 static float pendulum_small_sin(float x)
 {
-    const float t1 = pendulum_nearest(0.31830987f*x);
-    const float t2 = x - 3.1415927f*t1 + 8.742278e-08f*t1;
-    const float t3 = t2*t2;
-    return (t2 + t2*(((2.606055e-06f*t3 - 0.00019809768f)*t3 + 0.008333069f)*t3 - 0.1666666f)*t3)*
-        (1.0f - t1*t1*2.0f);
+    const float t1 = pendulum_within(x, 1.5707964f) ? x : ((x > 0.0f) ? 3.1415927f - x - 8.742278e-08f
+        : -3.1415927f - x + 8.742278e-08f);
+    const float t2 = t1*t1;
+    return t1 + t1*(((2.606055e-06f*t2 - 0.00019809768f)*t2 + 0.008333069f)*t2 - 0.1666666f)*t2;
 }
 #endif
 
@@ -125,10 +119,34 @@ static void pendulum_rate(const pendulum_params *p, float z1, float z2, float u,
         + p->derived.K[1]*t1;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned pendulum_ready(pendulum_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != PENDULUM_READY) {
+        pendulum_reset(s);
+        status = PENDULUM_UNINITIALISED;
+    }
+    return status;
+}
+
+PENDULUM_RARELY
+
+static void pendulum_clear_doubt(pendulum_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 761.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 761.0f;
+    s->doubt_sum = 0.0f;
+}
+
 unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendulum_input *in,
     const pendulum_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = pendulum_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -143,6 +161,9 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[2];
+    float z_from[2];
+    float z_sum[2];
     /* guard the input */
     {
         const float tau = in->tau;
@@ -181,23 +202,57 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
+            float k1_z[2];
+            pendulum_rate(p, z1, z2, s->u, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
             const float u_before = s->u;
             const float u_mid = u_before + 0.5f*(u - u_before);
             const float y_mid = y_last + 0.5f*(y - y_last);
-            float k1_z[2];
-            pendulum_rate(p, z1, z2, u_before, y_last, valid, k1_z);
             float k2_z[2];
-            pendulum_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], u_mid, y_mid, valid, k2_z);
+            pendulum_rate(p, z_at1, z_at2, u_mid, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[2];
-            pendulum_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], u_mid, y_mid, valid, k3_z);
+            pendulum_rate(p, z_at1, z_at2, u_mid, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[2];
-            pendulum_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], u, y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            pendulum_rate(p, z_at[0], z_at[1], u, y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
         }
         /* is a value beyond its box, or lost? */
         beyond = !(pendulum_within(s->z[0], 12.0f) && pendulum_within(s->z[1], 400.0f));
@@ -208,12 +263,8 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                 /* a value is lost: all restart */
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 761.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 761.0f;
-                s->doubt_sum = 0.0f;
                 status |= PENDULUM_RESTARTED;
+                pendulum_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -264,12 +315,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 761.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 761.0f;
-                s->doubt_sum = 0.0f;
+                pendulum_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -381,19 +427,17 @@ unsigned pendulum_tune(pendulum_params *p)
     return status;
 }
 
+PENDULUM_RARELY
 void pendulum_reset(pendulum_state *s)
 {
+    s->ready = PENDULUM_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 761.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 761.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    pendulum_clear_doubt(s);
 }
 
 void pendulum_init(pendulum_state *s, pendulum_params *p)

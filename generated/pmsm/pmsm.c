@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define PMSM_RARELY __attribute__((noinline))
+#else
+#define PMSM_RARELY
+#endif
+
 static float pmsm_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -91,12 +98,106 @@ static void pmsm_jacobian(float z1, float z2, float z3, float F[4])
     F[3] = -30.0f - pmsm_limit(z1, 20.0f); /* F_23 */
 }
 
-unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned pmsm_ready(pmsm_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != PMSM_READY) {
+        pmsm_reset(s);
+        status = PMSM_UNINITIALISED;
+    }
+    return status;
+}
+
+PMSM_RARELY
+
+static void pmsm_clear_doubt(pmsm_state *s)
+{
+    /* as after a reset */
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 126.0f;
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 126.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 251.0f;
+    s->doubt_sum = 0.0f;
+}
+
+PMSM_RARELY
+
+static void pmsm_clear_rest(pmsm_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 400.0f;
+    s->D[1] = 400.0f;
+    s->D[2] = 90000.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned pmsm_keep_in_box(pmsm_state *s, const pmsm_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = pmsm_within(s->z[0], 1e+30f) && pmsm_within(s->z[1], 1e+30f)
+            && pmsm_within(s->z[2], 1e+30f) && pmsm_within(s->L[0], 1e+30f);
+        const bool t2 = t1 && pmsm_within(s->L[1], 1e+30f) && pmsm_within(s->L[2], 1e+30f)
+            && pmsm_within(s->D[0], 1e+30f);
+        lost = !(t2 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= PMSM_RESTARTED;
+        pmsm_clear_doubt(s);
+        pmsm_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = pmsm_limit(z1, 60.0f);
+        s->z[1] = pmsm_limit(z2, 60.0f);
+        s->z[2] = pmsm_limit(z3, 900.0f);
+        if (pmsm_abs(z1) > 60.0f || pmsm_abs(z2) > 60.0f || pmsm_abs(z3) > 900.0f) {
+            status |= PMSM_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        s->L[0] = pmsm_limit(L21, 1e+09f);
+        s->L[1] = pmsm_limit(L31, 1.5e+10f);
+        s->L[2] = pmsm_limit(L32, 1.5e+10f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        s->D[0] = pmsm_clamp(D1, 1e-16f, 3600.0f);
+        s->D[1] = pmsm_clamp(D2, 8e-16f, 3600.0f);
+        s->D[2] = pmsm_clamp(D3, 2e-13f, 810000.0f);
+    }
+    return status;
+}
+
+unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+{
+    unsigned status = pmsm_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u[2];
     /* guard the input */
@@ -253,64 +354,7 @@ unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
             beyond = !(t2 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
         }
         if (pmsm_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = pmsm_within(s->z[0], 1e+30f) && pmsm_within(s->z[1], 1e+30f)
-                    && pmsm_within(s->z[2], 1e+30f) && pmsm_within(s->L[0], 1e+30f);
-                const bool t2 = t1 && pmsm_within(s->L[1], 1e+30f) && pmsm_within(s->L[2], 1e+30f)
-                    && pmsm_within(s->D[0], 1e+30f);
-                lost = !(t2 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 400.0f;
-                s->D[1] = 400.0f;
-                s->D[2] = 90000.0f;
-                s->doubt_y_y1 = 0.0f;
-                s->patience_y_y1 = 126.0f;
-                s->doubt_y_y2 = 0.0f;
-                s->patience_y_y2 = 126.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 251.0f;
-                s->doubt_sum = 0.0f;
-                status |= PMSM_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = pmsm_limit(z1, 60.0f);
-                s->z[1] = pmsm_limit(z2, 60.0f);
-                s->z[2] = pmsm_limit(z3, 900.0f);
-                if (pmsm_abs(z1) > 60.0f || pmsm_abs(z2) > 60.0f || pmsm_abs(z3) > 900.0f) {
-                    status |= PMSM_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                s->L[0] = pmsm_limit(L21, 1e+09f);
-                s->L[1] = pmsm_limit(L31, 1.5e+10f);
-                s->L[2] = pmsm_limit(L32, 1.5e+10f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                s->D[0] = pmsm_clamp(D1, 1e-16f, 3600.0f);
-                s->D[1] = pmsm_clamp(D2, 8e-16f, 3600.0f);
-                s->D[2] = pmsm_clamp(D3, 2e-13f, 810000.0f);
-            }
+            status |= pmsm_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -322,7 +366,8 @@ unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
     return status;
 }
 
-unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+/* part of a step: correct with y1 */
+static unsigned pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -369,72 +414,23 @@ unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
                 const float t1 = p->gain.R[0]/0.0001f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
                 const float D1 = s->D[0];
                 const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
                     && pmsm_within(s->z[2], 900.0f) && D1 >= 1e-16f && D1 <= 3600.0f;
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                beyond = !(t1 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
+                beyond = !t1;
             }
             if (pmsm_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = pmsm_within(s->z[0], 1e+30f) && pmsm_within(s->z[1], 1e+30f)
-                        && pmsm_within(s->z[2], 1e+30f) && pmsm_within(s->D[0], 1e+30f);
-                    lost = !(t1 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 400.0f;
-                    s->D[1] = 400.0f;
-                    s->D[2] = 90000.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 126.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 126.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 251.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= PMSM_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = pmsm_limit(z1, 60.0f);
-                    s->z[1] = pmsm_limit(z2, 60.0f);
-                    s->z[2] = pmsm_limit(z3, 900.0f);
-                    if (pmsm_abs(z1) > 60.0f || pmsm_abs(z2) > 60.0f || pmsm_abs(z3) > 900.0f) {
-                        status |= PMSM_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    s->D[0] = pmsm_clamp(D1, 1e-16f, 3600.0f);
-                    s->D[1] = pmsm_clamp(D2, 8e-16f, 3600.0f);
-                    s->D[2] = pmsm_clamp(D3, 2e-13f, 810000.0f);
-                }
+                status |= pmsm_keep_in_box(s, p);
             }
             /* y1 is used */
             s->used_y1 = 1u;
@@ -468,14 +464,7 @@ unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *
                     spoiled = !t4;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 126.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 126.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 251.0f;
-                    s->doubt_sum = 0.0f;
+                    pmsm_clear_doubt(s);
                 }
                 /* which signs show? */
                 shows_y_y1 = !pmsm_within(output_error, 4.0f);
@@ -551,13 +540,7 @@ unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *
                     }
                     /* the estimate has restarted from the sample */
                     status |= PMSM_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 400.0f;
-                    s->D[1] = 400.0f;
-                    s->D[2] = 90000.0f;
+                    pmsm_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y1 - 126.0f + s->doubt_y_y1
@@ -572,7 +555,8 @@ unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *
     return status;
 }
 
-unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+/* part of a step: correct with y2 */
+static unsigned pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
 {
     unsigned status = 0u;
     bool beyond = false;
@@ -641,71 +625,13 @@ unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *
                 const bool t1 = pmsm_within(s->z[0], 60.0f) && pmsm_within(s->z[1], 60.0f)
                     && pmsm_within(s->z[2], 900.0f) && pmsm_within(s->L[0], 1e+09f);
                 const float D1 = s->D[0];
-                const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && pmsm_within(s->L[2], 1.5e+10f)
-                    && D1 >= 1e-16f && D1 <= 3600.0f;
                 const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                beyond = !(t2 && D2 >= 8e-16f && D2 <= 3600.0f && D3 >= 2e-13f && D3 <= 810000.0f);
+                const bool t2 = t1 && pmsm_within(s->L[1], 1.5e+10f) && D1 >= 1e-16f && D1 <= 3600.0f
+                    && D2 >= 8e-16f && D2 <= 3600.0f;
+                beyond = !t2;
             }
             if (pmsm_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = pmsm_within(s->z[0], 1e+30f) && pmsm_within(s->z[1], 1e+30f)
-                        && pmsm_within(s->z[2], 1e+30f) && pmsm_within(s->L[0], 1e+30f);
-                    const bool t2 = t1 && pmsm_within(s->L[1], 1e+30f) && pmsm_within(s->L[2], 1e+30f)
-                        && pmsm_within(s->D[0], 1e+30f);
-                    lost = !(t2 && pmsm_within(s->D[1], 1e+30f) && pmsm_within(s->D[2], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 400.0f;
-                    s->D[1] = 400.0f;
-                    s->D[2] = 90000.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 126.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 126.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 251.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= PMSM_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = pmsm_limit(z1, 60.0f);
-                    s->z[1] = pmsm_limit(z2, 60.0f);
-                    s->z[2] = pmsm_limit(z3, 900.0f);
-                    if (pmsm_abs(z1) > 60.0f || pmsm_abs(z2) > 60.0f || pmsm_abs(z3) > 900.0f) {
-                        status |= PMSM_STATE_LIMITED;
-                    }
-                }
-                /* keep L in its box */
-                {
-                    const float L21 = s->L[0];
-                    const float L31 = s->L[1];
-                    const float L32 = s->L[2];
-                    s->L[0] = pmsm_limit(L21, 1e+09f);
-                    s->L[1] = pmsm_limit(L31, 1.5e+10f);
-                    s->L[2] = pmsm_limit(L32, 1.5e+10f);
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    s->D[0] = pmsm_clamp(D1, 1e-16f, 3600.0f);
-                    s->D[1] = pmsm_clamp(D2, 8e-16f, 3600.0f);
-                    s->D[2] = pmsm_clamp(D3, 2e-13f, 810000.0f);
-                }
+                status |= pmsm_keep_in_box(s, p);
             }
             /* y2 is used */
             s->used_y2 = 1u;
@@ -742,14 +668,7 @@ unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *
                     spoiled = !t4;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 126.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 126.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 251.0f;
-                    s->doubt_sum = 0.0f;
+                    pmsm_clear_doubt(s);
                 }
                 /* which signs show? */
                 shows_y_y2 = !pmsm_within(output_error, 4.0f);
@@ -825,13 +744,7 @@ unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *
                     }
                     /* the estimate has restarted from the sample */
                     status |= PMSM_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 400.0f;
-                    s->D[1] = 400.0f;
-                    s->D[2] = 90000.0f;
+                    pmsm_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y1 - 126.0f + s->doubt_y_y1
@@ -846,12 +759,26 @@ unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *
     return status;
 }
 
+unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+{
+    unsigned status = pmsm_ready(s);
+    status |= pmsm_run_update_y1(s, p, out);
+    return status;
+}
+
+unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+{
+    unsigned status = pmsm_ready(s);
+    status |= pmsm_run_update_y2(s, p, out);
+    return status;
+}
+
 unsigned pmsm_step(pmsm_state *s, const pmsm_params *p, const pmsm_input *in, const pmsm_output *out)
 {
     unsigned status = 0u;
     status |= pmsm_predict(s, p, in);
-    status |= pmsm_update_y1(s, p, out);
-    status |= pmsm_update_y2(s, p, out);
+    status |= pmsm_run_update_y1(s, p, out);
+    status |= pmsm_run_update_y2(s, p, out);
     return status;
 }
 
@@ -888,29 +815,20 @@ unsigned pmsm_tune(pmsm_params *p)
     return status;
 }
 
+PMSM_RARELY
 void pmsm_reset(pmsm_state *s)
 {
+    s->ready = PMSM_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->D[0] = 400.0f;
-    s->D[1] = 400.0f;
-    s->D[2] = 90000.0f;
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 126.0f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 126.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 251.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y1 = 1u;
     s->used_y2 = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
+    pmsm_clear_doubt(s);
+    pmsm_clear_rest(s);
 }
 
 void pmsm_init(pmsm_state *s, pmsm_params *p)

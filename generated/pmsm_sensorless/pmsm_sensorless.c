@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define PMSM_SENSORLESS_RARELY __attribute__((noinline))
+#else
+#define PMSM_SENSORLESS_RARELY
+#endif
+
 static float pmsm_sensorless_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -110,13 +117,150 @@ static void pmsm_sensorless_jacobian(float z1, float z2, float z3, float z4, flo
     F[11] = t2; /* F_45 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned pmsm_sensorless_ready(pmsm_sensorless_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != PMSM_SENSORLESS_READY) {
+        pmsm_sensorless_reset(s);
+        status = PMSM_SENSORLESS_UNINITIALISED;
+    }
+    return status;
+}
+
+PMSM_SENSORLESS_RARELY
+
+static void pmsm_sensorless_clear_doubt(pmsm_sensorless_state *s)
+{
+    /* as after a reset */
+    s->doubt_y_y_a = 0.0f;
+    s->patience_y_y_a = 140.0f;
+    s->doubt_y_y_b = 0.0f;
+    s->patience_y_y_b = 140.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 280.0f;
+    s->doubt_sum = 0.0f;
+}
+
+PMSM_SENSORLESS_RARELY
+
+static void pmsm_sensorless_clear_rest(pmsm_sensorless_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->L[3] = 0.0f;
+    s->L[4] = 0.0f;
+    s->L[5] = 0.0f;
+    s->L[6] = 0.0f;
+    s->L[7] = 0.0f;
+    s->L[8] = 0.0f;
+    s->L[9] = 0.0f;
+    s->D[0] = 1.0f;
+    s->D[1] = 1.0f;
+    s->D[2] = 0.01f;
+    s->D[3] = 0.01f;
+    s->D[4] = 10000.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = pmsm_sensorless_within(s->z[0], 1e+30f) && pmsm_sensorless_within(s->z[1], 1e+30f)
+            && pmsm_sensorless_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 1e+30f)
+            && pmsm_sensorless_within(s->z[4], 1e+30f) && pmsm_sensorless_within(s->L[0], 1e+30f);
+        const bool t3 = t2 && pmsm_sensorless_within(s->L[1], 1e+30f)
+            && pmsm_sensorless_within(s->L[2], 1e+30f) && pmsm_sensorless_within(s->L[3], 1e+30f);
+        const bool t4 = t3 && pmsm_sensorless_within(s->L[4], 1e+30f)
+            && pmsm_sensorless_within(s->L[5], 1e+30f) && pmsm_sensorless_within(s->L[6], 1e+30f);
+        const bool t5 = t4 && pmsm_sensorless_within(s->L[7], 1e+30f)
+            && pmsm_sensorless_within(s->L[8], 1e+30f) && pmsm_sensorless_within(s->L[9], 1e+30f);
+        const bool t6 = t5 && pmsm_sensorless_within(s->D[0], 1e+30f)
+            && pmsm_sensorless_within(s->D[1], 1e+30f) && pmsm_sensorless_within(s->D[2], 1e+30f);
+        lost = !(t6 && pmsm_sensorless_within(s->D[3], 1e+30f) && pmsm_sensorless_within(s->D[4], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        s->z[4] = 20.0f;
+        status |= PMSM_SENSORLESS_RESTARTED;
+        pmsm_sensorless_clear_doubt(s);
+        pmsm_sensorless_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float z5 = s->z[4];
+        const bool t1 = pmsm_sensorless_abs(z1) > 60.0f || pmsm_sensorless_abs(z2) > 60.0f
+            || pmsm_sensorless_abs(z3) > 0.6f;
+        s->z[0] = pmsm_sensorless_limit(z1, 60.0f);
+        s->z[1] = pmsm_sensorless_limit(z2, 60.0f);
+        s->z[2] = pmsm_sensorless_limit(z3, 0.6f);
+        s->z[3] = pmsm_sensorless_limit(z4, 0.6f);
+        s->z[4] = pmsm_sensorless_clamp(z5, -560.0f, 1180.0f);
+        if (t1 || pmsm_sensorless_abs(z4) > 0.6f || z5 < -560.0f || z5 > 1180.0f) {
+            status |= PMSM_SENSORLESS_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L51 = s->L[3];
+        const float L32 = s->L[4];
+        const float L42 = s->L[5];
+        const float L52 = s->L[6];
+        const float L43 = s->L[7];
+        const float L53 = s->L[8];
+        const float L54 = s->L[9];
+        s->L[0] = pmsm_sensorless_limit(L21, 1e+09f);
+        s->L[1] = pmsm_sensorless_limit(L31, 1e+07f);
+        s->L[2] = pmsm_sensorless_limit(L41, 1e+07f);
+        s->L[3] = pmsm_sensorless_limit(L51, 1.45e+10f);
+        s->L[4] = pmsm_sensorless_limit(L32, 1e+07f);
+        s->L[5] = pmsm_sensorless_limit(L42, 1e+07f);
+        s->L[6] = pmsm_sensorless_limit(L52, 1.45e+10f);
+        s->L[7] = pmsm_sensorless_limit(L43, 1e+09f);
+        s->L[8] = pmsm_sensorless_limit(L53, 1.45e+12f);
+        s->L[9] = pmsm_sensorless_limit(L54, 1.45e+12f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float D4 = s->D[3];
+        const float D5 = s->D[4];
+        s->D[0] = pmsm_sensorless_clamp(D1, 1e-16f, 3600.0f);
+        s->D[1] = pmsm_sensorless_clamp(D2, 1e-16f, 3600.0f);
+        s->D[2] = pmsm_sensorless_clamp(D3, 1e-20f, 0.36f);
+        s->D[3] = pmsm_sensorless_clamp(D4, 1e-20f, 0.36f);
+        s->D[4] = pmsm_sensorless_clamp(D5, 1e-13f, 756900.0f);
+    }
+    return status;
+}
+
 unsigned pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = pmsm_sensorless_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u[2];
     /* guard the input */
@@ -455,108 +599,7 @@ unsigned pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless
             beyond = !(t6 && D4 >= 1e-20f && D4 <= 0.36f && D5 >= 1e-13f && D5 <= 756900.0f);
         }
         if (pmsm_sensorless_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = pmsm_sensorless_within(s->z[0], 1e+30f)
-                    && pmsm_sensorless_within(s->z[1], 1e+30f) && pmsm_sensorless_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 1e+30f)
-                    && pmsm_sensorless_within(s->z[4], 1e+30f) && pmsm_sensorless_within(s->L[0], 1e+30f);
-                const bool t3 = t2 && pmsm_sensorless_within(s->L[1], 1e+30f)
-                    && pmsm_sensorless_within(s->L[2], 1e+30f) && pmsm_sensorless_within(s->L[3], 1e+30f);
-                const bool t4 = t3 && pmsm_sensorless_within(s->L[4], 1e+30f)
-                    && pmsm_sensorless_within(s->L[5], 1e+30f) && pmsm_sensorless_within(s->L[6], 1e+30f);
-                const bool t5 = t4 && pmsm_sensorless_within(s->L[7], 1e+30f)
-                    && pmsm_sensorless_within(s->L[8], 1e+30f) && pmsm_sensorless_within(s->L[9], 1e+30f);
-                const bool t6 = t5 && pmsm_sensorless_within(s->D[0], 1e+30f)
-                    && pmsm_sensorless_within(s->D[1], 1e+30f) && pmsm_sensorless_within(s->D[2], 1e+30f);
-                lost = !(t6 && pmsm_sensorless_within(s->D[3], 1e+30f)
-                    && pmsm_sensorless_within(s->D[4], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->z[3] = 0.0f;
-                s->z[4] = 20.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->L[3] = 0.0f;
-                s->L[4] = 0.0f;
-                s->L[5] = 0.0f;
-                s->L[6] = 0.0f;
-                s->L[7] = 0.0f;
-                s->L[8] = 0.0f;
-                s->L[9] = 0.0f;
-                s->D[0] = 1.0f;
-                s->D[1] = 1.0f;
-                s->D[2] = 0.01f;
-                s->D[3] = 0.01f;
-                s->D[4] = 10000.0f;
-                s->doubt_y_y_a = 0.0f;
-                s->patience_y_y_a = 140.0f;
-                s->doubt_y_y_b = 0.0f;
-                s->patience_y_y_b = 140.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 280.0f;
-                s->doubt_sum = 0.0f;
-                status |= PMSM_SENSORLESS_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                const float z5 = s->z[4];
-                const bool t1 = pmsm_sensorless_abs(z1) > 60.0f || pmsm_sensorless_abs(z2) > 60.0f
-                    || pmsm_sensorless_abs(z3) > 0.6f;
-                s->z[0] = pmsm_sensorless_limit(z1, 60.0f);
-                s->z[1] = pmsm_sensorless_limit(z2, 60.0f);
-                s->z[2] = pmsm_sensorless_limit(z3, 0.6f);
-                s->z[3] = pmsm_sensorless_limit(z4, 0.6f);
-                s->z[4] = pmsm_sensorless_clamp(z5, -560.0f, 1180.0f);
-                if (t1 || pmsm_sensorless_abs(z4) > 0.6f || z5 < -560.0f || z5 > 1180.0f) {
-                    status |= PMSM_SENSORLESS_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L51 = s->L[3];
-                const float L32 = s->L[4];
-                const float L42 = s->L[5];
-                const float L52 = s->L[6];
-                const float L43 = s->L[7];
-                const float L53 = s->L[8];
-                const float L54 = s->L[9];
-                s->L[0] = pmsm_sensorless_limit(L21, 1e+09f);
-                s->L[1] = pmsm_sensorless_limit(L31, 1e+07f);
-                s->L[2] = pmsm_sensorless_limit(L41, 1e+07f);
-                s->L[3] = pmsm_sensorless_limit(L51, 1.45e+10f);
-                s->L[4] = pmsm_sensorless_limit(L32, 1e+07f);
-                s->L[5] = pmsm_sensorless_limit(L42, 1e+07f);
-                s->L[6] = pmsm_sensorless_limit(L52, 1.45e+10f);
-                s->L[7] = pmsm_sensorless_limit(L43, 1e+09f);
-                s->L[8] = pmsm_sensorless_limit(L53, 1.45e+12f);
-                s->L[9] = pmsm_sensorless_limit(L54, 1.45e+12f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const float D5 = s->D[4];
-                s->D[0] = pmsm_sensorless_clamp(D1, 1e-16f, 3600.0f);
-                s->D[1] = pmsm_sensorless_clamp(D2, 1e-16f, 3600.0f);
-                s->D[2] = pmsm_sensorless_clamp(D3, 1e-20f, 0.36f);
-                s->D[3] = pmsm_sensorless_clamp(D4, 1e-20f, 0.36f);
-                s->D[4] = pmsm_sensorless_clamp(D5, 1e-13f, 756900.0f);
-            }
+            status |= pmsm_sensorless_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -568,7 +611,8 @@ unsigned pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless
     return status;
 }
 
-unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+/* part of a step: correct with y_a */
+static unsigned pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *out)
 {
     unsigned status = 0u;
@@ -621,18 +665,17 @@ unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorl
                 const float z4 = s->z[3];
                 const float z5 = s->z[4];
                 const float t1 = p->gain.R[0]/0.0001f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
-                const float K4 = L41*D1/t2;
-                const float K5 = L51*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
+                const float K4 = L41*K1;
+                const float K5 = L51*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
                 s->z[3] = z4 + K4*e;
                 s->z[4] = z5 + K5*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -642,87 +685,10 @@ unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorl
                 const float D1 = s->D[0];
                 const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 0.6f) && z5 >= -560.0f && z5 <= 1180.0f
                     && D1 >= 1e-16f && D1 <= 3600.0f;
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                const bool t3 = t2 && D2 >= 1e-16f && D2 <= 3600.0f && D3 >= 1e-20f && D3 <= 0.36f
-                    && D4 >= 1e-20f && D4 <= 0.36f;
-                const float D5 = s->D[4];
-                beyond = !(t3 && D5 >= 1e-13f && D5 <= 756900.0f);
+                beyond = !t2;
             }
             if (pmsm_sensorless_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = pmsm_sensorless_within(s->z[0], 1e+30f)
-                        && pmsm_sensorless_within(s->z[1], 1e+30f) && pmsm_sensorless_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 1e+30f)
-                        && pmsm_sensorless_within(s->z[4], 1e+30f) && pmsm_sensorless_within(s->D[0], 1e+30f);
-                    const bool t3 = t2 && pmsm_sensorless_within(s->D[1], 1e+30f)
-                        && pmsm_sensorless_within(s->D[2], 1e+30f) && pmsm_sensorless_within(s->D[3], 1e+30f);
-                    lost = !(t3 && pmsm_sensorless_within(s->D[4], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 20.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.01f;
-                    s->D[3] = 0.01f;
-                    s->D[4] = 10000.0f;
-                    s->doubt_y_y_a = 0.0f;
-                    s->patience_y_y_a = 140.0f;
-                    s->doubt_y_y_b = 0.0f;
-                    s->patience_y_y_b = 140.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 280.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= PMSM_SENSORLESS_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    const float z5 = s->z[4];
-                    const bool t1 = pmsm_sensorless_abs(z1) > 60.0f || pmsm_sensorless_abs(z2) > 60.0f
-                        || pmsm_sensorless_abs(z3) > 0.6f;
-                    s->z[0] = pmsm_sensorless_limit(z1, 60.0f);
-                    s->z[1] = pmsm_sensorless_limit(z2, 60.0f);
-                    s->z[2] = pmsm_sensorless_limit(z3, 0.6f);
-                    s->z[3] = pmsm_sensorless_limit(z4, 0.6f);
-                    s->z[4] = pmsm_sensorless_clamp(z5, -560.0f, 1180.0f);
-                    if (t1 || pmsm_sensorless_abs(z4) > 0.6f || z5 < -560.0f || z5 > 1180.0f) {
-                        status |= PMSM_SENSORLESS_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    const float D5 = s->D[4];
-                    s->D[0] = pmsm_sensorless_clamp(D1, 1e-16f, 3600.0f);
-                    s->D[1] = pmsm_sensorless_clamp(D2, 1e-16f, 3600.0f);
-                    s->D[2] = pmsm_sensorless_clamp(D3, 1e-20f, 0.36f);
-                    s->D[3] = pmsm_sensorless_clamp(D4, 1e-20f, 0.36f);
-                    s->D[4] = pmsm_sensorless_clamp(D5, 1e-13f, 756900.0f);
-                }
+                status |= pmsm_sensorless_keep_in_box(s, p);
             }
             /* y_a is used */
             s->used_y_a = 1u;
@@ -760,14 +726,7 @@ unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorl
                     spoiled = !(t4 && patience_range >= 280.0f && patience_range <= 286720.0f);
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y_a = 0.0f;
-                    s->patience_y_y_a = 140.0f;
-                    s->doubt_y_y_b = 0.0f;
-                    s->patience_y_y_b = 140.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 280.0f;
-                    s->doubt_sum = 0.0f;
+                    pmsm_sensorless_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -853,22 +812,7 @@ unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorl
                     }
                     /* the estimate has restarted from the sample */
                     status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.01f;
-                    s->D[3] = 0.01f;
-                    s->D[4] = 10000.0f;
+                    pmsm_sensorless_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y_a - 140.0f + s->doubt_y_y_a
@@ -883,7 +827,8 @@ unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorl
     return status;
 }
 
-unsigned pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+/* part of a step: correct with y_b */
+static unsigned pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *out)
 {
     unsigned status = 0u;
@@ -972,123 +917,12 @@ unsigned pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorl
                     && pmsm_sensorless_within(s->L[0], 1e+09f);
                 const bool t3 = t2 && pmsm_sensorless_within(s->L[1], 1e+07f)
                     && pmsm_sensorless_within(s->L[2], 1e+07f) && pmsm_sensorless_within(s->L[3], 1.45e+10f);
-                const bool t4 = t3 && pmsm_sensorless_within(s->L[4], 1e+07f)
-                    && pmsm_sensorless_within(s->L[5], 1e+07f) && pmsm_sensorless_within(s->L[6], 1.45e+10f);
-                const bool t5 = t4 && pmsm_sensorless_within(s->L[7], 1e+09f)
-                    && pmsm_sensorless_within(s->L[8], 1.45e+12f)
-                        && pmsm_sensorless_within(s->L[9], 1.45e+12f);
                 const float D1 = s->D[0];
                 const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t6 = t5 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 1e-16f && D2 <= 3600.0f
-                    && D3 >= 1e-20f && D3 <= 0.36f;
-                const float D4 = s->D[3];
-                const float D5 = s->D[4];
-                beyond = !(t6 && D4 >= 1e-20f && D4 <= 0.36f && D5 >= 1e-13f && D5 <= 756900.0f);
+                beyond = !(t3 && D1 >= 1e-16f && D1 <= 3600.0f && D2 >= 1e-16f && D2 <= 3600.0f);
             }
             if (pmsm_sensorless_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = pmsm_sensorless_within(s->z[0], 1e+30f)
-                        && pmsm_sensorless_within(s->z[1], 1e+30f) && pmsm_sensorless_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && pmsm_sensorless_within(s->z[3], 1e+30f)
-                        && pmsm_sensorless_within(s->z[4], 1e+30f) && pmsm_sensorless_within(s->L[0], 1e+30f);
-                    const bool t3 = t2 && pmsm_sensorless_within(s->L[1], 1e+30f)
-                        && pmsm_sensorless_within(s->L[2], 1e+30f) && pmsm_sensorless_within(s->L[3], 1e+30f);
-                    const bool t4 = t3 && pmsm_sensorless_within(s->L[4], 1e+30f)
-                        && pmsm_sensorless_within(s->L[5], 1e+30f) && pmsm_sensorless_within(s->L[6], 1e+30f);
-                    const bool t5 = t4 && pmsm_sensorless_within(s->L[7], 1e+30f)
-                        && pmsm_sensorless_within(s->L[8], 1e+30f) && pmsm_sensorless_within(s->L[9], 1e+30f);
-                    const bool t6 = t5 && pmsm_sensorless_within(s->D[0], 1e+30f)
-                        && pmsm_sensorless_within(s->D[1], 1e+30f) && pmsm_sensorless_within(s->D[2], 1e+30f);
-                    lost = !(t6 && pmsm_sensorless_within(s->D[3], 1e+30f)
-                        && pmsm_sensorless_within(s->D[4], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 20.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.01f;
-                    s->D[3] = 0.01f;
-                    s->D[4] = 10000.0f;
-                    s->doubt_y_y_a = 0.0f;
-                    s->patience_y_y_a = 140.0f;
-                    s->doubt_y_y_b = 0.0f;
-                    s->patience_y_y_b = 140.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 280.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= PMSM_SENSORLESS_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    const float z5 = s->z[4];
-                    const bool t1 = pmsm_sensorless_abs(z1) > 60.0f || pmsm_sensorless_abs(z2) > 60.0f
-                        || pmsm_sensorless_abs(z3) > 0.6f;
-                    s->z[0] = pmsm_sensorless_limit(z1, 60.0f);
-                    s->z[1] = pmsm_sensorless_limit(z2, 60.0f);
-                    s->z[2] = pmsm_sensorless_limit(z3, 0.6f);
-                    s->z[3] = pmsm_sensorless_limit(z4, 0.6f);
-                    s->z[4] = pmsm_sensorless_clamp(z5, -560.0f, 1180.0f);
-                    if (t1 || pmsm_sensorless_abs(z4) > 0.6f || z5 < -560.0f || z5 > 1180.0f) {
-                        status |= PMSM_SENSORLESS_STATE_LIMITED;
-                    }
-                }
-                /* keep L in its box */
-                {
-                    const float L21 = s->L[0];
-                    const float L31 = s->L[1];
-                    const float L41 = s->L[2];
-                    const float L51 = s->L[3];
-                    const float L32 = s->L[4];
-                    const float L42 = s->L[5];
-                    const float L52 = s->L[6];
-                    const float L43 = s->L[7];
-                    const float L53 = s->L[8];
-                    const float L54 = s->L[9];
-                    s->L[0] = pmsm_sensorless_limit(L21, 1e+09f);
-                    s->L[1] = pmsm_sensorless_limit(L31, 1e+07f);
-                    s->L[2] = pmsm_sensorless_limit(L41, 1e+07f);
-                    s->L[3] = pmsm_sensorless_limit(L51, 1.45e+10f);
-                    s->L[4] = pmsm_sensorless_limit(L32, 1e+07f);
-                    s->L[5] = pmsm_sensorless_limit(L42, 1e+07f);
-                    s->L[6] = pmsm_sensorless_limit(L52, 1.45e+10f);
-                    s->L[7] = pmsm_sensorless_limit(L43, 1e+09f);
-                    s->L[8] = pmsm_sensorless_limit(L53, 1.45e+12f);
-                    s->L[9] = pmsm_sensorless_limit(L54, 1.45e+12f);
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    const float D5 = s->D[4];
-                    s->D[0] = pmsm_sensorless_clamp(D1, 1e-16f, 3600.0f);
-                    s->D[1] = pmsm_sensorless_clamp(D2, 1e-16f, 3600.0f);
-                    s->D[2] = pmsm_sensorless_clamp(D3, 1e-20f, 0.36f);
-                    s->D[3] = pmsm_sensorless_clamp(D4, 1e-20f, 0.36f);
-                    s->D[4] = pmsm_sensorless_clamp(D5, 1e-13f, 756900.0f);
-                }
+                status |= pmsm_sensorless_keep_in_box(s, p);
             }
             /* y_b is used */
             s->used_y_b = 1u;
@@ -1128,14 +962,7 @@ unsigned pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorl
                     spoiled = !(t4 && patience_range >= 280.0f && patience_range <= 286720.0f);
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y_a = 0.0f;
-                    s->patience_y_y_a = 140.0f;
-                    s->doubt_y_y_b = 0.0f;
-                    s->patience_y_y_b = 140.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 280.0f;
-                    s->doubt_sum = 0.0f;
+                    pmsm_sensorless_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -1221,22 +1048,7 @@ unsigned pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorl
                     }
                     /* the estimate has restarted from the sample */
                     status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->L[6] = 0.0f;
-                    s->L[7] = 0.0f;
-                    s->L[8] = 0.0f;
-                    s->L[9] = 0.0f;
-                    s->D[0] = 1.0f;
-                    s->D[1] = 1.0f;
-                    s->D[2] = 0.01f;
-                    s->D[3] = 0.01f;
-                    s->D[4] = 10000.0f;
+                    pmsm_sensorless_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y_a - 140.0f + s->doubt_y_y_a
@@ -1251,13 +1063,29 @@ unsigned pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorl
     return status;
 }
 
+unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    const pmsm_sensorless_output *out)
+{
+    unsigned status = pmsm_sensorless_ready(s);
+    status |= pmsm_sensorless_run_update_y_a(s, p, out);
+    return status;
+}
+
+unsigned pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    const pmsm_sensorless_output *out)
+{
+    unsigned status = pmsm_sensorless_ready(s);
+    status |= pmsm_sensorless_run_update_y_b(s, p, out);
+    return status;
+}
+
 unsigned pmsm_sensorless_step(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_input *in, const pmsm_sensorless_output *out)
 {
     unsigned status = 0u;
     status |= pmsm_sensorless_predict(s, p, in);
-    status |= pmsm_sensorless_update_y_a(s, p, out);
-    status |= pmsm_sensorless_update_y_b(s, p, out);
+    status |= pmsm_sensorless_run_update_y_a(s, p, out);
+    status |= pmsm_sensorless_run_update_y_b(s, p, out);
     return status;
 }
 
@@ -1311,40 +1139,22 @@ unsigned pmsm_sensorless_tune(pmsm_sensorless_params *p)
     return status;
 }
 
+PMSM_SENSORLESS_RARELY
 void pmsm_sensorless_reset(pmsm_sensorless_state *s)
 {
+    s->ready = PMSM_SENSORLESS_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
     s->z[3] = 0.0f;
     s->z[4] = 20.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->L[3] = 0.0f;
-    s->L[4] = 0.0f;
-    s->L[5] = 0.0f;
-    s->L[6] = 0.0f;
-    s->L[7] = 0.0f;
-    s->L[8] = 0.0f;
-    s->L[9] = 0.0f;
-    s->D[0] = 1.0f;
-    s->D[1] = 1.0f;
-    s->D[2] = 0.01f;
-    s->D[3] = 0.01f;
-    s->D[4] = 10000.0f;
-    s->doubt_y_y_a = 0.0f;
-    s->patience_y_y_a = 140.0f;
-    s->doubt_y_y_b = 0.0f;
-    s->patience_y_y_b = 140.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 280.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y_a = 1u;
     s->used_y_b = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
+    pmsm_sensorless_clear_doubt(s);
+    pmsm_sensorless_clear_rest(s);
 }
 
 void pmsm_sensorless_init(pmsm_sensorless_state *s, pmsm_sensorless_params *p)

@@ -46,9 +46,13 @@
  * Ranges are those of the model: to widen one, generate anew. Whether dt is short enough was judged with
  * gains and parameters at their nominal values, which proves nothing: others may ask for a shorter one. A
  * gain whose largest value is its nominal one can only go down. The state may be copied, saved and restored,
- * by the same version of this file. To start from an estimate of yours write s.z, in the coordinates that the
- * struct names, after init or reset and before the first call, which takes the estimate as it stands; what
- * else a step remembers of it starts there too.
+ * by the same version of this file. It begins with a mark, s.ready, that init and reset leave there. Memory
+ * without it (zeros, what a stack held, a page that was erased, a state of another program) is not used: the
+ * call that meets it begins as after a reset, and says UNINITIALISED. Only estimate, which has no status,
+ * does not ask: call it after a step. The mark is no checksum of the rest, and parameters have none: init
+ * makes them. To start from an estimate of yours write s.z, in the coordinates that the struct names, after
+ * init or reset and before the first call, which takes the estimate as it stands; what else a step remembers
+ * of it starts there too.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
@@ -118,6 +122,11 @@
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
 #define PMSM_SENSORLESS_COVARIANCE_LIMITED    0x4000u
 
+/** the memory of the state was none that init or reset had made, or one of another program: it was not used,
+ * the state began as before the first call. To do: call init once before all else; of a state that was
+ * restored, check what was saved. */
+#define PMSM_SENSORLESS_UNINITIALISED         0x8000u
+
 /** @} */
 
 /** the period that is compiled in, in seconds */
@@ -128,6 +137,9 @@
 
 /** the model that a restored state is of */
 #define PMSM_SENSORLESS_MODEL   "f32ec139477915f4"
+
+/** what init and reset leave in `ready` of a state */
+#define PMSM_SENSORLESS_READY   0xED4Au
 
 /**
  * @file
@@ -197,6 +209,7 @@ typedef struct {
 /** what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
  * restored from beyond them is limited, or begins anew, where a call next computes with it */
 typedef struct {
+    unsigned ready;       /**< what init and reset leave here; a state without it begins anew */
     float z[5];           /**< estimate in the form's coordinates: i_a, i_b, f_a, f_b, w */
     /** unit lower factor of P, strict lower triangle by columns: L21, L31, L41, L51, L32, L42, L52, L43, L53,
      * L54 */

@@ -13,6 +13,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define QUADRUPLE_TANK_RARELY __attribute__((noinline))
+#else
+#define QUADRUPLE_TANK_RARELY
+#endif
+
 static float quadruple_tank_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -154,13 +161,127 @@ static void quadruple_tank_jacobian(float z1, float z2, float z3, float z4, floa
     F[5] = -t2; /* F_44 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned quadruple_tank_ready(quadruple_tank_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != QUADRUPLE_TANK_READY) {
+        quadruple_tank_reset(s);
+        status = QUADRUPLE_TANK_UNINITIALISED;
+    }
+    return status;
+}
+
+QUADRUPLE_TANK_RARELY
+
+static void quadruple_tank_clear_doubt(quadruple_tank_state *s)
+{
+    /* as after a reset */
+    s->doubt_y_y1 = 0.0f;
+    s->patience_y_y1 = 115.0f;
+    s->doubt_y_y2 = 0.0f;
+    s->patience_y_y2 = 115.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 229.0f;
+    s->doubt_sum = 0.0f;
+}
+
+QUADRUPLE_TANK_RARELY
+
+static void quadruple_tank_clear_rest(quadruple_tank_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->L[3] = 0.0f;
+    s->L[4] = 0.0f;
+    s->L[5] = 0.0f;
+    s->D[0] = 90.0f;
+    s->D[1] = 90.0f;
+    s->D[2] = 100.0f;
+    s->D[3] = 100.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadruple_tank_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = quadruple_tank_within(s->z[0], 1e+30f) && quadruple_tank_within(s->z[1], 1e+30f)
+            && quadruple_tank_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && quadruple_tank_within(s->z[3], 1e+30f)
+            && quadruple_tank_within(s->L[0], 1e+30f) && quadruple_tank_within(s->L[1], 1e+30f);
+        const bool t3 = t2 && quadruple_tank_within(s->L[2], 1e+30f)
+            && quadruple_tank_within(s->L[3], 1e+30f) && quadruple_tank_within(s->L[4], 1e+30f);
+        const bool t4 = t3 && quadruple_tank_within(s->L[5], 1e+30f)
+            && quadruple_tank_within(s->D[0], 1e+30f) && quadruple_tank_within(s->D[1], 1e+30f);
+        lost = !(t4 && quadruple_tank_within(s->D[2], 1e+30f) && quadruple_tank_within(s->D[3], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 1.0f;
+        s->z[1] = 1.0f;
+        s->z[2] = 0.5f;
+        s->z[3] = 0.5f;
+        status |= QUADRUPLE_TANK_RESTARTED;
+        quadruple_tank_clear_doubt(s);
+        quadruple_tank_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        s->z[0] = quadruple_tank_clamp(z1, -18.0f, 39.0f);
+        s->z[1] = quadruple_tank_clamp(z2, -18.0f, 39.0f);
+        s->z[2] = quadruple_tank_clamp(z3, -19.0f, 39.5f);
+        s->z[3] = quadruple_tank_clamp(z4, -19.0f, 39.5f);
+        if (z1 < -18.0f || z1 > 39.0f || z2 < -18.0f || z2 > 39.0f || z3 < -19.0f || z3 > 39.5f
+            || z4 < -19.0f || z4 > 39.5f) {
+            status |= QUADRUPLE_TANK_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L41 = s->L[2];
+        const float L32 = s->L[3];
+        const float L42 = s->L[4];
+        const float L43 = s->L[5];
+        s->L[0] = quadruple_tank_limit(L21, 1e+09f);
+        s->L[1] = quadruple_tank_limit(L31, 1.0263158e+09f);
+        s->L[2] = quadruple_tank_limit(L41, 1.0263158e+09f);
+        s->L[3] = quadruple_tank_limit(L32, 1.0263158e+09f);
+        s->L[4] = quadruple_tank_limit(L42, 1.0263158e+09f);
+        s->L[5] = quadruple_tank_limit(L43, 1e+09f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        const float D4 = s->D[3];
+        s->D[0] = quadruple_tank_clamp(D1, 4e-16f, 812.25f);
+        s->D[1] = quadruple_tank_clamp(D2, 6e-15f, 812.25f);
+        s->D[2] = quadruple_tank_clamp(D3, 6e-15f, 855.5625f);
+        s->D[3] = quadruple_tank_clamp(D4, 6e-15f, 855.5625f);
+    }
+    return status;
+}
+
 unsigned quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = quadruple_tank_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u[2];
     /* guard the input */
@@ -383,85 +504,7 @@ unsigned quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_pa
             beyond = !(t5 && D4 >= 6e-15f && D4 <= 855.5625f);
         }
         if (quadruple_tank_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = quadruple_tank_within(s->z[0], 1e+30f)
-                    && quadruple_tank_within(s->z[1], 1e+30f) && quadruple_tank_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && quadruple_tank_within(s->z[3], 1e+30f)
-                    && quadruple_tank_within(s->L[0], 1e+30f) && quadruple_tank_within(s->L[1], 1e+30f);
-                const bool t3 = t2 && quadruple_tank_within(s->L[2], 1e+30f)
-                    && quadruple_tank_within(s->L[3], 1e+30f) && quadruple_tank_within(s->L[4], 1e+30f);
-                const bool t4 = t3 && quadruple_tank_within(s->L[5], 1e+30f)
-                    && quadruple_tank_within(s->D[0], 1e+30f) && quadruple_tank_within(s->D[1], 1e+30f);
-                lost = !(t4 && quadruple_tank_within(s->D[2], 1e+30f)
-                    && quadruple_tank_within(s->D[3], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 1.0f;
-                s->z[1] = 1.0f;
-                s->z[2] = 0.5f;
-                s->z[3] = 0.5f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->L[3] = 0.0f;
-                s->L[4] = 0.0f;
-                s->L[5] = 0.0f;
-                s->D[0] = 90.0f;
-                s->D[1] = 90.0f;
-                s->D[2] = 100.0f;
-                s->D[3] = 100.0f;
-                s->doubt_y_y1 = 0.0f;
-                s->patience_y_y1 = 115.0f;
-                s->doubt_y_y2 = 0.0f;
-                s->patience_y_y2 = 115.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 229.0f;
-                s->doubt_sum = 0.0f;
-                status |= QUADRUPLE_TANK_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const float z4 = s->z[3];
-                s->z[0] = quadruple_tank_clamp(z1, -18.0f, 39.0f);
-                s->z[1] = quadruple_tank_clamp(z2, -18.0f, 39.0f);
-                s->z[2] = quadruple_tank_clamp(z3, -19.0f, 39.5f);
-                s->z[3] = quadruple_tank_clamp(z4, -19.0f, 39.5f);
-                if (z1 < -18.0f || z1 > 39.0f || z2 < -18.0f || z2 > 39.0f || z3 < -19.0f || z3 > 39.5f
-                    || z4 < -19.0f || z4 > 39.5f) {
-                    status |= QUADRUPLE_TANK_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L41 = s->L[2];
-                const float L32 = s->L[3];
-                const float L42 = s->L[4];
-                const float L43 = s->L[5];
-                s->L[0] = quadruple_tank_limit(L21, 1e+09f);
-                s->L[1] = quadruple_tank_limit(L31, 1.0263158e+09f);
-                s->L[2] = quadruple_tank_limit(L41, 1.0263158e+09f);
-                s->L[3] = quadruple_tank_limit(L32, 1.0263158e+09f);
-                s->L[4] = quadruple_tank_limit(L42, 1.0263158e+09f);
-                s->L[5] = quadruple_tank_limit(L43, 1e+09f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const float D4 = s->D[3];
-                s->D[0] = quadruple_tank_clamp(D1, 4e-16f, 812.25f);
-                s->D[1] = quadruple_tank_clamp(D2, 6e-15f, 812.25f);
-                s->D[2] = quadruple_tank_clamp(D3, 6e-15f, 855.5625f);
-                s->D[3] = quadruple_tank_clamp(D4, 6e-15f, 855.5625f);
-            }
+            status |= quadruple_tank_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -473,7 +516,8 @@ unsigned quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_pa
     return status;
 }
 
-unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
+/* part of a step: correct with y1 */
+static unsigned quadruple_tank_run_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *out)
 {
     unsigned status = 0u;
@@ -524,16 +568,15 @@ unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_
                 const float z3 = s->z[2];
                 const float z4 = s->z[3];
                 const float R1 = p->gain.R[0];
-                const float t1 = R1 + D1;
-                const float K1 = D1/t1;
-                const float K2 = L21*D1/t1;
-                const float K3 = L31*D1/t1;
-                const float K4 = L41*D1/t1;
+                const float K1 = D1/(R1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
+                const float K4 = L41*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
                 s->z[3] = z4 + K4*e;
-                s->D[0] = D1*R1/t1;
+                s->D[0] = K1*R1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -544,74 +587,10 @@ unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_
                 const bool t1 = z1 >= -18.0f && z1 <= 39.0f && z2 >= -18.0f && z2 <= 39.0f && z3 >= -19.0f
                     && z3 <= 39.5f && z4 >= -19.0f && z4 <= 39.5f;
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t2 = t1 && D1 >= 4e-16f && D1 <= 812.25f && D2 >= 6e-15f && D2 <= 812.25f
-                    && D3 >= 6e-15f && D3 <= 855.5625f;
-                const float D4 = s->D[3];
-                beyond = !(t2 && D4 >= 6e-15f && D4 <= 855.5625f);
+                beyond = !(t1 && D1 >= 4e-16f && D1 <= 812.25f);
             }
             if (quadruple_tank_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = quadruple_tank_within(s->z[0], 1e+30f)
-                        && quadruple_tank_within(s->z[1], 1e+30f) && quadruple_tank_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && quadruple_tank_within(s->z[3], 1e+30f)
-                        && quadruple_tank_within(s->D[0], 1e+30f) && quadruple_tank_within(s->D[1], 1e+30f);
-                    lost = !(t2 && quadruple_tank_within(s->D[2], 1e+30f)
-                        && quadruple_tank_within(s->D[3], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 1.0f;
-                    s->z[1] = 1.0f;
-                    s->z[2] = 0.5f;
-                    s->z[3] = 0.5f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 90.0f;
-                    s->D[1] = 90.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 100.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 115.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 115.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 229.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= QUADRUPLE_TANK_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    s->z[0] = quadruple_tank_clamp(z1, -18.0f, 39.0f);
-                    s->z[1] = quadruple_tank_clamp(z2, -18.0f, 39.0f);
-                    s->z[2] = quadruple_tank_clamp(z3, -19.0f, 39.5f);
-                    s->z[3] = quadruple_tank_clamp(z4, -19.0f, 39.5f);
-                    if (z1 < -18.0f || z1 > 39.0f || z2 < -18.0f || z2 > 39.0f || z3 < -19.0f || z3 > 39.5f
-                        || z4 < -19.0f || z4 > 39.5f) {
-                        status |= QUADRUPLE_TANK_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    s->D[0] = quadruple_tank_clamp(D1, 4e-16f, 812.25f);
-                    s->D[1] = quadruple_tank_clamp(D2, 6e-15f, 812.25f);
-                    s->D[2] = quadruple_tank_clamp(D3, 6e-15f, 855.5625f);
-                    s->D[3] = quadruple_tank_clamp(D4, 6e-15f, 855.5625f);
-                }
+                status |= quadruple_tank_keep_in_box(s, p);
             }
             /* y1 is used */
             s->used_y1 = 1u;
@@ -650,14 +629,7 @@ unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_
                     spoiled = !(t4 && patience_range >= 229.0f && patience_range <= 234496.0f);
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 115.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 115.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 229.0f;
-                    s->doubt_sum = 0.0f;
+                    quadruple_tank_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -742,17 +714,7 @@ unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_
                     }
                     /* the estimate has restarted from the sample */
                     status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 90.0f;
-                    s->D[1] = 90.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 100.0f;
+                    quadruple_tank_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y1 - 115.0f + s->doubt_y_y1
@@ -767,7 +729,8 @@ unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_
     return status;
 }
 
-unsigned quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
+/* part of a step: correct with y2 */
+static unsigned quadruple_tank_run_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *out)
 {
     unsigned status = 0u;
@@ -850,98 +813,14 @@ unsigned quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_
                     && z3 <= 39.5f && z4 >= -19.0f && z4 <= 39.5f;
                 const bool t2 = t1 && quadruple_tank_within(s->L[0], 1e+09f)
                     && quadruple_tank_within(s->L[1], 1.0263158e+09f);
-                const bool t3 = t2 && quadruple_tank_within(s->L[2], 1.0263158e+09f)
-                    && quadruple_tank_within(s->L[3], 1.0263158e+09f);
-                const bool t4 = t3 && quadruple_tank_within(s->L[4], 1.0263158e+09f)
-                    && quadruple_tank_within(s->L[5], 1e+09f);
                 const float D1 = s->D[0];
                 const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t5 = t4 && D1 >= 4e-16f && D1 <= 812.25f && D2 >= 6e-15f && D2 <= 812.25f
-                    && D3 >= 6e-15f && D3 <= 855.5625f;
-                const float D4 = s->D[3];
-                beyond = !(t5 && D4 >= 6e-15f && D4 <= 855.5625f);
+                const bool t3 = t2 && quadruple_tank_within(s->L[2], 1.0263158e+09f) && D1 >= 4e-16f
+                    && D1 <= 812.25f && D2 >= 6e-15f && D2 <= 812.25f;
+                beyond = !t3;
             }
             if (quadruple_tank_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = quadruple_tank_within(s->z[0], 1e+30f)
-                        && quadruple_tank_within(s->z[1], 1e+30f) && quadruple_tank_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && quadruple_tank_within(s->z[3], 1e+30f)
-                        && quadruple_tank_within(s->L[0], 1e+30f) && quadruple_tank_within(s->L[1], 1e+30f);
-                    const bool t3 = t2 && quadruple_tank_within(s->L[2], 1e+30f)
-                        && quadruple_tank_within(s->L[3], 1e+30f) && quadruple_tank_within(s->L[4], 1e+30f);
-                    const bool t4 = t3 && quadruple_tank_within(s->L[5], 1e+30f)
-                        && quadruple_tank_within(s->D[0], 1e+30f) && quadruple_tank_within(s->D[1], 1e+30f);
-                    lost = !(t4 && quadruple_tank_within(s->D[2], 1e+30f)
-                        && quadruple_tank_within(s->D[3], 1e+30f));
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 1.0f;
-                    s->z[1] = 1.0f;
-                    s->z[2] = 0.5f;
-                    s->z[3] = 0.5f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 90.0f;
-                    s->D[1] = 90.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 100.0f;
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 115.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 115.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 229.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= QUADRUPLE_TANK_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    s->z[0] = quadruple_tank_clamp(z1, -18.0f, 39.0f);
-                    s->z[1] = quadruple_tank_clamp(z2, -18.0f, 39.0f);
-                    s->z[2] = quadruple_tank_clamp(z3, -19.0f, 39.5f);
-                    s->z[3] = quadruple_tank_clamp(z4, -19.0f, 39.5f);
-                    if (z1 < -18.0f || z1 > 39.0f || z2 < -18.0f || z2 > 39.0f || z3 < -19.0f || z3 > 39.5f
-                        || z4 < -19.0f || z4 > 39.5f) {
-                        status |= QUADRUPLE_TANK_STATE_LIMITED;
-                    }
-                }
-                /* keep L in its box */
-                {
-                    const float L21 = s->L[0];
-                    const float L31 = s->L[1];
-                    const float L41 = s->L[2];
-                    const float L32 = s->L[3];
-                    const float L42 = s->L[4];
-                    const float L43 = s->L[5];
-                    s->L[0] = quadruple_tank_limit(L21, 1e+09f);
-                    s->L[1] = quadruple_tank_limit(L31, 1.0263158e+09f);
-                    s->L[2] = quadruple_tank_limit(L41, 1.0263158e+09f);
-                    s->L[3] = quadruple_tank_limit(L32, 1.0263158e+09f);
-                    s->L[4] = quadruple_tank_limit(L42, 1.0263158e+09f);
-                    s->L[5] = quadruple_tank_limit(L43, 1e+09f);
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    const float D4 = s->D[3];
-                    s->D[0] = quadruple_tank_clamp(D1, 4e-16f, 812.25f);
-                    s->D[1] = quadruple_tank_clamp(D2, 6e-15f, 812.25f);
-                    s->D[2] = quadruple_tank_clamp(D3, 6e-15f, 855.5625f);
-                    s->D[3] = quadruple_tank_clamp(D4, 6e-15f, 855.5625f);
-                }
+                status |= quadruple_tank_keep_in_box(s, p);
             }
             /* y2 is used */
             s->used_y2 = 1u;
@@ -983,14 +862,7 @@ unsigned quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_
                     spoiled = !(t4 && patience_range >= 229.0f && patience_range <= 234496.0f);
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y_y1 = 0.0f;
-                    s->patience_y_y1 = 115.0f;
-                    s->doubt_y_y2 = 0.0f;
-                    s->patience_y_y2 = 115.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 229.0f;
-                    s->doubt_sum = 0.0f;
+                    quadruple_tank_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -1075,17 +947,7 @@ unsigned quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_
                     }
                     /* the estimate has restarted from the sample */
                     status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->L[3] = 0.0f;
-                    s->L[4] = 0.0f;
-                    s->L[5] = 0.0f;
-                    s->D[0] = 90.0f;
-                    s->D[1] = 90.0f;
-                    s->D[2] = 100.0f;
-                    s->D[3] = 100.0f;
+                    quadruple_tank_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y_y1 - 115.0f + s->doubt_y_y1
@@ -1100,13 +962,29 @@ unsigned quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_
     return status;
 }
 
+unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
+    const quadruple_tank_output *out)
+{
+    unsigned status = quadruple_tank_ready(s);
+    status |= quadruple_tank_run_update_y1(s, p, out);
+    return status;
+}
+
+unsigned quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
+    const quadruple_tank_output *out)
+{
+    unsigned status = quadruple_tank_ready(s);
+    status |= quadruple_tank_run_update_y2(s, p, out);
+    return status;
+}
+
 unsigned quadruple_tank_step(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_input *in, const quadruple_tank_output *out)
 {
     unsigned status = 0u;
     status |= quadruple_tank_predict(s, p, in);
-    status |= quadruple_tank_update_y1(s, p, out);
-    status |= quadruple_tank_update_y2(s, p, out);
+    status |= quadruple_tank_run_update_y1(s, p, out);
+    status |= quadruple_tank_run_update_y2(s, p, out);
     return status;
 }
 
@@ -1157,34 +1035,21 @@ unsigned quadruple_tank_tune(quadruple_tank_params *p)
     return status;
 }
 
+QUADRUPLE_TANK_RARELY
 void quadruple_tank_reset(quadruple_tank_state *s)
 {
+    s->ready = QUADRUPLE_TANK_READY;
     s->z[0] = 1.0f;
     s->z[1] = 1.0f;
     s->z[2] = 0.5f;
     s->z[3] = 0.5f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->L[3] = 0.0f;
-    s->L[4] = 0.0f;
-    s->L[5] = 0.0f;
-    s->D[0] = 90.0f;
-    s->D[1] = 90.0f;
-    s->D[2] = 100.0f;
-    s->D[3] = 100.0f;
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 115.0f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 115.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 229.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y1 = 1u;
     s->used_y2 = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
+    quadruple_tank_clear_doubt(s);
+    quadruple_tank_clear_rest(s);
 }
 
 void quadruple_tank_init(quadruple_tank_state *s, quadruple_tank_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define ROESSLER_RARELY __attribute__((noinline))
+#else
+#define ROESSLER_RARELY
+#endif
+
 static float roessler_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -83,9 +90,33 @@ static void roessler_rate(const roessler_params *p, float z1, float z2, float z3
     dz[2] = (roessler_limit(z2, 12.0f) - 5.7f)*roessler_clamp(z3, -25.0f, 0.0f) - 0.2f + p->derived.K[2]*t1;
 }
 
-unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessler_output *out)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned roessler_ready(roessler_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != ROESSLER_READY) {
+        roessler_reset(s);
+        status = ROESSLER_UNINITIALISED;
+    }
+    return status;
+}
+
+ROESSLER_RARELY
+
+static void roessler_clear_doubt(roessler_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 3130.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 3130.0f;
+    s->doubt_sum = 0.0f;
+}
+
+unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessler_output *out)
+{
+    unsigned status = roessler_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -99,6 +130,9 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[3];
+    float z_from[3];
+    float z_sum[3];
     /* guard the measurements */
     {
         const float measurement = out->y;
@@ -124,25 +158,66 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
-            const float y_mid = y_last + 0.5f*(y - y_last);
             float k1_z[3];
             roessler_rate(p, z1, z2, z3, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_from[2] = z3;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_sum[2] = k1_z[2];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+            z_at[2] = z3 + 0.0005f*k1_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k2_z[3];
-            roessler_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], z3 + 0.0005f*k1_z[2], y_mid, valid,
-                k2_z);
+            roessler_rate(p, z_at1, z_at2, z_at3, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k2_z[2];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+            z_at[2] = z_from[2] + 0.0005f*k2_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_at3 = z_at[2];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float z_sum3 = z_sum[2];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[3];
-            roessler_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], z3 + 0.0005f*k2_z[2], y_mid, valid,
-                k3_z);
+            roessler_rate(p, z_at1, z_at2, z_at3, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_sum[2] = z_sum3 + 2.0f*k3_z[2];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+            z_at[2] = z_from[2] + 0.001f*k3_z[2];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[3];
-            roessler_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], z3 + 0.001f*k3_z[2], y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
-            s->z[2] = z3 + 0.00016666666f*(k1_z[2] + 2.0f*k2_z[2] + 2.0f*k3_z[2] + k4_z[2]);
+            roessler_rate(p, z_at[0], z_at[1], z_at[2], y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
+            s->z[2] = z_from[2] + 0.00016666666f*(z_sum[2] + k4_z[2]);
         }
         /* is a value beyond its box, or lost? */
         {
@@ -163,12 +238,8 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
                 s->z[2] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 3130.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 3130.0f;
-                s->doubt_sum = 0.0f;
                 status |= ROESSLER_RESTARTED;
+                roessler_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -220,12 +291,7 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 3130.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 3130.0f;
-                s->doubt_sum = 0.0f;
+                roessler_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -345,19 +411,17 @@ unsigned roessler_tune(roessler_params *p)
     return status;
 }
 
+ROESSLER_RARELY
 void roessler_reset(roessler_state *s)
 {
+    s->ready = ROESSLER_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 3130.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 3130.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    roessler_clear_doubt(s);
 }
 
 void roessler_init(roessler_state *s, roessler_params *p)

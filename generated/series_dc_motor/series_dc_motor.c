@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define SERIES_DC_MOTOR_RARELY __attribute__((noinline))
+#else
+#define SERIES_DC_MOTOR_RARELY
+#endif
+
 static float series_dc_motor_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -89,13 +96,107 @@ static void series_dc_motor_jacobian(float z1, float z2, float F[3])
     F[2] = 0.03f*t1; /* F_12 */
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned series_dc_motor_ready(series_dc_motor_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != SERIES_DC_MOTOR_READY) {
+        series_dc_motor_reset(s);
+        status = SERIES_DC_MOTOR_UNINITIALISED;
+    }
+    return status;
+}
+
+SERIES_DC_MOTOR_RARELY
+
+static void series_dc_motor_clear_doubt(series_dc_motor_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 603.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 603.0f;
+    s->doubt_sum = 0.0f;
+}
+
+SERIES_DC_MOTOR_RARELY
+
+static void series_dc_motor_clear_rest(series_dc_motor_state *s)
+{
+    /* as after a reset */
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 600.0f;
+    s->D[1] = 20000.0f;
+    s->D[2] = 2000.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned series_dc_motor_keep_in_box(series_dc_motor_state *s, const series_dc_motor_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = series_dc_motor_within(s->z[0], 1e+30f) && series_dc_motor_within(s->z[1], 1e+30f)
+            && series_dc_motor_within(s->z[2], 1e+30f);
+        const bool t2 = t1 && series_dc_motor_within(s->L[0], 1e+30f)
+            && series_dc_motor_within(s->L[1], 1e+30f) && series_dc_motor_within(s->L[2], 1e+30f);
+        const bool t3 = t2 && series_dc_motor_within(s->D[0], 1e+30f)
+            && series_dc_motor_within(s->D[1], 1e+30f) && series_dc_motor_within(s->D[2], 1e+30f);
+        lost = !t3;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 1.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= SERIES_DC_MOTOR_RESTARTED;
+        series_dc_motor_clear_doubt(s);
+        series_dc_motor_clear_rest(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = series_dc_motor_clamp(z1, -48.0f, 99.0f);
+        s->z[1] = series_dc_motor_clamp(z2, -600.0f, 300.0f);
+        s->z[2] = series_dc_motor_limit(z3, 150.0f);
+        if (z1 < -48.0f || z1 > 99.0f || z2 < -600.0f || z2 > 300.0f || series_dc_motor_abs(z3) > 150.0f) {
+            status |= SERIES_DC_MOTOR_STATE_LIMITED;
+        }
+    }
+    /* keep L in its box */
+    {
+        const float L21 = s->L[0];
+        const float L31 = s->L[1];
+        const float L32 = s->L[2];
+        s->L[0] = series_dc_motor_limit(L21, 6.122449e+09f);
+        s->L[1] = series_dc_motor_limit(L31, 2.0408164e+09f);
+        s->L[2] = series_dc_motor_limit(L32, 3.3333334e+08f);
+    }
+    /* keep D in its box */
+    {
+        const float D1 = s->D[0];
+        const float D2 = s->D[1];
+        const float D3 = s->D[2];
+        s->D[0] = series_dc_motor_clamp(D1, 1e-18f, 5402.25f);
+        s->D[1] = series_dc_motor_clamp(D2, 9e-14f, 202500.0f);
+        s->D[2] = series_dc_motor_clamp(D3, 1e-14f, 22500.0f);
+    }
+    return status;
+}
+
 unsigned series_dc_motor_predict(series_dc_motor_state *s, const series_dc_motor_params *p,
     const series_dc_motor_input *in)
 {
-    unsigned status = 0u;
+    unsigned status = series_dc_motor_ready(s);
     bool beyond = false;
     bool capped = false;
-    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -234,65 +335,7 @@ unsigned series_dc_motor_predict(series_dc_motor_state *s, const series_dc_motor
             beyond = !(t3 && D3 >= 1e-14f && D3 <= 22500.0f);
         }
         if (series_dc_motor_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = series_dc_motor_within(s->z[0], 1e+30f)
-                    && series_dc_motor_within(s->z[1], 1e+30f) && series_dc_motor_within(s->z[2], 1e+30f);
-                const bool t2 = t1 && series_dc_motor_within(s->L[0], 1e+30f)
-                    && series_dc_motor_within(s->L[1], 1e+30f) && series_dc_motor_within(s->L[2], 1e+30f);
-                const bool t3 = t2 && series_dc_motor_within(s->D[0], 1e+30f)
-                    && series_dc_motor_within(s->D[1], 1e+30f) && series_dc_motor_within(s->D[2], 1e+30f);
-                lost = !t3;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 1.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 600.0f;
-                s->D[1] = 20000.0f;
-                s->D[2] = 2000.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 603.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 603.0f;
-                s->doubt_sum = 0.0f;
-                status |= SERIES_DC_MOTOR_RESTARTED;
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = series_dc_motor_clamp(z1, -48.0f, 99.0f);
-                s->z[1] = series_dc_motor_clamp(z2, -600.0f, 300.0f);
-                s->z[2] = series_dc_motor_limit(z3, 150.0f);
-                if (z1 < -48.0f || z1 > 99.0f || z2 < -600.0f || z2 > 300.0f
-                    || series_dc_motor_abs(z3) > 150.0f) {
-                    status |= SERIES_DC_MOTOR_STATE_LIMITED;
-                }
-            }
-            /* keep L in its box */
-            {
-                const float L21 = s->L[0];
-                const float L31 = s->L[1];
-                const float L32 = s->L[2];
-                s->L[0] = series_dc_motor_limit(L21, 6.122449e+09f);
-                s->L[1] = series_dc_motor_limit(L31, 2.0408164e+09f);
-                s->L[2] = series_dc_motor_limit(L32, 3.3333334e+08f);
-            }
-            /* keep D in its box */
-            {
-                const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                s->D[0] = series_dc_motor_clamp(D1, 1e-18f, 5402.25f);
-                s->D[1] = series_dc_motor_clamp(D2, 9e-14f, 202500.0f);
-                s->D[2] = series_dc_motor_clamp(D3, 1e-14f, 22500.0f);
-            }
+            status |= series_dc_motor_keep_in_box(s, p);
         }
     }
     /* samples may come */
@@ -302,7 +345,8 @@ unsigned series_dc_motor_predict(series_dc_motor_state *s, const series_dc_motor
     return status;
 }
 
-unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_motor_params *p,
+/* part of a step: correct with y */
+static unsigned series_dc_motor_run_update_y(series_dc_motor_state *s, const series_dc_motor_params *p,
     const series_dc_motor_output *out)
 {
     unsigned status = 0u;
@@ -351,14 +395,13 @@ unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_moto
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
                 const float t1 = p->gain.R/0.001f;
-                const float t2 = t1 + D1;
-                const float K1 = D1/t2;
-                const float K2 = L21*D1/t2;
-                const float K3 = L31*D1/t2;
+                const float K1 = D1/(t1 + D1);
+                const float K2 = L21*K1;
+                const float K3 = L31*K1;
                 s->z[0] = z1 + K1*e;
                 s->z[1] = z2 + K2*e;
                 s->z[2] = z3 + K3*e;
-                s->D[0] = D1*t1/t2;
+                s->D[0] = K1*t1;
             }
             /* is a value beyond its box, or lost? */
             {
@@ -367,61 +410,10 @@ unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_moto
                 const bool t1 = z1 >= -48.0f && z1 <= 99.0f && z2 >= -600.0f && z2 <= 300.0f
                     && series_dc_motor_within(s->z[2], 150.0f);
                 const float D1 = s->D[0];
-                const float D2 = s->D[1];
-                const float D3 = s->D[2];
-                const bool t2 = t1 && D1 >= 1e-18f && D1 <= 5402.25f && D2 >= 9e-14f && D2 <= 202500.0f
-                    && D3 >= 1e-14f && D3 <= 22500.0f;
-                beyond = !t2;
+                beyond = !(t1 && D1 >= 1e-18f && D1 <= 5402.25f);
             }
             if (series_dc_motor_acts(beyond)) {
-                /* is a value lost? */
-                {
-                    const bool t1 = series_dc_motor_within(s->z[0], 1e+30f)
-                        && series_dc_motor_within(s->z[1], 1e+30f) && series_dc_motor_within(s->z[2], 1e+30f);
-                    const bool t2 = t1 && series_dc_motor_within(s->D[0], 1e+30f)
-                        && series_dc_motor_within(s->D[1], 1e+30f) && series_dc_motor_within(s->D[2], 1e+30f);
-                    lost = !t2;
-                }
-                if (lost) {
-                    /* a value is lost: all restart */
-                    s->z[0] = 1.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 600.0f;
-                    s->D[1] = 20000.0f;
-                    s->D[2] = 2000.0f;
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 603.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 603.0f;
-                    s->doubt_sum = 0.0f;
-                    status |= SERIES_DC_MOTOR_RESTARTED;
-                }
-                /* keep z in its box */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = series_dc_motor_clamp(z1, -48.0f, 99.0f);
-                    s->z[1] = series_dc_motor_clamp(z2, -600.0f, 300.0f);
-                    s->z[2] = series_dc_motor_limit(z3, 150.0f);
-                    if (z1 < -48.0f || z1 > 99.0f || z2 < -600.0f || z2 > 300.0f
-                        || series_dc_motor_abs(z3) > 150.0f) {
-                        status |= SERIES_DC_MOTOR_STATE_LIMITED;
-                    }
-                }
-                /* keep D in its box */
-                {
-                    const float D1 = s->D[0];
-                    const float D2 = s->D[1];
-                    const float D3 = s->D[2];
-                    s->D[0] = series_dc_motor_clamp(D1, 1e-18f, 5402.25f);
-                    s->D[1] = series_dc_motor_clamp(D2, 9e-14f, 202500.0f);
-                    s->D[2] = series_dc_motor_clamp(D3, 1e-14f, 22500.0f);
-                }
+                status |= series_dc_motor_keep_in_box(s, p);
             }
             /* y is used */
             s->used_y = 1u;
@@ -457,12 +449,7 @@ unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_moto
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    /* as after a reset */
-                    s->doubt_y = 0.0f;
-                    s->patience_y = 603.0f;
-                    s->doubt_range = 0.0f;
-                    s->patience_range = 603.0f;
-                    s->doubt_sum = 0.0f;
+                    series_dc_motor_clear_doubt(s);
                 }
                 /* which signs show? */
                 {
@@ -542,13 +529,7 @@ unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_moto
                     }
                     /* the estimate has restarted from the sample */
                     status |= SERIES_DC_MOTOR_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L[0] = 0.0f;
-                    s->L[1] = 0.0f;
-                    s->L[2] = 0.0f;
-                    s->D[0] = 600.0f;
-                    s->D[1] = 20000.0f;
-                    s->D[2] = 2000.0f;
+                    series_dc_motor_clear_rest(s);
                 }
                 /* remember what doubt and patience add up to */
                 s->doubt_sum = s->patience_y - 603.0f + s->doubt_y
@@ -562,12 +543,20 @@ unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_moto
     return status;
 }
 
+unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_motor_params *p,
+    const series_dc_motor_output *out)
+{
+    unsigned status = series_dc_motor_ready(s);
+    status |= series_dc_motor_run_update_y(s, p, out);
+    return status;
+}
+
 unsigned series_dc_motor_step(series_dc_motor_state *s, const series_dc_motor_params *p,
     const series_dc_motor_input *in, const series_dc_motor_output *out)
 {
     unsigned status = 0u;
     status |= series_dc_motor_predict(s, p, in);
-    status |= series_dc_motor_update_y(s, p, out);
+    status |= series_dc_motor_run_update_y(s, p, out);
     return status;
 }
 
@@ -603,25 +592,18 @@ unsigned series_dc_motor_tune(series_dc_motor_params *p)
     return status;
 }
 
+SERIES_DC_MOTOR_RARELY
 void series_dc_motor_reset(series_dc_motor_state *s)
 {
+    s->ready = SERIES_DC_MOTOR_READY;
     s->z[0] = 1.0f;
     s->z[1] = 0.0f;
     s->z[2] = 0.0f;
-    s->L[0] = 0.0f;
-    s->L[1] = 0.0f;
-    s->L[2] = 0.0f;
-    s->D[0] = 600.0f;
-    s->D[1] = 20000.0f;
-    s->D[2] = 2000.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 603.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 603.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
+    series_dc_motor_clear_doubt(s);
+    series_dc_motor_clear_rest(s);
 }
 
 void series_dc_motor_init(series_dc_motor_state *s, series_dc_motor_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define STRIBECK_RARELY __attribute__((noinline))
+#else
+#define STRIBECK_RARELY
+#endif
+
 static float stribeck_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -105,10 +112,34 @@ static void stribeck_rate(const stribeck_params *p, float z1, float z2, float u,
     dz[1] = u - stribeck_table_friction(stribeck_limit(z2, 0.8f)) + p->derived.K[1]*t1;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned stribeck_ready(stribeck_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != STRIBECK_READY) {
+        stribeck_reset(s);
+        status = STRIBECK_UNINITIALISED;
+    }
+    return status;
+}
+
+STRIBECK_RARELY
+
+static void stribeck_clear_doubt(stribeck_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 2286.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2286.0f;
+    s->doubt_sum = 0.0f;
+}
+
 unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribeck_input *in,
     const stribeck_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = stribeck_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -123,6 +154,9 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[2];
+    float z_from[2];
+    float z_sum[2];
     /* guard the input */
     {
         const float u_given = in->u;
@@ -160,23 +194,57 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
+            float k1_z[2];
+            stribeck_rate(p, z1, z2, s->u, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
             const float u_before = s->u;
             const float u_mid = u_before + 0.5f*(u - u_before);
             const float y_mid = y_last + 0.5f*(y - y_last);
-            float k1_z[2];
-            stribeck_rate(p, z1, z2, u_before, y_last, valid, k1_z);
             float k2_z[2];
-            stribeck_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], u_mid, y_mid, valid, k2_z);
+            stribeck_rate(p, z_at1, z_at2, u_mid, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float u_before = s->u;
+            const float u_mid = u_before + 0.5f*(u - u_before);
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[2];
-            stribeck_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], u_mid, y_mid, valid, k3_z);
+            stribeck_rate(p, z_at1, z_at2, u_mid, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[2];
-            stribeck_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], u, y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            stribeck_rate(p, z_at[0], z_at[1], u, y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
         }
         /* is a value beyond its box, or lost? */
         beyond = !(stribeck_within(s->z[0], 6.0f) && stribeck_within(s->z[1], 64.0f));
@@ -187,12 +255,8 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
                 /* a value is lost: all restart */
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 2286.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2286.0f;
-                s->doubt_sum = 0.0f;
                 status |= STRIBECK_RESTARTED;
+                stribeck_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -243,12 +307,7 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 2286.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2286.0f;
-                s->doubt_sum = 0.0f;
+                stribeck_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -360,19 +419,17 @@ unsigned stribeck_tune(stribeck_params *p)
     return status;
 }
 
+STRIBECK_RARELY
 void stribeck_reset(stribeck_state *s)
 {
+    s->ready = STRIBECK_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 2286.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 2286.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    stribeck_clear_doubt(s);
 }
 
 void stribeck_init(stribeck_state *s, stribeck_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define VAN_DER_POL_RARELY __attribute__((noinline))
+#else
+#define VAN_DER_POL_RARELY
+#endif
+
 static float van_der_pol_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -82,9 +89,33 @@ static void van_der_pol_rate(const van_der_pol_params *p, float z1, float z2, fl
     dz[1] = (1.0f - t2*t2)*van_der_pol_limit(z2, 6.0f) - t2 + p->derived.K[1]*t1;
 }
 
-unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, const van_der_pol_output *out)
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned van_der_pol_ready(van_der_pol_state *s)
 {
     unsigned status = 0u;
+    if (s->ready != VAN_DER_POL_READY) {
+        van_der_pol_reset(s);
+        status = VAN_DER_POL_UNINITIALISED;
+    }
+    return status;
+}
+
+VAN_DER_POL_RARELY
+
+static void van_der_pol_clear_doubt(van_der_pol_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 2486.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2486.0f;
+    s->doubt_sum = 0.0f;
+}
+
+unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, const van_der_pol_output *out)
+{
+    unsigned status = van_der_pol_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -98,6 +129,9 @@ unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, con
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[2];
+    float z_from[2];
+    float z_sum[2];
     /* guard the measurements */
     {
         const float measurement = out->y;
@@ -123,21 +157,53 @@ unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, con
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            const float y_mid = y_last + 0.5f*(y - y_last);
             float k1_z[2];
             van_der_pol_rate(p, z1, z2, y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k2_z[2];
-            van_der_pol_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], y_mid, valid, k2_z);
+            van_der_pol_rate(p, z_at1, z_at2, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[2];
-            van_der_pol_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], y_mid, valid, k3_z);
+            van_der_pol_rate(p, z_at1, z_at2, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[2];
-            van_der_pol_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            van_der_pol_rate(p, z_at[0], z_at[1], y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
         }
         /* is a value beyond its box, or lost? */
         beyond = !(van_der_pol_within(s->z[0], 9.0f) && van_der_pol_within(s->z[1], 30.0f));
@@ -148,12 +214,8 @@ unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, con
                 /* a value is lost: all restart */
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 2486.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2486.0f;
-                s->doubt_sum = 0.0f;
                 status |= VAN_DER_POL_RESTARTED;
+                van_der_pol_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -202,12 +264,7 @@ unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, con
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 2486.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2486.0f;
-                s->doubt_sum = 0.0f;
+                van_der_pol_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -319,18 +376,16 @@ unsigned van_der_pol_tune(van_der_pol_params *p)
     return status;
 }
 
+VAN_DER_POL_RARELY
 void van_der_pol_reset(van_der_pol_state *s)
 {
+    s->ready = VAN_DER_POL_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 2486.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 2486.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    van_der_pol_clear_doubt(s);
 }
 
 void van_der_pol_init(van_der_pol_state *s, van_der_pol_params *p)

@@ -7,6 +7,13 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+/* of what runs rarely, which is no part of what calls it */
+#if defined(__GNUC__)
+#define WARM_BEARING_RARELY __attribute__((noinline))
+#else
+#define WARM_BEARING_RARELY
+#endif
+
 static float warm_bearing_abs(float v)
 {
 #if defined(__GNUC__) && !defined(__FRAMAC__)
@@ -136,10 +143,34 @@ static void warm_bearing_rate(const warm_bearing_params *p, float z1, float z2, 
     dz[1] = u1 - warm_bearing_table_friction(warm_bearing_limit(z2, 0.8f), u2) + p->derived.K[1]*t1;
 }
 
+/* memory that neither init nor reset has made a state becomes one, which the status says */
+
+static unsigned warm_bearing_ready(warm_bearing_state *s)
+{
+    unsigned status = 0u;
+    if (s->ready != WARM_BEARING_READY) {
+        warm_bearing_reset(s);
+        status = WARM_BEARING_UNINITIALISED;
+    }
+    return status;
+}
+
+WARM_BEARING_RARELY
+
+static void warm_bearing_clear_doubt(warm_bearing_state *s)
+{
+    /* as after a reset */
+    s->doubt_y = 0.0f;
+    s->patience_y = 2391.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2391.0f;
+    s->doubt_sum = 0.0f;
+}
+
 unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, const warm_bearing_input *in,
     const warm_bearing_output *out)
 {
-    unsigned status = 0u;
+    unsigned status = warm_bearing_ready(s);
     bool beyond = false;
     bool doubtful = false;
     bool lost = false;
@@ -154,6 +185,9 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
     float valid = 0.0f;
     float y = 0.0f;
     float y_last = 0.0f;
+    float z_at[2];
+    float z_from[2];
+    float z_sum[2];
     /* guard the input */
     {
         const float u_given = in->u;
@@ -202,29 +236,61 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta */
+        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            const float u_before1 = s->u[0];
-            const float u1 = u[0];
-            const float u_mid1 = u_before1 + 0.5f*(u1 - u_before1);
-            const float u_before2 = s->u[1];
-            const float u2 = u[1];
-            const float u_mid2 = u_before2 + 0.5f*(u2 - u_before2);
-            const float y_mid = y_last + 0.5f*(y - y_last);
             float k1_z[2];
-            warm_bearing_rate(p, z1, z2, u_before1, u_before2, y_last, valid, k1_z);
+            warm_bearing_rate(p, z1, z2, s->u[0], s->u[1], y_last, valid, k1_z);
+            z_from[0] = z1;
+            z_from[1] = z2;
+            z_sum[0] = k1_z[0];
+            z_sum[1] = k1_z[1];
+            z_at[0] = z1 + 0.0005f*k1_z[0];
+            z_at[1] = z2 + 0.0005f*k1_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float u_before1 = s->u[0];
+            const float u_mid1 = u_before1 + 0.5f*(u[0] - u_before1);
+            const float u_before2 = s->u[1];
+            const float u_mid2 = u_before2 + 0.5f*(u[1] - u_before2);
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k2_z[2];
-            warm_bearing_rate(p, z1 + 0.0005f*k1_z[0], z2 + 0.0005f*k1_z[1], u_mid1, u_mid2, y_mid, valid,
-                k2_z);
+            warm_bearing_rate(p, z_at1, z_at2, u_mid1, u_mid2, y_mid, valid, k2_z);
+            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
+            z_at[0] = z_from[0] + 0.0005f*k2_z[0];
+            z_at[1] = z_from[1] + 0.0005f*k2_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
+        {
+            const float z_at1 = z_at[0];
+            const float z_at2 = z_at[1];
+            const float z_sum1 = z_sum[0];
+            const float z_sum2 = z_sum[1];
+            const float u_before1 = s->u[0];
+            const float u_mid1 = u_before1 + 0.5f*(u[0] - u_before1);
+            const float u_before2 = s->u[1];
+            const float u_mid2 = u_before2 + 0.5f*(u[1] - u_before2);
+            const float y_mid = y_last + 0.5f*(y - y_last);
             float k3_z[2];
-            warm_bearing_rate(p, z1 + 0.0005f*k2_z[0], z2 + 0.0005f*k2_z[1], u_mid1, u_mid2, y_mid, valid,
-                k3_z);
+            warm_bearing_rate(p, z_at1, z_at2, u_mid1, u_mid2, y_mid, valid, k3_z);
+            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
+            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
+            z_at[0] = z_from[0] + 0.001f*k3_z[0];
+            z_at[1] = z_from[1] + 0.001f*k3_z[1];
+        }
+        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
+        {
             float k4_z[2];
-            warm_bearing_rate(p, z1 + 0.001f*k3_z[0], z2 + 0.001f*k3_z[1], u1, u2, y, valid, k4_z);
-            s->z[0] = z1 + 0.00016666666f*(k1_z[0] + 2.0f*k2_z[0] + 2.0f*k3_z[0] + k4_z[0]);
-            s->z[1] = z2 + 0.00016666666f*(k1_z[1] + 2.0f*k2_z[1] + 2.0f*k3_z[1] + k4_z[1]);
+            warm_bearing_rate(p, z_at[0], z_at[1], u[0], u[1], y, valid, k4_z);
+            s->z[0] = z_from[0] + 0.00016666666f*(z_sum[0] + k4_z[0]);
+            s->z[1] = z_from[1] + 0.00016666666f*(z_sum[1] + k4_z[1]);
         }
         /* is a value beyond its box, or lost? */
         beyond = !(warm_bearing_within(s->z[0], 6.0f) && warm_bearing_within(s->z[1], 80.0f));
@@ -235,12 +301,8 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
                 /* a value is lost: all restart */
                 s->z[0] = 0.0f;
                 s->z[1] = 0.0f;
-                s->doubt_y = 0.0f;
-                s->patience_y = 2391.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2391.0f;
-                s->doubt_sum = 0.0f;
                 status |= WARM_BEARING_RESTARTED;
+                warm_bearing_clear_doubt(s);
             }
             /* keep z in its box */
             {
@@ -292,12 +354,7 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
                 spoiled = !t3;
             }
             if (spoiled) {
-                /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 2391.0f;
-                s->doubt_range = 0.0f;
-                s->patience_range = 2391.0f;
-                s->doubt_sum = 0.0f;
+                warm_bearing_clear_doubt(s);
             }
             /* which signs show? */
             {
@@ -409,20 +466,18 @@ unsigned warm_bearing_tune(warm_bearing_params *p)
     return status;
 }
 
+WARM_BEARING_RARELY
 void warm_bearing_reset(warm_bearing_state *s)
 {
+    s->ready = WARM_BEARING_READY;
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 2391.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 2391.0f;
-    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
+    warm_bearing_clear_doubt(s);
 }
 
 void warm_bearing_init(warm_bearing_state *s, warm_bearing_params *p)

@@ -44,8 +44,8 @@ unsigned ticks(void)
 
 __attribute__((noinline)) void paint(void)
 {
-    volatile unsigned char *top = __builtin_frame_address(0);
-    for (unsigned i = 64u; i < PAINTED; ++i) {
+    volatile unsigned char *top = __builtin_frame_address(0); /* r7, the lowest byte of this frame */
+    for (unsigned i = 1u; i < PAINTED; ++i) {
         top[-(int)i] = 0xA5u;
     }
 }
