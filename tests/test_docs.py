@@ -227,7 +227,8 @@ BIT = re.compile(r'\bBit\(\s*"([A-Z_]+)"')  # those of observers and parts: no o
 
 def test_every_status_bit_is_explained() -> None:
     header = (ROOT / "generated/fitzhugh_nagumo/fitzhugh_nagumo.h").read_text()
-    bits = re.findall(r"#define FITZHUGH_NAGUMO_(\w+) +0x[0-9A-F]+u", header)
+    numbers = re.findall(r"#define FITZHUGH_NAGUMO_(\w+) +0x([0-9A-F]+)u", header)
+    bits = [name for name, number in numbers if int(number, 16).bit_count() == 1]  # the mark of a state has more
     assert len(bits) >= 9
     others = [name for path in ROOT.glob("hgogen/**/*.py") for name in BIT.findall(path.read_text())]
     assert {"GAIN_LIMITED", "COVARIANCE_RESTARTED", "COVARIANCE_LIMITED"} <= set(others)
