@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.calling.samples import Run, Sample
     from hgogen.certificates.certificate import certificate
     from hgogen.certificates.contraction import Contraction, contraction
+    from hgogen.certificates.noise_gain import NoiseGain, noise_gain
     from hgogen.check import Check, Verdict
     from hgogen.errors import HgogenError
     from hgogen.form import Form
@@ -73,6 +74,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "from_casadi": "reading.casadi_model",
     "certificate": "certificates.certificate",
     **dict.fromkeys(("Contraction", "contraction"), "certificates.contraction"),
+    **dict.fromkeys(("NoiseGain", "noise_gain"), "certificates.noise_gain"),
     **dict.fromkeys(("Check", "Verdict"), "check"),
     **dict.fromkeys(("Dissipation", "dissipation"), "guarantees.dissipation"),
     **dict.fromkeys(("ErrorSystem", "error_system"), "guarantees.error_system"),
@@ -114,6 +116,7 @@ __all__ = [
     "HgogenError",
     "Log",
     "Model",
+    "NoiseGain",
     "Observer",
     "Run",
     "Sample",
@@ -140,6 +143,7 @@ __all__ = [
     "innovation",
     "load",
     "methods",
+    "noise_gain",
     "nonzero",
     "observability",
     "observer_errors",

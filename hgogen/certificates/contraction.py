@@ -10,7 +10,7 @@ ranges, in each stage by themselves, so that the proof needs more than that each
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -19,7 +19,7 @@ from hgogen.certificates.reach import NOWHERE, Reach, reach
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Grounds
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import ROWS, Steps, unstable
+from hgogen.guarantees.contracting import ROWS, Contracts, Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.step_evidence import AtOneLength, Throughout
 from hgogen.intervals.digits import Down, same
@@ -36,12 +36,13 @@ class Contraction:
     `checks`: OBSERVER.step, that it contracts at its dt and theta; OBSERVER.shorter, that it does at every dt up to a
     longest; OBSERVER.tuned, that it does at every theta from a least one to its own: of the last two only what is
     proved. `rate` (1/s), at which |e|_P falls at its dt and theta, rounded down, None where that is not proved;
-    `reach`: how far dt and theta may go.
+    `reach`: how far dt and theta may go; `proof`: of the first.
     """
 
     checks: tuple[Check, ...]
     rate: float | None
     reach: Reach
+    proof: Contracts | None = field(default=None, repr=False)
 
     @property
     def proved(self) -> bool:
@@ -70,7 +71,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
         return _unknown(observer, rule, dt, error)
     if not isinstance(method, OnErrors):
         return _unknown(observer, rule, dt, because("the proof is not made for {rule}", rule=rule))
-    steps, h = Steps(error, method.error_step, _theta(observer)), Fraction(dt)
+    steps, h = Steps(error, method.error_step, theta_of(observer)), Fraction(dt)
     if steps.at(h).rows > ROWS:
         pattern = "{slopes} slopes at each stage make an inequality of {rows} rows, more than the {most} that are tried"
         many = because(pattern, slopes=steps.at(h).slopes, rows=steps.at(h).rows, most=ROWS)
@@ -80,7 +81,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
         return _unknown(observer, rule, dt, _why(observer, steps, h), _fix(far), far)
     rate = because("|e|_P falls at least like exp(-{rate} t), in rational arithmetic", rate=Down(proof.rate, 3))
     known = _proved(observer, "step", _claim(observer, rule, dt), rate, error, AtOneLength(error, rule, proof))
-    return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far)
+    return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof)
 
 
 def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:
@@ -104,7 +105,7 @@ def _claim(observer: Observer, rule: str, dt: float) -> str:
 
 
 def _proved(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, shown: Any) -> Check:
-    grounds = Grounds({"theta": float(_theta(observer)), **error.numbers}, shown)
+    grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, shown)
     return Check(ClaimId(observer.name, fact), claim, Verdict.PROVED, reason, proofs=(grounds,))
 
 
@@ -125,7 +126,8 @@ def _error(observer: Observer, guards: str) -> Inclusion | Reason:
     return error.reason if isinstance(error, Nothing) else error
 
 
-def _theta(observer: Observer) -> Fraction:
+def theta_of(observer: Observer) -> Fraction:
+    """The declared theta."""
     (theta,) = (gain.initial[0] for gain in observer.gains if gain.name == "theta")
     return Fraction(theta)
 

@@ -50,6 +50,13 @@ def core_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -
     return numbers(linear.M, nominal)
 
 
+def measured_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
+    """B (N, p) of a part that has a core, evaluated likewise."""
+    linear = core(part, outputs)
+    assert linear is not None
+    return numbers(linear.B, nominal)
+
+
 def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
     """The value of an SX graph of places of parameters and gains at their numbers."""
     symbols = ca.symvar(ca.SX(graph))

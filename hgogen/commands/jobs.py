@@ -159,7 +159,8 @@ def _as_it_runs(step: CallableStep) -> tuple[tuple[Check, ...], tuple[str, ...]]
     if step.observer.error is None:
         return (), ()
     try:
-        return hg.contraction(step).checks, ()
+        noise = hg.noise_gain(step)
+        return (*hg.contraction(step).checks, *([noise.check] if noise else [])), ()
     except NoSolver as missing:
         return (), (str(missing),)
 

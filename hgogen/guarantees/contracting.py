@@ -69,14 +69,14 @@ class Steps:
 
         Raises: `NoSolver`.
         """
-        if self._coordinates is None:
+        if self.coordinates is None:
             return None
         form = self.at(h).contraction(alpha)
-        weights = sought(form, _WHAT, self._coordinates)
+        weights = sought(form, _WHAT, self.coordinates)
         return weights if weights is not None and negative(form.floats, *weights) else None
 
     @cached_property
-    def _coordinates(self) -> Array | None:
+    def coordinates(self) -> Array | None:
         """P^(-1/2) (N, N) of continuous time, near which the P of a step are; None where a solver finds none."""
         weights = sought(self.at(Fraction(0)).contraction(Fraction(0)), _WHAT)
         if weights is None:

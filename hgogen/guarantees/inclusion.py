@@ -1,6 +1,6 @@
 """The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
 
-    e' = (theta N + sum over slopes of theta^-degree d onto of') e,   d in [low, high], of each slope by itself
+    e' = (theta N + sum over slopes of theta^-degree d onto of') e + theta B v,   d in [low, high], each by itself
 
 e holds the errors of the observer's fields, that of the field k over s_k theta^p(k). Each slope d is what the error of
 one field, `of`, brings into the rates of others:
@@ -59,11 +59,13 @@ class Slope:
 
 @dataclass(frozen=True, eq=False)
 class Inclusion:
-    """`N` (N, N), the `slopes`, how the fields lie (`layout`), and the `units` (n) of the chain's states, by which the
-    errors of fields are scaled; `scale` (n), of parameters, from the form's states to these; `numbers`: what the
-    observer is built with beside theta; `own`: evidence of a core that is not of these alone."""
+    """`N` (N, N); `B` (N, p), by which errors v of the samples enter; the `slopes`; how the fields lie, the `layout`;
+    the `units` (n) of the chain's states, by which the errors of fields are scaled; `scale` (n), of parameters, from
+    the form's states to these; `numbers`: what the observer is built with beside theta; `own`: evidence of a core that
+    is not of these alone."""
 
     N: Array
+    B: Array
     slopes: tuple[Slope, ...]
     layout: Layout
     units: tuple[Fraction, ...]
@@ -103,22 +105,25 @@ class Inclusion:
             M[:, slope.of] += rational(slope.onto) * (number(slope.low + slope.high) / 2 * level**-slope.degree)
         G = [rational(slope.onto) * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
         H = [identity(len(M))[slope.of] for slope in varying]
-        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)))
+        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), self.B * level)
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertain:
-    """e' = (M + G diag(d) H) e, |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), of FLINT's rationals."""
+    """e' = (M + G diag(d) H) e + B v, |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), of FLINT's
+    rationals."""
 
     M: Array
     G: Array
     H: Array
+    B: Array
 
 
 def inclusion(
     form: Form,
     layout: Layout,
     core: Array,
+    measured: Array,
     scale: Sequence[sp.Expr],
     units: Sequence[Fraction],
     numbers: Mapping[str, Any],
@@ -127,7 +132,7 @@ def inclusion(
     """The inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of z.
 
     `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats as they
-    are; `others`: what varies in it, in those fields.
+    are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields.
     """
     reason = obstacle(form)
     if reason:
@@ -138,13 +143,15 @@ def inclusion(
     t = [units[i] for i in layout.index]
     scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
     moved = (replace(each, onto=tuple(x * t[k] / t[each.of] for k, x in enumerate(each.onto))) for each in others)
-    return Inclusion(scaled, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers)
+    entering = rational(measured) * rational(t)[:, None]
+    return Inclusion(scaled, entering, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers)
 
 
 def on_integrators(
     chain: Integrators,
     layout: Layout,
     core: np.ndarray,
+    measured: np.ndarray,
     numbers: Mapping[str, Any],
     gates: Iterable[tuple[int, np.ndarray]] = (),
 ) -> Inclusion | Nothing:
@@ -157,14 +164,14 @@ def on_integrators(
     scale = [sp.Rational(unit) * product for unit, product in zip(units, products, strict=True)]
     zero, one = Fraction(0), Fraction(1)
     shares = (Slope(of, tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates)
-    return inclusion(chain.form, layout, core, scale, units, numbers, shares)
+    return inclusion(chain.form, layout, core, measured, scale, units, numbers, shares)
 
 
 def on_companion(chain: Integrators, p: Sequence[float], N: np.ndarray) -> Inclusion | Nothing:
     """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials and `N` (n, n) their
     companion matrices."""
     gains = tuple(sp.Rational(Fraction(x)) / a for x, a in zip(p, chain.products, strict=True))
-    error = on_integrators(chain, plain(chain.form), N, {"gains": gains})
+    error = on_integrators(chain, plain(chain.form), N, by_chain(chain.form, p), {"gains": gains})
     return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)})
 
 
@@ -183,8 +190,15 @@ def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
             onto[at - 1] = Fraction(1)
         slopes.append(Slope(at, tuple(onto), *ends, -1))
     numbers = {"gains": tuple(map(sp.Rational, K))}
-    error = inclusion(form, plain(form), np.zeros((n, n)), [sp.S.One] * n, [Fraction(1)] * n, numbers, slopes)
+    one, ones = [Fraction(1)] * n, [sp.S.One] * n
+    error = inclusion(form, plain(form), np.zeros((n, n)), by_chain(form, K), ones, one, numbers, slopes)
     return error if isinstance(error, Nothing) else replace(error, own={"ranges": ranges})
+
+
+def by_chain(form: Form, gains: Sequence[Any]) -> Array:
+    """The gains (n) as a matrix (n, p), each in the column of its chain's output."""
+    chain = [i for i, size in enumerate(form.blocks) for _ in range(size)]
+    return np.array([[k if i == j else 0 for j in range(len(form.blocks))] for i, k in zip(chain, gains, strict=True)])
 
 
 def plain(form: Form) -> Layout:

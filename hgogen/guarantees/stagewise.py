@@ -32,12 +32,14 @@ _ALL = 8  # slopes of which all corners are tried
 @dataclass(frozen=True, eq=False)
 class Stagewise:
     """A step of length `h` on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N + s m). `degree`:
-    of its form as a polynomial in h, None where it is none."""
+    of its form as a polynomial in h, None where it is none. `driven`: (N, 2 p) and (s m, 2 p), what errors of the
+    samples at its beginning (p) and at its end (p) add to these."""
 
     h: Fraction
     slopes: int
     D: Array
     Q: Array
+    driven: tuple[Array, Array]
     degree: int | None = None
 
     @property
@@ -50,6 +52,20 @@ class Stagewise:
         n, size = self.D.shape
         E, Z = identity(size)[:n], identity(size)[n:]
         return Quadratic(((E, self.D + E * (number(alpha) / 2)), (self.D * (number(self.h) / 2), self.D)), self.Q, Z)
+
+    def bounded(self, alpha: Fraction, output: int) -> Quadratic:
+        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2, v the errors of
+        the samples of that output at both ends; the lambda_k are the last two multipliers."""
+        plain, ends = self.contraction(alpha), [output, output + self.driven[0].shape[1] // 2]
+        (first, second), (k, size) = plain.pairs, plain.Q.shape
+        D, Q = (matrix[:, ends] for matrix in self.driven)
+        wide, one = 0 * identity(size)[:, :2], identity(size + 2)
+        pairs = (
+            (np.hstack([first[0], wide[: len(D)]]), np.hstack([first[1], D])),
+            (np.hstack([second[0], D * (number(self.h) / 2)]), np.hstack([second[1], D])),
+        )
+        reads = np.vstack([np.hstack([plain.Q, Q]), 0 * one[:2]])
+        return Quadratic(pairs, reads, np.vstack([np.hstack([plain.Z, wide[:k]]), one[size:]]))
 
     def frozen(self, d: np.ndarray) -> np.ndarray:
         """e+ = T e, T (k, N, N) in floats, of slopes d (k, m) that are the same at all stages."""
@@ -72,16 +88,18 @@ def corners(m: int) -> np.ndarray:
 
 
 def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Stagewise:
-    """The step of length h >= 0."""
-    (n, m), s, length = e.G.shape, len(tableau.b), number(h)
-    unit = identity(n + s * m)
+    """The step of length h >= 0, the samples on the line between its ends."""
+    (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
+    size = n + s * m
+    unit = identity(size + 2 * p)
     nothing, rates, reads = 0 * unit[:n], list[Array](), list[Array]()
-    for i, row in enumerate(tableau.a):
+    for i, (row, c) in enumerate(zip(tableau.a, tableau.c, strict=True)):
         X = unit[:n] + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True)), nothing)
+        v = unit[size : size + p] * _exactly(1 - c) + unit[size + p :] * _exactly(c)
         reads.append(e.H @ X)
-        rates.append(e.M @ X + e.G @ unit[n + i * m : n + (i + 1) * m])
-    D = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing)
-    return Stagewise(h, m, D, np.concatenate(reads), 2 * s - 1)
+        rates.append(e.M @ X + e.G @ unit[n + i * m : n + (i + 1) * m] + e.B @ v)
+    D, Q = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing), np.concatenate(reads)
+    return Stagewise(h, m, D[:, :size], Q[:, :size], (D[:, size:], Q[:, size:]), 2 * s - 1)
 
 
 def _exactly(coefficient: float) -> Any:

@@ -1,5 +1,6 @@
 """The evidence of a step that contracts: the weights of its quadratic form, and the ranges of the slopes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -9,6 +10,7 @@ from hgogen.form import Form
 from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.contracting import Contracts
 from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.noise import NoiseBound
 
 
 @dataclass(frozen=True)
@@ -42,3 +44,30 @@ class Throughout:
             {"low": one.low, "high": one.high, "P": one.weights.P, "S": one.weights.S} for one in self.pieces
         ]
         return slopes and {**slopes, "method": self.method, "theta": self.theta, "pieces": pieces}
+
+
+@dataclass(frozen=True)
+class UnderNoise:
+    """Bounds at one step length of what errors of at most 1 in the samples of an output do to a state: for each place
+    of a state and an output, from 0."""
+
+    error: Inclusion
+    method: str
+    h: Fraction
+    bounds: Mapping[tuple[int, int], NoiseBound]
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Method and dt, each bound with its alpha, P and S, and how the slopes are bounded."""
+        slopes = self.error.evidence(form)
+        bounds: list[dict[str, Any]] = [
+            {
+                "state": state + 1,
+                "output": output + 1,
+                "alpha": one.alpha,
+                "P": one.weights.P,
+                "S": one.weights.S,
+                "bound": one.bound,
+            }
+            for (state, output), one in self.bounds.items()
+        ]
+        return slopes and {**slopes, "method": self.method, "dt": self.h, "bounds": bounds}

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.algebra.hurwitz import demand_hurwitz
-from hgogen.chains.core import core_numbers
+from hgogen.chains.core import core_numbers, measured_numbers
 from hgogen.chains.gains import coefficients, demand_parabola, filtered_core, parabola_advice
 from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, shifted
@@ -110,7 +110,8 @@ def filtered(
     part = Ode(fields, rest, linear, chain.offset)
     estimate, filters = tuple(range(n)), tuple(range(1, n + 1))
     layout = Layout(2 * estimate, estimate + filters, (True,) * n + (False,) * n, estimate)
-    core = core_numbers(part, 1, {Place("gain", "theta"): np.ones(1)})
+    one = {Place("gain", "theta"): np.ones(1)}
+    core, measured = core_numbers(part, 1, one), measured_numbers(part, 1, one)
     numbers = {"alpha": a, "beta": b, "gains": L}
     bound = of_core(chain, layout, [core], numbers)
     return observer_on(
@@ -124,7 +125,7 @@ def filtered(
         reference=REFERENCE,
         checks=checks("filtered", high.initial[0], bound),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, core, numbers),
+        error=partial(on_integrators, chain, layout, core, measured, numbers),
     )
 
 

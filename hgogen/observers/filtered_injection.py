@@ -134,7 +134,7 @@ def filtered_injection(
         reference=REFERENCE,
         checks=checks("filtered_injection", high.initial[0], bound),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, core, numbers),
+        error=partial(on_integrators, chain, layout, core, np.append(np.zeros(n), source)[:, None], numbers),
     )
 
 

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.algebra.hurwitz import demand_hurwitz
-from hgogen.chains.core import core_numbers
+from hgogen.chains.core import core_numbers, measured_numbers
 from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
@@ -100,7 +100,8 @@ def low_power(
         return {"xi_p": c[:pairs], "xi_q": c[1:]}
 
     part = Ode(fields, rest, linear, chain.offset)
-    core = core_numbers(part, 1, {Place("gain", "theta"): np.ones(1)})
+    one = {Place("gain", "theta"): np.ones(1)}
+    core, measured = core_numbers(part, 1, one), measured_numbers(part, 1, one)
     demand_hurwitz("gains", core, "leave them out: (2, (n - i)/i)")
     order = (*range(pairs), *range(1, n))
     layout = Layout(order, order, (True,) * (2 * pairs), (0, *range(pairs, 2 * pairs)))
@@ -116,5 +117,5 @@ def low_power(
         reference=REFERENCE,
         checks=checks("low_power", high.initial[0], of_core(chain, layout, [core], numbers)),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, core, numbers),
+        error=partial(on_integrators, chain, layout, core, measured, numbers),
     )

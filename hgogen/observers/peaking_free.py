@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.algebra.hurwitz import demand_hurwitz
-from hgogen.chains.core import core_numbers
+from hgogen.chains.core import core_numbers, measured_numbers
 from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
@@ -134,5 +134,5 @@ def peaking_free(
         reference=REFERENCE,
         checks=checks("peaking_free", high.initial[0], bound),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, cores[-1], numbers, gates(cores)),
+        error=partial(on_integrators, chain, layout, cores[-1], measured_numbers(part, 1, one), numbers, gates(cores)),
     )

@@ -20,13 +20,14 @@ _SATURATED = 8  # states up to which the saturations are tried in all their comb
 class Core:
     """The core N at its `vertices`: all saturations open first, all shut last. Field k is scaled by the unit of its
     `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) enters, `picks` which field stands for w_i in
-    the argument of c."""
+    the argument of c, `measured` by what an error of the sample enters, over theta."""
 
     vertices: list[Matrix]
     index: list[int]
     power: list[int]
     fed: list[bool]
     picks: list[int]
+    measured: list[Fraction]
 
     @property
     def gates(self) -> list[tuple[int, list[Fraction]]]:
@@ -50,7 +51,8 @@ def _filtered(numbers: Numbers, n: int) -> Core:
         N[n + i][n + i] = -alpha
         N[n + i][n + i - 1 if i else 0] = beta if i else -beta
     estimate, filters = [*range(n)], [*range(1, n + 1)]
-    return Core([N], 2 * estimate, estimate + filters, [True] * n + [False] * n, estimate)
+    measured = [Fraction(0)] * n + [beta] + [Fraction(0)] * (n - 1)
+    return Core([N], 2 * estimate, estimate + filters, [True] * n + [False] * n, estimate, measured)
 
 
 def _filtered_injection(numbers: Numbers, n: int) -> Core:
@@ -59,12 +61,13 @@ def _filtered_injection(numbers: Numbers, n: int) -> Core:
     above = [[Fraction(int(j == i + 1)) for j in range(n)] + NH[i] for i in range(n)]
     below = [[-G[i], *[Fraction(0)] * (n - 1), *F[i]] for i in range(m)]
     order = [*range(n), *[0] * m]
-    return Core([above + below], order, order, [True] * n + [False] * m, [*range(n)])
+    return Core([above + below], order, order, [True] * n + [False] * m, [*range(n)], [Fraction(0)] * n + G)
 
 
 def _low_power(numbers: Numbers, n: int) -> Core:
     order, N = [*range(n - 1), *range(1, n)], _pairs(matrix(numbers, "gains", n - 1, 2), [1] * n)
-    return Core([N], order, order, [True] * (2 * n - 2), [0, *range(n - 1, 2 * n - 2)])
+    picks, k = [0, *range(n - 1, 2 * n - 2)], matrix(numbers, "gains", n - 1, 2)
+    return Core([N], order, order, [True] * (2 * n - 2), picks, _onto(k, 0, n - 1, 2 * n - 2))
 
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
@@ -79,7 +82,12 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
         follows[n - 1], follows[-1] = -last, last * shares[-1]
         vertices.append([*inner[: n - 1], follows, *inner[n - 1 :]])
     order = [*range(n), *range(1, n)]
-    return Core(vertices, order, order, [True] * (2 * n - 1), [*range(n)])
+    return Core(vertices, order, order, [True] * (2 * n - 1), [*range(n)], _onto(k, 0, n, 2 * n - 1))
+
+
+def _onto(k: Matrix, p: int, q: int, size: int) -> list[Fraction]:
+    """What an error of the sample adds to the first pair, whose fields stand at p and q."""
+    return [k[0][0] if at == p else k[0][1] if at == q else Fraction(0) for at in range(size)]
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:

@@ -1,0 +1,106 @@
+"""How far noise of the samples moves an estimate, as the step runs: bounds that hold for every course of the noise."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import sympy as sp
+
+from hgogen.certificates.contraction import contraction, theta_of
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import Grounds
+from hgogen.guarantees.contracting import Contracts, Steps
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.noise import NoiseBound, noise_bound
+from hgogen.guarantees.quadratic import Array, rational
+from hgogen.guarantees.step_evidence import UnderNoise
+from hgogen.intervals.digits import Up, same
+from hgogen.intervals.outward import number
+from hgogen.method import OnErrors
+from hgogen.sentence import Sentence, because
+from hgogen.step import Step
+
+
+@dataclass(frozen=True)
+class NoiseGain:
+    """`gains`: by the name of a state of the form and of an output, how far the estimate of the one goes at most for
+    noise of at most 1 in the samples of the other, in their units; of several outputs the shares add. `check`: that it
+    is so, OBSERVER.noise."""
+
+    gains: Mapping[tuple[str, str], float]
+    check: Check
+
+    def bound(self, state: str, noise: Mapping[str, float]) -> float:
+        """How far the estimate of a state goes at most for noise of at most these sizes, by output: their shares add.
+        Rounding of samples to steps of q is noise of q/2.
+
+        Raises: `KeyError` for a state or an output that there is not.
+        """
+        return sum(self.gains[state, output] * size for output, size in noise.items())
+
+
+def noise_gain(step: Step) -> NoiseGain | None:
+    """What noise does to the estimate of a step that is proved to contract; None of one that is not, or whose chain has
+    gains that are no numbers.
+
+    From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
+    alpha dt of itself at each call.
+
+    Raises: `NoSolver` without cvxpy.
+    """
+    known = contraction(step)
+    if known.proof is None or not known.proof.alpha:
+        return None
+    return _noise_gain(step, known.proof)
+
+
+@lru_cache(maxsize=32)
+def _noise_gain(step: Step, proof: Contracts) -> NoiseGain | None:
+    observer, method = step.observer, step.method
+    error = observer.error() if observer.error else None
+    assert isinstance(error, Inclusion)
+    assert isinstance(method, OnErrors)
+    steps, form = Steps(error, method.error_step, theta_of(observer)), observer.form
+    rows = _rows(error, steps.theta)
+    if rows is None:
+        return None
+    bounds: dict[tuple[int, int], NoiseBound] = {}
+    for i, c in enumerate(rows):
+        for j in range(len(form.output)):
+            one = noise_bound(steps, proof.h, j, c, proof.alpha)
+            if one is None:
+                return None
+            bounds[i, j] = one
+    outputs = [output.name for output in form.system.outputs]
+    gains = {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
+    return NoiseGain(gains, _check(step, error, bounds, gains))
+
+
+def _check(
+    step: Step, error: Inclusion, bounds: Mapping[tuple[int, int], NoiseBound], gains: Mapping[tuple[str, str], float]
+) -> Check:
+    observer, time = step.observer, step.time
+    at = f"as it runs, by {step.rule} at dt = {same(step.dt)} {time}"
+    claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
+    said = [
+        Sentence.of("{state} by at most {gain} for 1 of {output}", state=state, gain=Up(gain, 3), output=output)
+        for (state, output), gain in gains.items()
+    ]
+    fact = UnderNoise(error, step.rule, Fraction(step.dt), bounds)
+    grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, fact)
+    reason = because("{said}, in rational arithmetic", said=said)
+    return Check(ClaimId(observer.name, "noise"), claim, Verdict.PROVED, reason, proofs=(grounds,))
+
+
+def _rows(error: Inclusion, theta: Fraction) -> list[Array] | None:
+    """c (N) of each state of the form: its error is c e. None where the scale holds parameters."""
+    rows = []
+    for of, scale in zip(error.layout.picks, map(sp.nsimplify, error.scale), strict=True):
+        if not scale.is_Rational:
+            return None
+        row: list[Any] = [Fraction(0)] * len(error.N)
+        row[of] = theta ** error.layout.power[of] / Fraction(scale.p, scale.q)
+        rows.append(rational(row))
+    return rows

@@ -1,0 +1,202 @@
+"""What the error of an observer obeys, rebuilt from the plant and the observer's numbers.
+
+    e' = (theta N + sum over slopes of theta^-degree d onto of') e + theta B v,   d in [low, high] each by itself
+
+e holds the errors of fields over their units and theta^power. A slope of b_i in z_j, in these coordinates, has 0 in its
+range, as a clamp lets a share of the error pass, and the degree power(i) - power(j); an a_i that moves, and a
+saturation in the core, have the degree -1. The cores are those of `cores` and of a constant gain.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from .box import NotShown, covered
+from .chain import constants, core_of, integrators, invertible, wanted_gain
+from .context import RANGE, Context, enclosed, narrowed
+from .cores import CORES
+from .file import Claim, Observer, part
+from .matrix import Matrix, entries, matrix, scalar, scaled, similar, transposed, zeros
+from .slope import continuous, steep
+from .text import Expression
+
+
+@dataclass(frozen=True)
+class Slope:
+    """What the error of the field `of` brings into the rates by `onto`, over theta^`degree`: in [low, high]."""
+
+    of: int
+    onto: list[Fraction]
+    low: Fraction
+    high: Fraction
+    degree: int
+
+
+@dataclass(frozen=True)
+class ErrorInclusion:
+    """N and the slopes, with how many boxes they were shown; `measured` (N, p), by what the samples enter, over theta.
+    The error of z_i is theta^power/scale_i times that of the field that it `picks`."""
+
+    N: Matrix
+    slopes: list[Slope]
+    boxes: int
+    measured: Matrix
+    picks: list[int]
+    power: list[int]
+    scale: list[Expression]
+
+    def at(self, theta: Fraction) -> tuple[Matrix, Matrix, Matrix]:
+        """M (N, N), G (N, m) and H (m, N)."""
+        M, G, H = scaled(theta, self.N), [], []
+        for slope in self.slopes:
+            share = theta**-slope.degree
+            for row, x in zip(M, slope.onto, strict=True):
+                row[slope.of] += x * share * (slope.low + slope.high) / 2
+            if slope.low < slope.high:
+                G.append([x * share * (slope.high - slope.low) / 2 for x in slope.onto])
+                H.append([Fraction(int(k == slope.of)) for k in range(len(M))])
+        return M, transposed(G) if G else [[] for _ in M], H
+
+
+def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
+    """N and the slopes of the file's observer, from its numbers and the plant. Raises: `NotShown`."""
+    _ = context.equations
+    return (_of_gain if observer.name == "high_gain" else _of_core)(context, observer, evidence)
+
+
+def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
+    """That of an observer with a core of its own on one chain of integrators."""
+    scale, n = integrators(context, evidence), len(context.z)
+    core = CORES[observer.name](observer.numbers, n)
+    t = [scale.units[i] for i in core.index]
+    slopes, boxes = _slopes(context, evidence, scale.expressions, [*range(n)], core.fed, core.index, core.picks)
+    for of, onto in core.gates:
+        moved = [x * t[k] / t[of] for k, x in enumerate(onto)]
+        slopes.append(Slope(of, moved, Fraction(0), Fraction(1), -1))
+    measured = [[x * unit] for x, unit in zip(core.measured, t, strict=True)]
+    N, boxes = similar(t, core.vertices[-1]), boxes + scale.boxes
+    return ErrorInclusion(N, slopes, boxes, measured, core.picks, core.power, scale.expressions)
+
+
+def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
+    """That of a constant gain: the core is a matrix of numbers, or moves with a_i in ranges."""
+    n, form = len(context.z), context.form
+    if form.alignment not in ("", "top", "end"):
+        raise NotShown("its chains are not aligned at the top or at the end")
+    scale = constants(context, entries(evidence, "scale", n))
+    boxes, longest = invertible(context, scale), max(form.blocks)
+    shift = [longest - size if form.alignment == "end" else 0 for size in form.blocks]
+    powers = [late + level for late, size in zip(shift, form.blocks, strict=True) for level in range(size)]
+    slopes, more = _slopes(context, evidence, scale, powers, [True] * n, [*range(n)], [*range(n)])
+    if ("core" in evidence) is ("ranges" in evidence):
+        raise NotShown("its evidence has not one of a core and ranges")
+    seen, N = 0, zeros(n, n)
+    if "core" in evidence:
+        N = core_of(context, scale, observer.gains, matrix(evidence, "core", n, n))
+    else:
+        moving, seen = _moving(context, observer, evidence, scale)
+        slopes = slopes + moving
+    return ErrorInclusion(
+        N, slopes, boxes + more + seen, _by_chain(context, observer, scale), [*range(n)], powers, scale
+    )
+
+
+def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
+    """S K, each gain in the column of its chain's output; empty where they are no numbers."""
+    blocks = context.form.blocks
+    chain = [k for k, size in enumerate(blocks) for _ in range(size)]
+    values = [(context.value(s) * context.value(k)).number for s, k in zip(scale, observer.gains, strict=True)]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return []
+    return [[x if k == j else Fraction(0) for j in range(len(blocks))] for k, x in zip(chain, known, strict=True)]
+
+
+def _moving(
+    context: Context, observer: Observer, evidence: Mapping[str, Any], scale: list[Expression]
+) -> tuple[list[Slope], int]:
+    """The a_i in their ranges: a_1 of a chain by -K, the others from state to state; S and K are numbers."""
+    blocks, slopes, boxes = context.form.blocks, [], 0
+    S, K = ([_number(context, text) for text in texts] for texts in (scale, observer.gains))
+    if any(s != 1 for s in S):
+        raise NotShown("its scale is not 1, which the a_i of ranges want")
+    places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
+    heads = [sum(blocks[: k - 1]) for k, _ in places]
+    for at, (place, range_) in enumerate(zip(places, entries(evidence, "ranges", len(places)), strict=True)):
+        if not isinstance(range_, Mapping) or range_.keys() != set(RANGE):
+            raise NotShown(f"a range of an a_i is no object with {', '.join(RANGE)}")
+        low, high, shown = enclosed(context, _as_claim(range_), *wanted_gain(context, place))
+        boxes += shown.boxes
+        onto = [-k if heads[i] == at else Fraction(0) for i, k in enumerate(K)]
+        if at != heads[at]:
+            onto[at - 1] = Fraction(1)
+        slopes.append(Slope(at, onto, low, high, -1))
+    return slopes, boxes
+
+
+def _as_claim(evidence: Mapping[str, Any]) -> Claim:
+    return Claim("", "proved", evidence, "", "", "", ())
+
+
+def _number(context: Context, text: Expression) -> Fraction:
+    value = context.value(text).number
+    if value is None:
+        raise NotShown(f"{text.text} is no number, which the a_i of a range want")
+    return value
+
+
+def _slopes(
+    context: Context,
+    evidence: Mapping[str, Any],
+    scale: list[Expression],
+    powers: list[int],
+    fed: list[bool],
+    index: list[int],
+    picks: list[int],
+) -> tuple[list[Slope], int]:
+    """The slopes of b in the coordinates `scale` z, each with 0 in its range, of every b_i in every z_j that it reads,
+    and with how many boxes they are shown. Raises: `NotShown`."""
+    form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
+    names = {name for text in (*form.b, *scale) for name in text.names}
+    where = narrowed(form.box, names)
+    continuous(form.b, context.z, where)
+    for i, row in enumerate(form.b):
+        for j, z in enumerate(context.z):
+            if z not in row.names:
+                continue
+            if (i, j) not in listed:
+                raise NotShown(f"it does not bound the slope of b_{i + 1} in {z}")
+            low, high, tree = listed.pop((i, j))
+            boxes += covered(where, tree, steep(form.b, context.z, Fraction(0), scale, _entry(i, j, low, high)))
+            onto = [Fraction(int(enters and at == i)) for enters, at in zip(fed, index, strict=True)]
+            degree = powers[i] - powers[j]
+            if degree < 0:
+                raise NotShown(f"b_{i + 1} reads {z}, of a higher power of theta")
+            slopes.append(Slope(picks[j], onto, min(low, Fraction(0)), max(high, Fraction(0)), degree))
+    if listed:
+        raise NotShown("it bounds slopes that are none of b")
+    return slopes, boxes
+
+
+def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[Fraction, Fraction, str]]:
+    """The claimed ranges by row and column, from 0. Raises: `NotShown`."""
+    known = {}
+    for slope in part(evidence, "slopes", list):
+        if not isinstance(slope, dict) or set(slope) != {"row", "column", "low", "high", "tree"}:
+            raise NotShown("a slope is no object of row, column, low, high and tree")
+        place = scalar(slope, "row") - 1, scalar(slope, "column") - 1
+        low, high = scalar(slope, "low"), scalar(slope, "high")
+        if place in known or not low <= high or any(k.denominator > 1 for k in place):
+            raise NotShown("a slope stands twice, or has no range")
+        known[place] = low, high, part(slope, "tree", str)
+    return {(int(i), int(j)): bounds for (i, j), bounds in known.items()}
+
+
+def _entry(i: int, j: int, low: Fraction, high: Fraction) -> Callable[..., bool]:
+    """The statement that the entry (i, j) of a matrix in intervals is in a range."""
+
+    def within(J: list[list[Any]], _: Fraction) -> bool:
+        return bool(J[i][j].at_least(low) and J[i][j].at_most(high))
+
+    return within

@@ -1,0 +1,138 @@
+"""How far noise moves an estimate: known answers, noise that is searched for the worst, and forged bounds."""
+
+import copy
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from forger import sealed
+from plants import MODELS, model, two_outputs
+
+import hgogen as hg
+from hgogen.model import load
+from hgogen.recheck.verification import recheck
+from hgogen.stepping.machine import Machine
+
+FIVE = ("high_gain", "filtered", "filtered_injection", "low_power", "peaking_free")
+
+
+@cache
+def step_of(name: str, observer: str, dt: float, method: str = "rk4") -> hg.Step:
+    gains = load(MODELS / f"{name}.py").module.tuning[observer]
+    made = getattr(hg.observers, observer)(hg.forms.triangular(model(name)), **gains)
+    return hg.sample(made, getattr(hg.methods, method), dt=dt)
+
+
+# per unit of noise what a prototype gave, which the bounds may exceed by a tenth, and the worst gain of a frozen slope
+Known = dict[str, tuple[float, float]]
+KNOWN: list[tuple[str, str, float, Known]] = [
+    ("pendulum", "high_gain", 0.001, {"q": (1.49, 1.27), "w": (18.5, 15.5)}),
+    ("pendulum", "high_gain", 0.02, {"q": (1.48, 1.27), "w": (18.4, 15.3)}),
+]
+JERK: Known = {"x1": (2.66, 1.82), "x2": (31.6, 23.7), "x3": (182, 135), "x4": (476, 334)}
+FILTERED: Known = {"x1": (4.84, 3.02), "x2": (55.5, 35.5), "x3": (286, 178), "x4": (677, 330)}
+SLOW = [("hyperjerk", "high_gain", 0.001, JERK), ("hyperjerk", "filtered", 0.01, FILTERED)]
+
+
+@pytest.mark.parametrize(
+    ("name", "observer", "dt", "known"), [*KNOWN, *(pytest.param(*row, marks=pytest.mark.slow) for row in SLOW)]
+)
+def test_the_bounds_are_those_that_are_known(name: str, observer: str, dt: float, known: Known) -> None:
+    gain = hg.noise_gain(step_of(name, observer, dt))
+    assert gain is not None
+    assert {state for state, _ in gain.gains} == set(known)
+    for state, (bound, frozen) in known.items():
+        assert frozen <= gain.gains[state, "y"] <= 1.1 * bound
+
+
+@pytest.mark.parametrize(("observer", "method"), [*((each, "rk4") for each in FIVE), ("high_gain", "euler")])
+def test_no_noise_moves_the_estimate_further(observer: str, method: str) -> None:
+    """Of the program in doubles: one estimate is given the output of a plant at rest, the other noise as well, by the
+    sign of the response to one wrong sample, and at random."""
+    level, count = 0.02, 160
+    step = step_of("pendulum", observer, 0.01, method)
+    gain = hg.noise_gain(step)
+    assert gain is not None
+    rng, push = np.random.default_rng(3), np.zeros(count)
+    push[20] = level
+    response = moved(step, push, 0.0)[20:]
+    for k, state in enumerate(("q", "w")):
+        worst = [level * np.append(np.zeros(20), np.sign(response[::-1, k]))]
+        worst += [level * rng.choice([-1.0, 1.0], count) for _ in range(2)]
+        reached = max(np.abs(moved(step, noise, angle)[:, k]).max() for noise in worst for angle in (0.0, 3.1))
+        assert 0.3 * gain.bound(state, {"y": level}) < reached <= gain.bound(state, {"y": level}) * (1 + 1e-9)
+
+
+def moved(step: hg.Step, noise: np.ndarray, angle: float) -> np.ndarray:
+    """How far noise moves the estimate of (q, w) from that without it, at a constant angle, from the same state, which
+    has come to rest there; no guard acts."""
+    estimates = []
+    for y in (np.full(len(noise), angle), angle + noise):
+        machine = Machine(step)
+        machine.record(np.zeros((400, 1)), np.full((400, 1), angle))
+        x, _, status = machine.record(np.zeros((len(y), 1)), y[:, None])
+        assert not {bit.name for i, bit in enumerate(step.bits) if (status >> i & 1).any()} - {"OUTSIDE_BOX"}
+        estimates.append(x)
+    return np.asarray(estimates[1] - estimates[0])
+
+
+@pytest.mark.slow
+def test_of_several_outputs_the_shares_add() -> None:
+    observer = hg.observers.high_gain(hg.forms.block_triangular(two_outputs()), theta=6, poles=((-1, -1), (-1,)))
+    gain = hg.noise_gain(hg.sample(observer, hg.methods.rk4, dt=1e-3))
+    assert gain is not None
+    assert set(gain.gains) == {(x, y) for x in ("x1", "x2", "x3") for y in ("y1", "y2")}
+    one, other = (gain.bound("x2", {name: 0.1}) for name in ("y1", "y2"))
+    assert gain.bound("x2", {"y1": 0.1, "y2": 0.1}) == pytest.approx(one + other)
+    with pytest.raises(KeyError):
+        gain.bound("x2", {"y3": 1.0})
+
+
+def test_where_nothing_is_proved_there_is_no_bound() -> None:
+    gains = load(MODELS / "hyperjerk.py").module.tuning["low_power"]
+    observer = hg.observers.low_power(hg.forms.triangular(model("hyperjerk")), **gains)
+    assert hg.noise_gain(hg.sample(observer, hg.methods.rk4, dt=1e-3)) is None
+
+
+@cache
+def certified(observer: str) -> dict[str, Any]:
+    step = step_of("pendulum", observer, 1e-3)
+    gain = hg.noise_gain(step)
+    assert gain is not None
+    return hg.certificate(step.observer.form, (*step.observer.checks, gain.check), observer)
+
+
+def verdict(content: dict[str, Any]) -> str:
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".noise"))
+    return row.found
+
+
+@pytest.mark.parametrize("observer", FIVE)
+def test_the_bounds_are_verified_again(observer: str) -> None:
+    assert verdict(certified(observer)) == "verified"
+
+
+LIES: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    "bound": lambda one: {"bound": str(Fraction(one["bound"]) * Fraction(9, 10))},
+    "state": lambda one: {"state": "2"},
+    "output": lambda one: {"output": "2"},
+    "alpha": lambda one: {"alpha": str(Fraction(one["alpha"]) * 2)},
+    "more alpha than time": lambda one: {"alpha": "5000"},
+    "lambda": lambda one: {"S": [*one["S"][:-1], "0"]},
+    "too much lambda": lambda one: {"S": [*one["S"][:-2], *(str(1000 * Fraction(x)) for x in one["S"][-2:])]},
+    "P": lambda one: {"P": [[str(2 * Fraction(x)) for x in row] for row in one["P"]]},
+    "none of S": lambda one: {"S": one["S"][-2:]},
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_a_forged_bound_fails(observer: str, lie: str) -> None:
+    content = copy.deepcopy(certified(observer))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".noise"))
+    one = claim["evidence"]["bounds"][0]
+    one |= LIES[lie](one)
+    assert verdict(content) == "fails"
