@@ -13,9 +13,9 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Grounds
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.noise import NoiseBound, noise_bound
 from hgogen.guarantees.quadratic import Array, rational
 from hgogen.guarantees.step_evidence import UnderNoise
+from hgogen.guarantees.under_noise import NoiseBound, noise_bound
 from hgogen.intervals.digits import Up, same
 from hgogen.intervals.outward import number
 from hgogen.method import OnErrors

@@ -10,7 +10,7 @@ from hgogen.form import Form
 from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.contracting import Contracts
 from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.noise import NoiseBound
+from hgogen.guarantees.under_noise import NoiseBound
 
 
 @dataclass(frozen=True)
