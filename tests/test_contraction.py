@@ -243,3 +243,10 @@ def test_a_plant_without_finite_slopes_has_no_inclusion() -> None:
     plant = hg.System("free", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -(x2**3)], output=[x1])
     estimator = hg.observers.high_gain(hg.forms.triangular(plant), theta=5, poles=(-1, -1))
     assert isinstance(estimator.error(), Nothing)
+
+
+def test_an_observer_in_the_plants_coordinates_has_none_and_says_so() -> None:
+    """On a phase form whose a_i are no numbers of the plant's."""
+    known = hg.contraction(load(MODELS / "battery.toml").step("high_gain"))
+    assert not known.proved
+    assert "stays in the plant's" in str(known.checks[0].reason)

@@ -134,9 +134,6 @@ def inclusion(
     `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats as they
     are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields.
     """
-    reason = obstacle(form)
-    if reason:
-        return Nothing(reason)
     slopes = _slopes(form, layout, scale)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
@@ -157,6 +154,9 @@ def on_integrators(
 ) -> Inclusion | Nothing:
     """The inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`: fields
     whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`."""
+    reason = obstacle(chain.form)
+    if reason:
+        return Nothing(reason)
     if not all(product > 0 for product in chain.nominal):
         return Nothing(because("the inequality is for a_i shown to be positive"))
     units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
@@ -170,13 +170,16 @@ def on_integrators(
 def on_companion(chain: Integrators, p: Sequence[float], N: np.ndarray) -> Inclusion | Nothing:
     """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials and `N` (n, n) their
     companion matrices."""
-    gains = tuple(sp.Rational(Fraction(x)) / a for x, a in zip(p, chain.products, strict=True))
-    error = on_integrators(chain, plain(chain.form), N, by_chain(chain.form, p), {"gains": gains})
+    numbers = {"gains": tuple(sp.Rational(Fraction(x)) / a for x, a in zip(p, chain.products, strict=True))}
+    error = on_integrators(chain, plain(chain.form), N, by_chain(chain.form, p), numbers)
     return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)})
 
 
 def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
     """The inclusion of a constant gain K (n) in the form's own coordinates, whose a_i may move with inputs."""
+    reason = obstacle(form)
+    if reason:
+        return Nothing(reason)
     n, slopes, ranges = form.n, list[Slope](), list[Evidence | None]()
     head = [at for at, size in zip(form.heads, form.blocks, strict=True) for _ in range(size)]
     for at, a in enumerate(a for chain in chains(form) for a in chain):
