@@ -6,6 +6,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+import numpy as np
 import pytest
 import sympy as sp
 from forger import sealed
@@ -78,6 +79,35 @@ def test_gains_on_an_a_that_moves_are_proved_and_verified() -> None:
     narrow = copy.deepcopy(content)
     claim(narrow, "step")["ranges"][1] |= {"low": "1.9", "high": "2.1"}
     assert findings(narrow)["step"] == "fails"
+    other = copy.deepcopy(content)
+    claim(other, "step")["scale"] = ["1", "1/3"]
+    assert findings(other)["step"] == "fails"
+
+
+def beside() -> hg.System:
+    """x1' = (2 + u) x2, x2' = -sin x1, x3' = -x3; y1 = x1, y2 = x3: two chains, in one of which an a moves."""
+    plant, x3 = driven(), hg.Signal("x3", low=-2, high=2)
+    outputs = (hg.Signal("y1"), hg.Signal("y2"))
+    flow, output = [*plant.flow, -x3], [*plant.output, x3]
+    return hg.System(
+        "beside", states=(*plant.states, x3), inputs=plant.inputs, outputs=outputs, flow=flow, output=output
+    )
+
+
+def test_an_a_that_moves_in_one_of_two_chains_is_proved_and_verified() -> None:
+    observer = hg.observers.high_gain(hg.forms.block_triangular(beside()), theta=6, gains=((2, 0.5), (1,)))
+    content = content_of(observer, "euler")
+    assert "ranges" in claim(content, "step")
+    assert findings(content)["step"] == "verified"
+
+
+@pytest.mark.parametrize("observer", ["low_power", "peaking_free"])
+def test_a_longer_chain_is_verified(observer: str) -> None:
+    """Where saturations are several, in the order of their multipliers."""
+    gains = load(MODELS / "hyperjerk.py").module.tuning[observer]
+    form = hg.forms.triangular(model("hyperjerk"))
+    content = content_of(getattr(hg.observers, observer)(form, **{**gains, "theta": 10}), "euler", 1e-2)
+    assert findings(content)["step"] == "verified"
 
 
 def test_gains_from_poles_follow_a_parameter_and_are_verified() -> None:
@@ -120,6 +150,7 @@ AT_ONE = {
     "a slope less steep upwards": put("slopes", 0, "high", value="1"),
     "a slope less steep downwards": put("slopes", 0, "low", value="-1"),
     "a slope elsewhere": put("slopes", 0, "column", value="2"),
+    "a slope of nothing": put("slopes", value=lambda slopes: [*slopes, {**slopes[0], "row": "1"}]),
     "no slopes": put("slopes", value=[]),
     "another method": put("method", value="the matrix exponential"),
     "units": put("units", value=lambda units: [str(3 * Fraction(u)) for u in units]),
@@ -155,6 +186,34 @@ def test_a_forged_number_of_all_shorter_lengths_fails(fact: str, lie: str) -> No
     content = copy.deepcopy(certified("high_gain"))
     PIECES[lie](claim(content, fact))
     assert findings(content)[fact] == "fails"
+
+
+@pytest.mark.parametrize("core", [True, False])
+def test_a_core_of_numbers_is_not_one_of_ranges_too(core: bool) -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    evidence = claim(content, "step")
+    if core:
+        evidence["ranges"] = []
+    else:
+        del evidence["core"]
+    assert findings(content)["step"] == "fails"
+
+
+def test_a_form_that_is_no_norm_proves_nothing() -> None:
+    """Where errors grow, P below 0 makes the inequality hold."""
+    content = copy.deepcopy(certified("high_gain"))
+    evidence = claim(content, "step")
+    content["observer"] |= {
+        "theta": "1000",
+        "gains": [f"-({content['observer']['gains'][0]})", *content["observer"]["gains"][1:]],
+    }
+    evidence["core"][0][0] = str(-Fraction(evidence["core"][0][0]))
+    (a, b), (c, d) = N = [[float(Fraction(x)) for x in row] for row in evidence["core"]]
+    rows = [[2 * a, 2 * c, 0], [b, a + d, c], [0, 2 * b, 2 * d]]  # N'P + P N = -1 of P_11, P_12, P_22
+    p, q, r = (str(Fraction(x).limit_denominator()) for x in np.linalg.solve(rows, [-1, 0, -1]))
+    assert np.linalg.eigvals(N).real.min() > 0
+    evidence |= {"method": "Euler", "dt": "1/1000000", "alpha": "0", "P": [[p, q], [q, r]], "S": ["1", "1"]}
+    assert findings(content)["step"] == "fails"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from dataclasses import replace
 from string import Template
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +19,7 @@ from hgogen.emit import layout
 from hgogen.emit.cfunction import Prototype, address, prototypes, structs
 from hgogen.emit.interface import entries
 from hgogen.emit.prefix import prefixed
-from hgogen.program import scalar
+from hgogen.program import Field, Group, scalar
 from hgogen.stepping.ready import UNINITIALISED, mark
 from tests.sweep import by_turns
 
@@ -221,6 +222,18 @@ def test_the_mark_is_of_what_is_remembered_and_of_no_name_of_the_code() -> None:
     assert longer.mark != made.mark
     other = hg.sample(hg.observers.low_power(made.observer.form, theta=5), dt=1e-3)
     assert other.mark != made.mark
+
+
+def test_the_mark_is_of_names_of_elements_and_of_what_lies_in_groups() -> None:
+    observer = step("pendulum").observer
+
+    def marked(field: Field) -> tuple[float, ...]:
+        inner = Group("inner", 2, (field,))
+        return mark(observer, (), (Group("outer", 3, (), groups=(inner,)),)).initial
+
+    field = Field("at", (0.0, 0.0), labels=("a", "b"))
+    others = [replace(field, labels=("b", "a")), replace(field, initial=(0.0,) * 3), replace(field, name="on")]
+    assert len({marked(each) for each in (field, *others)}) == 4
 
 
 def vars_of(made: hg.Step) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.emit.body import body
+from hgogen.emit.code import Code
 from hgogen.emit.csyntax import C
 from hgogen.emit.looping import LEAST, NEVER, LoopPrinter
 from hgogen.emit.printer import Operand
@@ -74,8 +75,14 @@ def everywhere(at: Mapping[str, list[ca.SX]], c: float) -> ca.SX:
     return result
 
 
-def text(function: ca.Function, least: int) -> list[str]:
+def text(function: ca.Function, least: int, size: int = N) -> list[str]:
     """The C function f(a, z, w) that writes the outputs of a function of (a, z, w) to z and w."""
+    constants, statements = code(function, least, size)
+    return ["void f(const double *a, double *z, double *w)", "{", *constants.lines, *statements.lines, "}"]
+
+
+def code(function: ca.Function, least: int, size: int = N) -> tuple[Code, Code]:
+    """Its constants, and its statements."""
     printer = LoopPrinter(
         C,
         real="double",
@@ -86,9 +93,8 @@ def text(function: ca.Function, least: int) -> list[str]:
         least=least,
         taken=set(ARRAYS),
     )
-    targets = [target(argument, element) for argument in (1, 2) for element in range(N)]
-    constants, statements = body(printer, function, targets, [], [1, 2])
-    return ["void f(const double *a, double *z, double *w)", "{", *constants.lines, *statements.lines, "}"]
+    targets = [target(argument, element) for argument in (1, 2) for element in range(size)]
+    return body(printer, function, targets, [], [1, 2])
 
 
 def target(argument: int, element: int) -> Target:
@@ -153,6 +159,43 @@ def test_loops_write_the_bits_of_the_block(
     assert [array.tobytes() for array in arrays[1:]] == [value.tobytes() for value in expected]
 
 
+def either_twice(at: Mapping[str, list[ca.SX]]) -> list[ca.SX]:
+    """Alike but for which of two values comes again."""
+    pairs = [(a + 1.5, w - 0.5) for a, w in zip(at["a"], at["w"], strict=True)]
+    return [pair[0] * pair[1] + pair[k % 2] for k, pair in enumerate(pairs)]
+
+
+def either_array(at: Mapping[str, list[ca.SX]]) -> list[ca.SX]:
+    """Alike but for which of two arrays of shared values is read first."""
+    pairs = [(a * z + 0.5, a - w) for a, z, w in zip(*at.values(), strict=True)]
+    return [(pair[k % 2] - pair[1 - k % 2]) * sum(pairs[(k + 1) % N]) for k, pair in enumerate(pairs)]
+
+
+@compiled
+@pytest.mark.parametrize("rows", [either_twice, either_array])
+def test_values_that_are_nearly_alike_are_told_apart(rows: Callable[..., list[ca.SX]], tmp_path: Path) -> None:
+    a, z, w = symbols = [ca.SX.sym(name, N) for name in ARRAYS]
+    at = dict(zip(ARRAYS, map(ca.vertsplit, symbols), strict=True))
+    function = ca.Function("block", [a, z, w], ca.cse([ca.vertcat(*rows(at)), w]))
+    lines, arrays = text(function, LEAST["flash"]), [*np.random.default_rng(0).normal(size=(len(ARRAYS), N))]
+    expected = np.array(function(*arrays)[0]).ravel()
+    assert any("for (" in line for line in lines)
+    run(lines, tmp_path, arrays)
+    assert arrays[1].tobytes() == expected.tobytes()
+
+
+def test_a_loop_begins_with_the_row_after_one_that_is_elsewhere() -> None:
+    a, z, w = (ca.SX.sym(name, N + 1) for name in ARRAYS)
+    rows = [0.5 * a[3], *(0.5 * a[k + 1] for k in range(1, N))]
+    function = ca.Function("block", [a, z, w], [ca.vertcat(*rows, z[N]), w])
+    assert text(function, N - 1, N + 1)[2:-1] == [
+        "z[0] = 0.5*a[3];",
+        "for (unsigned j = 1u; j < 9u; ++j) {",
+        "    z[j] = 0.5*a[j + 1u];",
+        "}",
+    ]
+
+
 def test_what_is_alike_is_a_loop_from_so_many_on() -> None:
     a, z, w = (ca.SX.sym(name, N) for name in ARRAYS)
     function = ca.Function("block", [a, z, w], [z + 0.5 * a, w])
@@ -186,6 +229,27 @@ def test_ranges_about_zero_need_one_table() -> None:
         "    z[j] = f_limit(a[j], t1[j]);",
         "}",
     ]
+
+
+def test_ranges_of_which_only_the_first_is_about_zero_need_both_ends() -> None:
+    a, z, w = (ca.SX.sym(name, N) for name in ARRAYS)
+    limited = [ca.fmin(ca.fmax(a[k], -1 - 2 * k), 1 + k) for k in range(N)]
+    lines = text(ca.Function("block", [a, z, w], [ca.vertcat(*limited), w]), 8)[2:-1]
+    assert lines == [
+        "static const double t1[9] = {1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0};",
+        "static const double t2[9] = {-1.0, -3.0, -5.0, -7.0, -9.0, -11.0, -13.0, -15.0, -17.0};",
+        "for (unsigned j = 0u; j < 9u; ++j) {",
+        "    z[j] = f_clamp(a[j], t2[j], t1[j]);",
+        "}",
+    ]
+
+
+def test_a_loop_counts_up_to_its_last_element() -> None:
+    """Which says how wide a counter must be."""
+    a, z, w = (ca.SX.sym(name, N) for name in ARRAYS)
+    function = ca.Function("block", [a, z, w], [ca.vertcat(z[0], 0.5 * a[1:]), w])
+    _, statements = code(function, N - 1)
+    assert statements.uses.widest == N
 
 
 @pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")

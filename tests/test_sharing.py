@@ -84,6 +84,33 @@ def test_parts_of_one_name_that_differ_have_a_number() -> None:
     assert "4.0f" in "".join(writer.function(sections[0].program).lines)
 
 
+def test_a_part_writes_so_many_numbers_of_the_state_wherever_it_stands() -> None:
+    """Bits of the status are none of them."""
+    of = made("two")
+
+    def block(name: str, *more: Place) -> Block:
+        values = {Place("state", "z"): sym("state", "z", 3) * 2, **dict.fromkeys(more, sym("state", "calls") * 3)}
+        return Block(name, values, part=name)
+
+    enough = block("enough", Place("state", "doubt_range"))
+    few = block("few", Place("status", "RESTARTED"))
+    program = (enough, few, When(Place("state", "calls"), (few,), (enough,)))
+    sections = (replace(of.sections[0], program=program), *of.sections[1:])
+    writer = SharingWriter(C, hg.Step(**{**parts_of(of), "sections": sections}), "float")
+    names = {part.prototype.name for part in writer.parts}
+    assert "two_enough" in names
+    assert "two_few" not in names
+    assert sum(size for _, size in enough.written) == sum(size for _, size in few.written) == FEWEST
+
+
+def test_a_part_that_says_something_leaves_nothing_as_after_a_reset() -> None:
+    of = made("two")
+    start = {Place("state", "z"): sym("state", "z", 3) * 0, Place("state", "doubt_range"): sym("state", "calls") * 0}
+    writer = SharingWriter(C, of, "float")
+    assert writer._left((Block("start", start),)) == set(start)
+    assert writer._left((Block("start", {**start, Place("status", "RESTARTED"): sym("state", "calls") + 1}),)) == set()
+
+
 def parts_of(of: hg.Step) -> dict[str, object]:
     """What a step is made of."""
     return {name: getattr(of, name) for name in hg.Step.__dataclass_fields__}
