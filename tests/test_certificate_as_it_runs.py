@@ -115,6 +115,15 @@ def test_gains_from_poles_follow_a_parameter_and_are_verified() -> None:
     assert findings(content_of(observer)) == dict.fromkeys(("step", "shorter", "tuned"), "verified")
 
 
+def test_saturations_in_units_of_their_own_are_verified() -> None:
+    x1, x2, x3 = states = tuple(hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2, 3))
+    flow = [2 * x2, 3 * x3, -sp.sin(x1)]
+    plant = hg.System("units", states=states, outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    content = content_of(hg.observers.peaking_free(hg.forms.triangular(plant), theta=12), "euler")
+    assert claim(content, "step")["units"] == ["1", "1/2", "166667/1000000"]
+    assert findings(content)["step"] == "verified"
+
+
 def test_several_outputs_are_proved_and_verified() -> None:
     form = hg.forms.block_triangular(two_outputs())
     observer = hg.observers.high_gain(form, theta=6, poles=((-1, -1), (-1,)))

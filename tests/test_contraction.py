@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from plants import MODELS, model
 
 import hgogen as hg
-from hgogen.certificates.contraction import contraction
-from hgogen.certificates.reach import reach
+from hgogen.certificates.contraction import _beyond, contraction
+from hgogen.certificates.reach import Reach, _proved, reach
 from hgogen.check import Verdict
+from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.quadratic import rational, verified
+from hgogen.guarantees.quadratic import Quadratic, Weights, rational, verified
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.stepping.machine import Machine
@@ -185,6 +186,63 @@ def test_a_step_beyond_the_longest_is_not_proved_and_says_which_slope_held_there
     (check,) = hg.contraction(step).checks
     assert check.verdict is Verdict.UNKNOWN
     assert "db_2/dz1 = " in str(check.reason) or "no common norm" in str(check.reason)
+
+
+def test_other_lengths_and_thetas_are_claimed_where_there_are_pieces() -> None:
+    observer = made("pendulum", "high_gain")
+    steps = steps_of(observer, "euler")
+    assert list(_beyond(observer, "Euler", steps, Reach(Fraction(1, 10), (), steps.theta))) == []
+    pieces = (Piece(Fraction(0), Fraction(1, 10), Weights(((Fraction(1),),), ())),)
+    shorter, tuned = _beyond(observer, "Euler", steps, Reach(Fraction(1, 10), pieces, Fraction(5), pieces))
+    assert "every dt up to 0.1 s, of a larger theta while theta dt is up to 2" in shorter.claim
+    assert "every theta from 5 to 20" in tuned.claim
+
+
+def test_thetas_are_tuned_at_the_longest_dt_that_serves_one_of_them() -> None:
+    """That of the least theta where it is below the step's own; there are none to tune where it is above."""
+    h = Fraction(1, 1000)
+    far = reach(steps_of(made("pendulum", "high_gain"), "euler"), h, math.inf)
+    assert far.least is not None
+    assert far.least < 20
+    assert far.tuned[-1].high == h * 20 / far.least
+    low = reach(steps_of(made("pendulum", "high_gain", theta=4), "euler"), h, math.inf)
+    assert low.least is not None
+    assert low.least > 4
+    assert low.tuned == ()
+
+
+def test_a_proof_is_first_tried_at_the_short_number_next_to_the_end() -> None:
+    for start, end, nearest in ((20, Fraction("4.412"), "4.42"), (1, Fraction("4.418"), "4.41")):
+        value = _proved(lambda _: True, Fraction(start), end)
+        assert float(value or 0) == float(nearest)
+
+
+def test_an_a_that_moves_lies_in_the_range_of_its_slope() -> None:
+    x, v, u = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2), hg.Signal("u", low=-1, high=1)
+    flow = [(2 + u / 3) * v, -sp.sin(x)]
+    plant = hg.System("p", states=(x, v), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x])
+    error = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, gains=(2, 0.5)).error()
+    assert isinstance(error, Inclusion)
+    (moving,) = (slope for slope in error.varying if slope.entry is None)
+    assert moving.low <= Fraction(5, 3)
+    assert Fraction(7, 3) <= moving.high
+
+
+def test_the_slopes_of_a_corner_are_named_by_their_ends() -> None:
+    error = made("pendulum", "high_gain").error()
+    assert isinstance(error, Inclusion)
+    entries = [slope for slope in error.varying if slope.entry is not None]
+    for share, end in ((-1.0, "low"), (1.0, "high")):
+        values = error.named(model("pendulum").states, np.full(len(error.varying), share))
+        assert list(values.values()) == [getattr(slope, end) for slope in entries]
+
+
+def test_a_multiplier_below_zero_proves_nothing() -> None:
+    """Of e' = e with a relation |0| <= |e|, which says nothing."""
+    one = rational([[1]])
+    form = Quadratic(((one, one),), one, 0 * one)
+    assert not verified(form, one, rational([-3]))
+    assert (form.value(one, rational([-3])) < 0).all()
 
 
 def test_what_rationals_do_not_confirm_is_no_proof() -> None:

@@ -65,7 +65,9 @@ def test_an_update_asks_for_what_it_changes_and_the_next_predict_for_all(element
     assert restarted[0] == at
 
 
-@pytest.mark.parametrize(("name", "inner"), [("fitzhugh_nagumo", ["keep_in_box"]), ("pendulum", [])])
+@pytest.mark.parametrize(
+    ("name", "inner"), [("fitzhugh_nagumo", ["keep_in_box"]), ("pendulum", []), ("tunable", ["keep_in_box"])]
+)
 def test_one_function_keeps_the_state_in_its_box_where_several_ask(name: str, inner: list[str]) -> None:
     made = emitted.step(name)
     assert [section.name for section in made.inner] == inner

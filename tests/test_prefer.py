@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.cli import app
-from hgogen.kalman.chosen import LARGE, LONGER
+from hgogen.kalman.chosen import FULL, LARGE, LONGER
 from hgogen.model import load
 from hgogen.step import BadStep
 
@@ -81,6 +81,15 @@ def test_a_full_matrix_is_no_choice() -> None:
     full = hg.observers.riccati(step.observer.form, Q=0.1 * np.eye(3) + 0.01, R=[0.1, 0.2])
     assert not named(hg.sample(full, dt=0.01, prefer="flash"))
     assert "full matrices" in hg.sample(full, dt=0.01, prefer="flash").choice
+
+
+def test_what_is_counted_has_its_borders() -> None:
+    """Up to 7 states a full matrix is taken, up to 12 both programs are made."""
+    form = row(FULL).observer.form
+    full = hg.observers.riccati(form, Q=0.1 * np.eye(FULL) + 0.01, R=0.1)
+    assert "full matrices" in hg.sample(full, dt=0.01).choice
+    assert "in any case" not in row(LARGE, prefer="flash").choice
+    assert "in any case" in row(LARGE + 1, prefer="flash").choice
 
 
 def test_both_compute_the_same_but_for_rounding() -> None:
