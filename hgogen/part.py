@@ -74,6 +74,12 @@ class Clock:
         """1 for each output (p) whose sample can be used, else 0; without guards every one is used."""
         return sym("work", "valid", self.outputs) if self.guarded else ca.SX.ones(self.outputs)
 
+    @property
+    def sampled(self) -> Graph:
+        """Whether the last call had a sample of each output (p) that could be used, for the sections after `predict`
+        of a step that integrates with the measurement; without guards every one is used."""
+        return sym("state", "y_valid", self.outputs) > 0 if self.guarded else ca.SX.ones(self.outputs)
+
 
 @dataclass(frozen=True, eq=False)
 class Pieces:

@@ -85,6 +85,18 @@ def test_it_says_nothing_and_asks_nothing(name: str) -> None:
     assert plain.observer.checks == plain.observer.form.checks
 
 
+TUNED = load(plants.MODELS / "bioreactor.py")
+
+
+@pytest.mark.parametrize("tuning", [name for name in TUNED.tuning.tables if name != "bank"])
+def test_each_observer_reads_only_what_is_remembered_without_guards(tuning: str) -> None:
+    """The validity of a sample is a constant then, and no field of the state. A bank demands guards."""
+    made = TUNED.step(tuning)
+    plain = hg.sample(made.observer, made.method, made.dt, guards="none")
+    read = {place for section in plain.called for place, _ in places(section.program) if place.struct == "state"}
+    assert read <= {Place("state", field.name) for field in plain.state}
+
+
 def test_what_a_part_has_to_say_is_not_said() -> None:
     """The Kalman-like observer tells by its covariance whether its theorem holds."""
     observer = hg.observers.kalman_like(hg.forms.state_affine(plants.chain(2)), rho=1.0, R=1.0)

@@ -220,7 +220,7 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
     slowest = float(-np.linalg.eigvals(companion(p)).real.max())
     needed, times = 2 * log(FINE * max(3.0, most ** (chain.n - 1))) / slowest, float(ceil(log2(most / least)))
     e, quiet, falls = ca.fabs(last_error(chain, w, clock)), sym("state", "quiet"), sym("state", "falls")
-    level, seen = sym("state", "k"), sym("state", "y_valid") > 0
+    level, seen = sym("state", "k"), clock.sampled
     (low, high), reach = readings(chain.form)[0], sym("gain", "reach")
     far = ca.fmin(reach, ca.fmax(2 * sym("gain", "strip"), SHARE * (high - low))) if high - low < INF else reach
     counted = ca.if_else(e <= sym("gain", "strip"), ca.fmin(quiet + level * clock.dt, needed), 0)

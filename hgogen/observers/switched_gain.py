@@ -136,7 +136,7 @@ def _switch(clock: Clock, chain: Integrators, w: Field, hold: float) -> Pieces:
     quiet, high = sym("state", "quiet"), sym("gain", "theta")
     small = ca.fabs(last_error(chain, w, clock)) <= sym("gain", "threshold")
     counted = ca.if_else(small, ca.fmin(quiet + 1, needed), 0)
-    after = ca.if_else(sym("state", "y_valid") > 0, counted, quiet)
+    after = ca.if_else(clock.sampled, counted, quiet)
     low = ca.fmin(sym("gain", "theta_low"), high)
     return Pieces(
         fields=(scalar("quiet", 0.0, low=0.0, high=needed, meaning="samples in a row with a small output error"),),
