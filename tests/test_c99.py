@@ -180,6 +180,16 @@ def test_the_end_of_a_comment_stands_with_its_words(name: str) -> None:
         assert "* */" not in "".join(lines)
 
 
+@pytest.mark.parametrize("name", ["two", "bank", "pendulum"])
+def test_what_is_said_of_a_function_stands_right_above_it(name: str) -> None:
+    """Its meaning, and that it runs rarely: no line is empty between them and its head."""
+    text = files(name)[f"{step(name).name}.c"]
+    assert "_RARELY\n" in text
+    assert re.findall(r"(?:_RARELY|\*/)\n\n(?:static )?\w+ \w+\(.*", text) == []
+    meaning = "/* memory that neither init nor reset has made a state becomes one, which the status says */\n"
+    assert f"{meaning}static " in text
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_self_check_s_banner_is_not_wrapped(name: str) -> None:
     """Its lines are broken where they mean to be, and what is to be defined stands in a column."""

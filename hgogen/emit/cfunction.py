@@ -63,7 +63,8 @@ def inside(step: Step, section: Section) -> Prototype:
 
 def readied(step: Step) -> Prototype:
     """What makes memory a state that is none yet."""
-    return Prototype(status_type(step), f"{step.name}_ready", structs(step)[:1], public=False)
+    meaning = "memory that neither init nor reset has made a state becomes one, which the status says"
+    return Prototype(status_type(step), f"{step.name}_ready", structs(step)[:1], meaning, public=False)
 
 
 def status_type(step: Step) -> str:

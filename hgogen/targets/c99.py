@@ -114,8 +114,7 @@ def _readied(step: Step, mark: Field) -> Code:
         f"    status = {upper}_{UNINITIALISED.name};",
         "}",
     )
-    said = code(C.comment("memory that neither init nor reset has made a state becomes one, which the status says"))
-    return said + _function(readied(step), code(*lines, parameters="s"))
+    return _function(readied(step), code(*lines, parameters="s"))
 
 
 def _bodies(writer: SharingWriter) -> dict[str, Code]:
@@ -154,7 +153,7 @@ def _function(prototype: Prototype, body: Code, begun: str = "0u") -> Code:
     inner = code(*(f"(void){name};" for name in idle)) + body
     if prototype.returns != "void":
         inner = code(f"{prototype.returns} status = {begun};") + inner + code("return status;")
-    said = [] if prototype.public else [C.comment(prototype.meaning)]
+    said = [C.comment(prototype.meaning)] if prototype.meaning and not prototype.public else []
     return code(*said, str(prototype), "{") + inner.indented() + code("}")
 
 
