@@ -51,6 +51,26 @@ def test_a_lost_value_restarts_the_whole_state(field: str, lost: float) -> None:
     assert step(y=np.nan).flags == ("MISSING_Y",)
 
 
+@pytest.mark.parametrize("lost", [np.nan, np.inf, -1.0, 1e300])
+@pytest.mark.parametrize("name", ["many_states", "for_flash"])
+def test_loops_do_not_go_on_with_a_variance_that_is_none(name: str, lost: float) -> None:
+    """A restored state that holds one is mended by the next predict, and the estimate goes on from where it was."""
+    made = emitted.step(name)
+    made.reset()
+    inputs, variances = dict.fromkeys(map(str, made.inputs), 0.0), made._kept.places[Place("state", "D")]
+    for _ in range(3):
+        made(**inputs, y=0.01)
+    variances[0] = lost
+    assert "COVARIANCE_LIMITED" in made(**inputs, y=np.nan).flags
+    assert np.isfinite(variances).all()
+    assert (variances >= 0).all()
+    for _ in range(60):
+        assert "RESTARTED" not in made(**inputs, y=0.01).flags
+    assert np.isfinite(variances).all()
+    assert (variances > 0).all()
+    made.reset()
+
+
 @pytest.mark.parametrize(("element", "at"), [(0, "update_y"), (1, "predict")])
 def test_an_update_asks_for_what_it_changes_and_the_next_predict_for_all(element: int, at: str) -> None:
     """Of y = q a factor's update changes the variance of q; that of w it leaves as predict has kept it in its box."""

@@ -163,3 +163,20 @@ def test_the_loops_of_c_have_the_bits_of_python(name: str, n: int, seed: int, da
     assert getattr(loops(), f"{name}{n}")(*map(pointer, theirs), *ends) == result
     assert all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True))
     assert name != "correct" or np.array_equal(last[1], gain)
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf, -np.inf, -1.0, -1e-9, 1e200])
+@pytest.mark.parametrize("n", LENGTHS)
+def test_a_cap_leaves_no_entry_of_d_that_is_none(n: int, lost: float) -> None:
+    """Python's reading and the loops: what no step makes, and a state that was restored may hold."""
+    rng = np.random.default_rng(n)
+    for k in range(n):
+        (L, d), caps = factors(rng, n, 1), 10 ** rng.uniform(2, 3, n)
+        d[k] = lost
+        mine, theirs = ((np.ascontiguousarray(L.T), d.copy(), caps.copy()) for _ in range(2))
+        with np.errstate(all="ignore"):
+            assert kernels.cap(*mine)
+        assert getattr(loops(), f"cap{n}")(*map(pointer, theirs)) == 1
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(mine, theirs, strict=True))
+        assert (mine[1] >= 0).all()
+        assert (mine[1] <= caps).all()

@@ -87,6 +87,10 @@ class _Counted:
         self.done[OPERATION] += 1
         return True
 
+    def __ge__(self, _: Any) -> bool:
+        self.done[OPERATION] += 1
+        return True
+
     def __le__(self, _: Any) -> bool:
         self.done[OPERATION] += 1
         return False

@@ -77,14 +77,16 @@ def _on_columns(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ..
 
 
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
-    """A factor of 1 where a variance does not exceed its cap changes no bit."""
+    """A factor of 1 where a variance does not exceed its cap changes no bit, nor does a choice of D where D >= 0."""
     values = [_value(v) for v in variances(columns, d)]
     pairs = [(v, _value(c)) for v, c in zip(values, caps, strict=True)]
     scale = np.array([_Scalar(ca.if_else(v > c, c / v, 1.0)) for v, c in pairs], dtype=object)
     for k in range(len(d)):
         columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
-    d[:] = d * scale * scale
-    return ca.logic_not(reduce(ca.logic_and, (v <= c for v, c in pairs)))
+    sound = [ca.logic_and(v <= c, _value(pivot) >= 0) for (v, c), pivot in zip(pairs, d, strict=True)]
+    scaled = [_value(pivot * s * s) for pivot, s in zip(d, scale, strict=True)]
+    d[:] = [_Scalar(ca.if_else(ca.logic_and(v >= 0, v <= c), v, c)) for v, (_, c) in zip(scaled, pairs, strict=True)]
+    return ca.logic_not(reduce(ca.logic_and, sound))
 
 
 _ON_ARRAYS: Mapping[str, Callable[..., Any]] = {

@@ -98,14 +98,16 @@ def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array, read: int
 
 
 def cap(columns: Array, d: Array, caps: Array) -> bool:
-    """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did, or is not a number."""
+    """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did, or is not a number, or a D is negative. A D that
+    then is none of a covariance below its cap, as no step makes it, is the cap."""
     n, variance = len(d), variances(columns, d)
     scale = np.where(variance > caps, caps / variance, np.ones(n, d.dtype))
-    if (variance <= caps).all():
+    if (variance <= caps).all() and (d >= 0).all():
         return False
     for k in range(n):
         columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
-    d[:] = d * scale * scale
+    scaled = d * scale * scale
+    d[:] = np.where((scaled >= 0) & (scaled <= caps), scaled, caps)
     return True
 
 

@@ -111,7 +111,8 @@ def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector, read:
 
 
 def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
-    """scale row i of L where P_ii exceeds its cap; whether one did, or is not a number"""
+    """scale row i of L where P_ii exceeds its cap; whether one did, or is not a number, or a D is negative; a
+    D that is none then is its cap"""
     scale = array(n)
     capped = False
     for i in range(n):
@@ -119,12 +120,13 @@ def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
         for k in range(i):
             variance = variance + L[k].v[i] * L[k].v[i] * D[k]
         scale[i] = caps[i] / variance if variance > caps[i] else 1.0
-        capped = capped if variance <= caps[i] else True
+        capped = capped if variance <= caps[i] and D[i] >= 0.0 else True
     if capped:
         for k in range(n):
             for i in range(k + 1, n):
                 L[k].v[i] = L[k].v[i] * scale[i] / scale[k]
-            D[k] = D[k] * scale[k] * scale[k]
+            d = D[k] * scale[k] * scale[k]
+            D[k] = d if d >= 0.0 and d <= caps[k] else caps[k]
     return capped
 
 
