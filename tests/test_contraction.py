@@ -296,6 +296,18 @@ def test_without_guards_nothing_is_proved() -> None:
     assert "without guards" in str(hg.contraction(step).checks[0].reason)
 
 
+def test_a_linear_plant_has_no_slopes_and_contracts_as_its_core_does() -> None:
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1)
+    plant = hg.System("double", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, 0], output=[x1])
+    estimator = hg.observers.high_gain(hg.forms.triangular(plant), theta=8, poles=(-1, -1.2))
+    known = hg.contraction(hg.sample(estimator, hg.methods.euler, dt=0.01))
+    assert [check.id.split(".")[1] for check in known.checks] == ["step", "shorter", "tuned"]
+    assert known.rate is not None
+    assert 7 < known.rate < 8.4  # Euler's 1 - 8 dt, as a rate
+    assert known.reach.longest is not None
+    assert 0.95 * 2 / 9.6 < known.reach.longest < 2 / 9.6  # where 1 - 9.6 dt is -1
+
+
 def test_a_plant_without_finite_slopes_has_no_inclusion() -> None:
     x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2")
     plant = hg.System("free", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -(x2**3)], output=[x1])

@@ -83,7 +83,7 @@ ErrorStep = Callable[[Fraction, Uncertain], Stagewise]  # a method: a step of th
 def corners(m: int) -> np.ndarray:
     """The corners (k, m) of the cube of m slopes; of many slopes some, always the same."""
     if m <= _ALL:
-        return np.array(list(product((-1.0, 1.0), repeat=m))).reshape(-1, m)
+        return np.array(list(product((-1.0, 1.0), repeat=m))).reshape(2**m, m)
     return np.random.default_rng(0).choice((-1.0, 1.0), size=(2**_ALL, m))
 
 
