@@ -56,9 +56,9 @@ def test_other_methods_are_verified(method: str) -> None:
     assert set(findings(content_of(observer, method)).values()) == {"verified"}
 
 
-def driven() -> hg.System:
-    """x1' = (2 + u) x2, x2' = -sin x1: an a_2 that moves with the input."""
-    x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)
+def driven(end: float = 2) -> hg.System:
+    """x1' = (2 + u) x2, x2' = -sin x1: an a_2 that moves with the input; x1 is at most `end`."""
+    x1, x2 = hg.Signal("x1", low=-end, high=end), hg.Signal("x2", low=-2, high=2)
     u = hg.Signal("u", low=-0.3, high=0.3)
     flow = [(2 + u) * x2, -sp.sin(x1)]
     return hg.System("driven", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
@@ -249,3 +249,42 @@ def test_a_steeper_plant_is_not_what_was_proved() -> None:
         if parameter["name"] == "a":
             parameter.update(low="40", high="40")
     assert set(findings(content).values()) == {"fails"}
+
+
+def test_an_a_that_moves_with_the_estimate_is_not_one_that_moves_with_an_input() -> None:
+    """A(sat z) z - A(sat x) x is more than A times the error: what is left grows with z."""
+    content = content_of(hg.observers.high_gain(hg.forms.triangular(driven(0.3)), theta=6, gains=(2, 0.5)))
+    assert findings(content)["step"] == "verified"
+    content["plant"]["flow"][0] = "(x1 + 2)*x2"
+    content["form"]["A"][0][1] = "z1 + 2"
+    for fact in ("step", "shorter", "tuned"):
+        range_ = claim(content, fact)["ranges"][1]
+        range_ |= {"expression": "z1 + 2", "box": {"z1": range_["box"]["u"]}}
+    assert set(findings(content).values()) == {"fails"}
+    assert {row.id: row.found for row in recheck(sealed(content)).rows}["triangular.structure"] == "verified"
+
+
+def test_a_gain_that_has_no_value_at_a_parameter_is_none_of_an_observer() -> None:
+    x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)
+    a, y = hg.Signal("a", "", "", 2, low=1, high=3), hg.Signal("y")
+    plant = hg.System("seen", states=(x1, x2), parameters=(a,), outputs=(y,), flow=[x2, 0], output=[a * x1])
+    content = content_of(hg.observers.high_gain(hg.forms.triangular(plant), theta=8, poles=(-1, -1)))
+    assert findings(content) == dict.fromkeys(("step", "shorter", "tuned"), "verified")
+    assert content["observer"]["gains"] == ["2/a", "1/a"]
+    content["plant"]["parameters"][0]["low"] = "-1"
+    assert set(findings(content).values()) == {"fails"}
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"), [("low_power", {"gains": []}), ("peaking_free", {"gains": [], "last": "1"})]
+)
+def test_an_observer_in_pairs_of_one_state_has_no_error_that_could_contract(name: str, numbers: Content) -> None:
+    x, y = hg.Signal("x", low=-2, high=2), hg.Signal("y")
+    plant = hg.System("one", states=(x,), outputs=(y,), flow=[0], output=[x])
+    content = content_of(hg.observers.high_gain(hg.forms.triangular(plant), theta=8, poles=(-1,)))
+    empty = {**claim(content, "step"), "scale": ["1"], "units": ["1"], "P": [], "S": []}
+    del empty["core"]
+    content["observer"] = {"name": name, "theta": "8", **numbers}
+    content["claims"] = [each for each in content["claims"] if not each["id"].startswith("high_gain.")]
+    content["claims"].append({"id": f"{name}.step", "verdict": "proved", "evidence": empty})
+    assert findings(content) == {"step": "fails"}

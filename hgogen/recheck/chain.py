@@ -86,6 +86,14 @@ def invertible(context: Context, scale: Sequence[Expression]) -> int:
     return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
 
 
+def steady(context: Context, gains: Sequence[Expression]) -> int:
+    """That A reads no state, and that the gains of an observer read parameters alone and are finite whatever these are;
+    with how many boxes. Raises: `NotShown`."""
+    for entry in (entry for row in context.form.A for entry in row):
+        only(entry.names & set(context.z), (), "A")
+    return sum(finite(k, context.form.box) for k in constants(context, [k.text for k in gains]))
+
+
 def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
     """N, with S (A - K C) = N S whatever the parameters. Raises: `NotShown`."""
     algebra, form = context.algebra, context.form

@@ -65,6 +65,7 @@ def _filtered_injection(numbers: Numbers, n: int) -> Core:
 
 
 def _low_power(numbers: Numbers, n: int) -> Core:
+    _has_pairs(n)
     order, N = [*range(n - 1), *range(1, n)], _pairs(matrix(numbers, "gains", n - 1, 2), [1] * n)
     picks, k = [0, *range(n - 1, 2 * n - 2)], matrix(numbers, "gains", n - 1, 2)
     return Core([N], order, order, [True] * (2 * n - 2), picks, _onto(k, 0, n - 1, 2 * n - 2))
@@ -72,6 +73,7 @@ def _low_power(numbers: Numbers, n: int) -> Core:
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
     """The core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
+    _has_pairs(n)
     if n > _SATURATED:
         raise NotShown(f"saturations of more than {_SATURATED} states are not tried")
     k, last = matrix(numbers, "gains", n - 1, 2), scalar(numbers, "last")
@@ -88,6 +90,12 @@ def _peaking_free(numbers: Numbers, n: int) -> Core:
 def _onto(k: Matrix, p: int, q: int, size: int) -> list[Fraction]:
     """What an error of the sample adds to the first pair, whose fields stand at p and q."""
     return [k[0][0] if at == p else k[0][1] if at == q else Fraction(0) for at in range(size)]
+
+
+def _has_pairs(n: int) -> None:
+    """That there is a state beside the first: of one state there are no pairs, nor an error. Raises: `NotShown`."""
+    if n < 2:
+        raise NotShown("the observer is one of at least two states")
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:

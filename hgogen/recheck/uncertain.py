@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any
 
 from .box import NotShown, covered
-from .chain import constants, core_of, integrators, invertible, wanted_gain
+from .chain import constants, core_of, integrators, invertible, steady, wanted_gain
 from .context import RANGE, Context, enclosed, narrowed
 from .cores import CORES
 from .file import Claim, Observer, part
@@ -85,7 +85,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     if form.alignment not in ("", "top", "end"):
         raise NotShown("its chains are not aligned at the top or at the end")
     scale = constants(context, entries(evidence, "scale", n))
-    boxes, longest = invertible(context, scale), max(form.blocks)
+    boxes, longest = steady(context, observer.gains) + invertible(context, scale), max(form.blocks)
     shift = [longest - size if form.alignment == "end" else 0 for size in form.blocks]
     powers = [late + level for late, size in zip(shift, form.blocks, strict=True) for level in range(size)]
     slopes, more = _slopes(context, evidence, scale, powers, [True] * n, [*range(n)], [*range(n)])

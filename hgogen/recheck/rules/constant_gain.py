@@ -17,8 +17,8 @@ from fractions import Fraction
 from itertools import product
 
 from ..box import NotShown
-from ..chain import built, constants, core_of, invertible, slope, wanted_gain
-from ..context import RANGE, Context, Shown, enclosed, finite, on, only, short
+from ..chain import built, constants, core_of, invertible, slope, steady, wanted_gain
+from ..context import RANGE, Context, Shown, enclosed, on, short
 from ..file import Built, Claim, Observer
 from ..matrix import Matrix, decaying, demand_positive, entries, matrix, minus, scalar, scaled, unit, zeros
 from ..rule import STEEP
@@ -37,11 +37,8 @@ def convergence(context: Context, claim: Claim) -> Shown:
     gains = observer.gains
     if context.form.alignment not in ("", "top", "end"):
         raise NotShown("its chains are not aligned at the top or at the end")
-    for entry in (entry for row in context.form.A for entry in row):
-        only(entry.names & set(context.z), (), "A")
     scale = constants(context, entries(evidence, "scale", n))
-    _ = constants(context, [k.text for k in gains])
-    boxes = invertible(context, scale) + sum(finite(k, box) for k in gains)
+    boxes = steady(context, gains) + invertible(context, scale)
     if ("core" in evidence) is ("ranges" in evidence):
         raise NotShown("its evidence has not one of a core and ranges")
     if "core" in evidence:
