@@ -18,7 +18,7 @@ from hgogen.certificates.reach import Reach, _proved, reach
 from hgogen.check import Verdict
 from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.contracting import Steps, unstable
+from hgogen.guarantees.contracting import Contracts, Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import Quadratic, Weights, rational, verified
 from hgogen.model import load
@@ -243,6 +243,11 @@ def test_a_multiplier_below_zero_proves_nothing() -> None:
     form = Quadratic(((one, one),), one, 0 * one)
     assert not verified(form, one, rational([-3]))
     assert (form.value(one, rational([-3])) < 0).all()
+
+
+def test_the_rate_is_rounded_down_however_little_one_step_takes() -> None:
+    slow = Contracts(Fraction(1), Fraction(1, 10**6), Fraction(1, 10**6), Weights((), ()))
+    assert 5e-7 * (1 - 1e-8) < slow.rate <= 5e-7  # -log(1 - alpha dt)/(2 dt), 1 - alpha dt being 1 - 1e-12
 
 
 def test_what_rationals_do_not_confirm_is_no_proof() -> None:

@@ -36,8 +36,8 @@ class Contracts:
     @property
     def rate(self) -> float:
         """r (1/s) with |e|_P <= exp(-r t) at the samples, rounded down."""
-        share = 1 - self.alpha * self.h
-        return -math.log(float(share)) / 2 / float(self.h) * (1 - 1e-9) if share > 0 else math.inf
+        lost = self.alpha * self.h  # by a logarithm of 1 - lost, a short step would lose its digits
+        return -math.log1p(-float(lost)) / 2 / float(self.h) * (1 - 1e-9) if lost < 1 else math.inf
 
 
 @dataclass(frozen=True)
