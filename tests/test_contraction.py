@@ -313,6 +313,14 @@ def test_a_linear_plant_has_no_slopes_and_contracts_as_its_core_does() -> None:
     assert 0.95 * 2 / 9.6 < known.reach.longest < 2 / 9.6  # where 1 - 9.6 dt is -1
 
 
+def test_a_stage_that_reads_nothing_of_the_error_is_proved_as_others_are() -> None:
+    """At theta dt = 2 the second stage of classical Runge-Kutta starts where two estimates agree."""
+    x = hg.Signal("x", low=-1, high=1)
+    plant = hg.System("one", states=(x,), outputs=(hg.Signal("y"),), flow=[x**2 / 2], output=[x])
+    estimator = hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=(-1,))
+    assert steps_of(estimator, "rk4").certain(Fraction(1, 10)) is not None
+
+
 def test_a_plant_without_finite_slopes_has_no_inclusion() -> None:
     x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2")
     plant = hg.System("free", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -(x2**3)], output=[x1])

@@ -96,12 +96,13 @@ def sought(form: Quadratic, what: str, W: Array | None = None) -> tuple[Array, A
 
 def _moved(of: Quadratic, W: Array) -> tuple[Quadratic, Array]:
     """The form with W x for what decays and g_j q_j for what multiplies it, and the g (k): such that each q enters the
-    form by as much as it is read there."""
+    form by as much as it is read there; 1 where it is not read, or does not enter."""
     n, size = of.pairs[0][0].shape
     T, back = np.eye(size), np.linalg.inv(W)
     T[:n, :n] = W
-    enters, reads = (back @ of.pairs[0][1])[:, n:], of.Q[:, :n] @ W
-    g = np.sqrt(np.linalg.norm(reads, axis=1) / np.linalg.norm(enters, axis=0))
+    enters = np.linalg.norm((back @ of.pairs[0][1])[:, n:], axis=0)
+    reads = np.linalg.norm(of.Q[:, :n] @ W, axis=1)
+    g = np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > 0) & (enters > 0)))
     T[range(n, size), range(n, size)] = g
     pairs = tuple((back @ X @ T, back @ Y @ T) for X, Y in of.pairs)
     return Quadratic(pairs, of.Q @ T / g[:, None], of.Z @ T / g[:, None]), g
