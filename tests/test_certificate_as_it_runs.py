@@ -189,6 +189,17 @@ def test_a_forged_number_of_one_length_fails(observer: str, lie: str) -> None:
     assert findings(content)["shorter"] == "verified"
 
 
+@pytest.mark.parametrize(
+    ("observer", "key", "value"),
+    [("high_gain", "units", ["1", "1"]), ("filtered", "core", []), ("low_power", "ranges", [])],
+)
+def test_evidence_that_nothing_reads_is_refused(observer: str, key: str, value: Any) -> None:
+    content = copy.deepcopy(certified(observer))
+    for fact in ("step", "shorter", "tuned"):
+        claim(content, fact)[key] = value
+    assert set(findings(content).values()) == {"fails"}
+
+
 @pytest.mark.parametrize("lie", PIECES)
 @pytest.mark.parametrize("fact", ["shorter", "tuned"])
 def test_a_forged_number_of_all_shorter_lengths_fails(fact: str, lie: str) -> None:
@@ -282,7 +293,7 @@ def test_an_observer_in_pairs_of_one_state_has_no_error_that_could_contract(name
     x, y = hg.Signal("x", low=-2, high=2), hg.Signal("y")
     plant = hg.System("one", states=(x,), outputs=(y,), flow=[0], output=[x])
     content = content_of(hg.observers.high_gain(hg.forms.triangular(plant), theta=8, poles=(-1,)))
-    empty = {**claim(content, "step"), "scale": ["1"], "units": ["1"], "P": [], "S": []}
+    empty = {**claim(content, "step"), "units": ["1"], "P": [], "S": []}
     del empty["core"]
     content["observer"] = {"name": name, "theta": "8", **numbers}
     content["claims"] = [each for each in content["claims"] if not each["id"].startswith("high_gain.")]

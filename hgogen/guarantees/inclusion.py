@@ -61,8 +61,8 @@ class Slope:
 class Inclusion:
     """`N` (N, N); `B` (N, p), by which errors v of the samples enter; the `slopes`; how the fields lie, the `layout`;
     the `units` (n) of the chain's states, by which the errors of fields are scaled; `scale` (n), of parameters, from
-    the form's states to these; `numbers`: what the observer is built with beside theta; `own`: evidence of a core that
-    is not of these alone."""
+    the form's states to these; `numbers`: what the observer is built with beside theta; `own`: evidence of the core,
+    beside these."""
 
     N: Array
     B: Array
@@ -88,14 +88,14 @@ class Inclusion:
         return values
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The scale and its units, and how each slope of b is bounded in these coordinates."""
+        """The scale, how each slope of b is bounded in these coordinates, and what is the core's own."""
         slopes = [
             {"row": i + 1, "column": j + 1, "low": slope.low, "high": slope.high, "tree": tree(slope.range, form)}
             for slope in self.slopes
             if slope.entry is not None and slope.range is not None
             for i, j in [slope.entry]
         ]
-        return {"scale": self.scale, "units": self.units, "slopes": slopes, **self.own}
+        return {"scale": self.scale, "slopes": slopes, **self.own}
 
     def at(self, theta: Fraction) -> "Uncertain":
         """The inclusion at a theta > 0."""
@@ -141,7 +141,8 @@ def inclusion(
     scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
     moved = (replace(each, onto=tuple(x * t[k] / t[each.of] for k, x in enumerate(each.onto))) for each in others)
     entering = rational(measured) * rational(t)[:, None]
-    return Inclusion(scaled, entering, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers)
+    own = {"units": tuple(units)}
+    return Inclusion(scaled, entering, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers, own)
 
 
 def on_integrators(

@@ -227,14 +227,15 @@ def _bernstein(degree: int) -> list[list[Fraction]]:
     return [row[size:] for row in rows]
 
 
-_SLOPES = ("scale", "units", "slopes", "core", "ranges", "method")
+_OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
 RULES = tuple(
     rule
-    for name in ("high_gain", *CORES)
+    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CORES))
+    for keys in [("scale", "slopes", "method", *own)]
     for rule in (
-        *on_chains(name, "step", step, (*_SLOPES, "dt", "alpha", "P", "S")),
-        *on_chains(name, "shorter", throughout, (*_SLOPES, "theta", "pieces")),
-        *on_chains(name, "tuned", throughout, (*_SLOPES, "theta", "pieces")),
-        *on_chains(name, "noise", noise, (*_SLOPES, "dt", "bounds")),
+        *on_chains(name, "step", step, (*keys, "dt", "alpha", "P", "S")),
+        *on_chains(name, "shorter", throughout, (*keys, "theta", "pieces")),
+        *on_chains(name, "tuned", throughout, (*keys, "theta", "pieces")),
+        *on_chains(name, "noise", noise, (*keys, "dt", "bounds")),
     )
 )
