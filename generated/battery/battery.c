@@ -154,7 +154,6 @@ static void battery_flow(float z2, float u, float dz[2])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned battery_ready(battery_state *s)
 {
     unsigned status = 0u;
@@ -166,7 +165,6 @@ static unsigned battery_ready(battery_state *s)
 }
 
 BATTERY_RARELY
-
 static void battery_clear_doubt(battery_state *s)
 {
     /* as after a reset */

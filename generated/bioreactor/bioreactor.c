@@ -87,7 +87,6 @@ static void bioreactor_rate(const bioreactor_params *p, float w1, float w2, floa
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned bioreactor_ready(bioreactor_state *s)
 {
     unsigned status = 0u;

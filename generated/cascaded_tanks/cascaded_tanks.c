@@ -221,7 +221,6 @@ static void cascaded_tanks_jacobian(float z1, float z2, float u, float F[2])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned cascaded_tanks_ready(cascaded_tanks_state *s)
 {
     unsigned status = 0u;
@@ -233,7 +232,6 @@ static unsigned cascaded_tanks_ready(cascaded_tanks_state *s)
 }
 
 CASCADED_TANKS_RARELY
-
 static void cascaded_tanks_clear_doubt(cascaded_tanks_state *s)
 {
     /* as after a reset */
@@ -245,7 +243,6 @@ static void cascaded_tanks_clear_doubt(cascaded_tanks_state *s)
 }
 
 CASCADED_TANKS_RARELY
-
 static void cascaded_tanks_clear_rest(cascaded_tanks_state *s)
 {
     /* as after a reset */

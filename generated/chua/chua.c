@@ -91,7 +91,6 @@ static void chua_rate(const chua_params *p, float z1, float z2, float z3, float 
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned chua_ready(chua_state *s)
 {
     unsigned status = 0u;
@@ -103,7 +102,6 @@ static unsigned chua_ready(chua_state *s)
 }
 
 CHUA_RARELY
-
 static void chua_clear_doubt(chua_state *s)
 {
     /* as after a reset */

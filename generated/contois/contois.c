@@ -105,7 +105,6 @@ static void contois_jacobian(float z1, float z2, float u, float F[4])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned contois_ready(contois_state *s)
 {
     unsigned status = 0u;
@@ -117,7 +116,6 @@ static unsigned contois_ready(contois_state *s)
 }
 
 CONTOIS_RARELY
-
 static void contois_clear_doubt(contois_state *s)
 {
     /* as after a reset */

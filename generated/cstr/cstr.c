@@ -189,7 +189,6 @@ static void cstr_jacobian(float z1, float z2, float F[4])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned cstr_ready(cstr_state *s)
 {
     unsigned status = 0u;
@@ -201,7 +200,6 @@ static unsigned cstr_ready(cstr_state *s)
 }
 
 CSTR_RARELY
-
 static void cstr_clear_doubt(cstr_state *s)
 {
     /* as after a reset */

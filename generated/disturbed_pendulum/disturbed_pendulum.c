@@ -127,7 +127,6 @@ static void disturbed_pendulum_rate(const disturbed_pendulum_params *p, float w1
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s)
 {
     unsigned status = 0u;
@@ -139,7 +138,6 @@ static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s)
 }
 
 DISTURBED_PENDULUM_RARELY
-
 static void disturbed_pendulum_clear_doubt(disturbed_pendulum_state *s)
 {
     /* as after a reset */

@@ -90,7 +90,6 @@ static void duffing_rate(const duffing_params *p, float z1, float z2, float u, f
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned duffing_ready(duffing_state *s)
 {
     unsigned status = 0u;
@@ -102,7 +101,6 @@ static unsigned duffing_ready(duffing_state *s)
 }
 
 DUFFING_RARELY
-
 static void duffing_clear_doubt(duffing_state *s)
 {
     /* as after a reset */

@@ -220,7 +220,6 @@ static void fitzhugh_nagumo_jacobian(float z1, float u, float F[3])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s)
 {
     unsigned status = 0u;
@@ -232,7 +231,6 @@ static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s)
 }
 
 FITZHUGH_NAGUMO_RARELY
-
 static void fitzhugh_nagumo_clear_doubt(fitzhugh_nagumo_state *s)
 {
     /* as after a reset */
@@ -244,7 +242,6 @@ static void fitzhugh_nagumo_clear_doubt(fitzhugh_nagumo_state *s)
 }
 
 FITZHUGH_NAGUMO_RARELY
-
 static void fitzhugh_nagumo_clear_rest(fitzhugh_nagumo_state *s)
 {
     /* as after a reset */

@@ -123,7 +123,6 @@ static void flexible_joint_rate(const flexible_joint_params *p, float z1, float 
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned flexible_joint_ready(flexible_joint_state *s)
 {
     unsigned status = 0u;
@@ -135,7 +134,6 @@ static unsigned flexible_joint_ready(flexible_joint_state *s)
 }
 
 FLEXIBLE_JOINT_RARELY
-
 static void flexible_joint_clear_doubt(flexible_joint_state *s)
 {
     /* as after a reset */

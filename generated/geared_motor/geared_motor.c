@@ -207,7 +207,6 @@ static void geared_motor_jacobian(float z3, float F[1])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned geared_motor_ready(geared_motor_state *s)
 {
     unsigned status = 0u;
@@ -219,7 +218,6 @@ static unsigned geared_motor_ready(geared_motor_state *s)
 }
 
 GEARED_MOTOR_RARELY
-
 static void geared_motor_clear_doubt(geared_motor_state *s)
 {
     /* as after a reset */
@@ -233,7 +231,6 @@ static void geared_motor_clear_doubt(geared_motor_state *s)
 }
 
 GEARED_MOTOR_RARELY
-
 static void geared_motor_clear_rest(geared_motor_state *s)
 {
     /* as after a reset */

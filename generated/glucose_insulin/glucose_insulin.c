@@ -96,7 +96,6 @@ static void glucose_insulin_jacobian(float z1, float z2, float F[2])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned glucose_insulin_ready(glucose_insulin_state *s)
 {
     unsigned status = 0u;
@@ -108,7 +107,6 @@ static unsigned glucose_insulin_ready(glucose_insulin_state *s)
 }
 
 GLUCOSE_INSULIN_RARELY
-
 static void glucose_insulin_clear_doubt(glucose_insulin_state *s)
 {
     /* as after a reset */
@@ -120,7 +118,6 @@ static void glucose_insulin_clear_doubt(glucose_insulin_state *s)
 }
 
 GLUCOSE_INSULIN_RARELY
-
 static void glucose_insulin_clear_rest(glucose_insulin_state *s)
 {
     /* as after a reset */

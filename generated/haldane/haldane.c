@@ -103,7 +103,6 @@ static void haldane_jacobian(float z1, float z2, float u, float F[4])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned haldane_ready(haldane_state *s)
 {
     unsigned status = 0u;
@@ -115,7 +114,6 @@ static unsigned haldane_ready(haldane_state *s)
 }
 
 HALDANE_RARELY
-
 static void haldane_clear_doubt(haldane_state *s)
 {
     /* as after a reset */

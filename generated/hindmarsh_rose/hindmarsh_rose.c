@@ -101,7 +101,6 @@ static void hindmarsh_rose_rate(const hindmarsh_rose_params *p, float z1, float 
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s)
 {
     unsigned status = 0u;
@@ -113,7 +112,6 @@ static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s)
 }
 
 HINDMARSH_ROSE_RARELY
-
 static void hindmarsh_rose_clear_doubt(hindmarsh_rose_state *s)
 {
     /* as after a reset */

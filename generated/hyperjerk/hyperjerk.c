@@ -106,7 +106,6 @@ static void hyperjerk_rate(const hyperjerk_params *p, const float w[4], const fl
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned hyperjerk_ready(hyperjerk_state *s)
 {
     unsigned status = 0u;
@@ -118,7 +117,6 @@ static unsigned hyperjerk_ready(hyperjerk_state *s)
 }
 
 HYPERJERK_RARELY
-
 static void hyperjerk_clear_doubt(hyperjerk_state *s)
 {
     /* as after a reset */
@@ -130,7 +128,6 @@ static void hyperjerk_clear_doubt(hyperjerk_state *s)
 }
 
 HYPERJERK_RARELY
-
 static void hyperjerk_clear_rest(hyperjerk_state *s)
 {
     /* as after a reset */

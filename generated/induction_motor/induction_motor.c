@@ -117,7 +117,6 @@ static void induction_motor_jacobian(float z1, float z2, float z3, float z4, flo
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned induction_motor_ready(induction_motor_state *s)
 {
     unsigned status = 0u;
@@ -129,7 +128,6 @@ static unsigned induction_motor_ready(induction_motor_state *s)
 }
 
 INDUCTION_MOTOR_RARELY
-
 static void induction_motor_clear_doubt(induction_motor_state *s)
 {
     /* as after a reset */
@@ -143,7 +141,6 @@ static void induction_motor_clear_doubt(induction_motor_state *s)
 }
 
 INDUCTION_MOTOR_RARELY
-
 static void induction_motor_clear_rest(induction_motor_state *s)
 {
     /* as after a reset */

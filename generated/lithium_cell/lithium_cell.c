@@ -150,7 +150,6 @@ static void lithium_cell_flow(float z2, float u, float dz[1])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned lithium_cell_ready(lithium_cell_state *s)
 {
     unsigned status = 0u;
@@ -162,7 +161,6 @@ static unsigned lithium_cell_ready(lithium_cell_state *s)
 }
 
 LITHIUM_CELL_RARELY
-
 static void lithium_cell_clear_doubt(lithium_cell_state *s)
 {
     /* as after a reset */

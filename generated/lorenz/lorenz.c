@@ -100,7 +100,6 @@ static void lorenz_jacobian(float z1, float z2, float z3, float F[4])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned lorenz_ready(lorenz_state *s)
 {
     unsigned status = 0u;
@@ -112,7 +111,6 @@ static unsigned lorenz_ready(lorenz_state *s)
 }
 
 LORENZ_RARELY
-
 static void lorenz_clear_doubt(lorenz_state *s)
 {
     /* as after a reset */
@@ -124,7 +122,6 @@ static void lorenz_clear_doubt(lorenz_state *s)
 }
 
 LORENZ_RARELY
-
 static void lorenz_clear_rest(lorenz_state *s)
 {
     /* as after a reset */

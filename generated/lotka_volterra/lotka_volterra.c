@@ -100,7 +100,6 @@ static void lotka_volterra_jacobian(float z1, float z2, float F[4])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned lotka_volterra_ready(lotka_volterra_state *s)
 {
     unsigned status = 0u;
@@ -112,7 +111,6 @@ static unsigned lotka_volterra_ready(lotka_volterra_state *s)
 }
 
 LOTKA_VOLTERRA_RARELY
-
 static void lotka_volterra_clear_doubt(lotka_volterra_state *s)
 {
     /* as after a reset */

@@ -100,7 +100,6 @@ static void magnetic_levitation_jacobian(float z1, float z3, float F[2])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned magnetic_levitation_ready(magnetic_levitation_state *s)
 {
     unsigned status = 0u;
@@ -112,7 +111,6 @@ static unsigned magnetic_levitation_ready(magnetic_levitation_state *s)
 }
 
 MAGNETIC_LEVITATION_RARELY
-
 static void magnetic_levitation_clear_doubt(magnetic_levitation_state *s)
 {
     /* as after a reset */
@@ -124,7 +122,6 @@ static void magnetic_levitation_clear_doubt(magnetic_levitation_state *s)
 }
 
 MAGNETIC_LEVITATION_RARELY
-
 static void magnetic_levitation_clear_rest(magnetic_levitation_state *s)
 {
     /* as after a reset */

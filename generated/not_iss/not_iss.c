@@ -186,7 +186,6 @@ static void not_iss_rate(const not_iss_params *p, const float z[2], const float 
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned not_iss_ready(not_iss_state *s)
 {
     unsigned status = 0u;
@@ -198,7 +197,6 @@ static unsigned not_iss_ready(not_iss_state *s)
 }
 
 NOT_ISS_RARELY
-
 static void not_iss_clear_doubt(not_iss_state *s)
 {
     /* as after a reset */

@@ -120,7 +120,6 @@ static void pendulum_rate(const pendulum_params *p, float z1, float z2, float u,
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned pendulum_ready(pendulum_state *s)
 {
     unsigned status = 0u;
@@ -132,7 +131,6 @@ static unsigned pendulum_ready(pendulum_state *s)
 }
 
 PENDULUM_RARELY
-
 static void pendulum_clear_doubt(pendulum_state *s)
 {
     /* as after a reset */

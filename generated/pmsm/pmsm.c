@@ -99,7 +99,6 @@ static void pmsm_jacobian(float z1, float z2, float z3, float F[4])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned pmsm_ready(pmsm_state *s)
 {
     unsigned status = 0u;
@@ -111,7 +110,6 @@ static unsigned pmsm_ready(pmsm_state *s)
 }
 
 PMSM_RARELY
-
 static void pmsm_clear_doubt(pmsm_state *s)
 {
     /* as after a reset */
@@ -125,7 +123,6 @@ static void pmsm_clear_doubt(pmsm_state *s)
 }
 
 PMSM_RARELY
-
 static void pmsm_clear_rest(pmsm_state *s)
 {
     /* as after a reset */

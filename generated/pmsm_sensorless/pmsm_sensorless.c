@@ -118,7 +118,6 @@ static void pmsm_sensorless_jacobian(float z1, float z2, float z3, float z4, flo
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned pmsm_sensorless_ready(pmsm_sensorless_state *s)
 {
     unsigned status = 0u;
@@ -130,7 +129,6 @@ static unsigned pmsm_sensorless_ready(pmsm_sensorless_state *s)
 }
 
 PMSM_SENSORLESS_RARELY
-
 static void pmsm_sensorless_clear_doubt(pmsm_sensorless_state *s)
 {
     /* as after a reset */
@@ -144,7 +142,6 @@ static void pmsm_sensorless_clear_doubt(pmsm_sensorless_state *s)
 }
 
 PMSM_SENSORLESS_RARELY
-
 static void pmsm_sensorless_clear_rest(pmsm_sensorless_state *s)
 {
     /* as after a reset */

@@ -162,7 +162,6 @@ static void quadruple_tank_jacobian(float z1, float z2, float z3, float z4, floa
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned quadruple_tank_ready(quadruple_tank_state *s)
 {
     unsigned status = 0u;
@@ -174,7 +173,6 @@ static unsigned quadruple_tank_ready(quadruple_tank_state *s)
 }
 
 QUADRUPLE_TANK_RARELY
-
 static void quadruple_tank_clear_doubt(quadruple_tank_state *s)
 {
     /* as after a reset */
@@ -188,7 +186,6 @@ static void quadruple_tank_clear_doubt(quadruple_tank_state *s)
 }
 
 QUADRUPLE_TANK_RARELY
-
 static void quadruple_tank_clear_rest(quadruple_tank_state *s)
 {
     /* as after a reset */

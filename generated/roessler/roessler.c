@@ -91,7 +91,6 @@ static void roessler_rate(const roessler_params *p, float z1, float z2, float z3
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned roessler_ready(roessler_state *s)
 {
     unsigned status = 0u;
@@ -103,7 +102,6 @@ static unsigned roessler_ready(roessler_state *s)
 }
 
 ROESSLER_RARELY
-
 static void roessler_clear_doubt(roessler_state *s)
 {
     /* as after a reset */

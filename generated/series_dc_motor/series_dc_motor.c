@@ -97,7 +97,6 @@ static void series_dc_motor_jacobian(float z1, float z2, float F[3])
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned series_dc_motor_ready(series_dc_motor_state *s)
 {
     unsigned status = 0u;
@@ -109,7 +108,6 @@ static unsigned series_dc_motor_ready(series_dc_motor_state *s)
 }
 
 SERIES_DC_MOTOR_RARELY
-
 static void series_dc_motor_clear_doubt(series_dc_motor_state *s)
 {
     /* as after a reset */
@@ -121,7 +119,6 @@ static void series_dc_motor_clear_doubt(series_dc_motor_state *s)
 }
 
 SERIES_DC_MOTOR_RARELY
-
 static void series_dc_motor_clear_rest(series_dc_motor_state *s)
 {
     /* as after a reset */

@@ -113,7 +113,6 @@ static void stribeck_rate(const stribeck_params *p, float z1, float z2, float u,
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned stribeck_ready(stribeck_state *s)
 {
     unsigned status = 0u;
@@ -125,7 +124,6 @@ static unsigned stribeck_ready(stribeck_state *s)
 }
 
 STRIBECK_RARELY
-
 static void stribeck_clear_doubt(stribeck_state *s)
 {
     /* as after a reset */

@@ -90,7 +90,6 @@ static void van_der_pol_rate(const van_der_pol_params *p, float z1, float z2, fl
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned van_der_pol_ready(van_der_pol_state *s)
 {
     unsigned status = 0u;
@@ -102,7 +101,6 @@ static unsigned van_der_pol_ready(van_der_pol_state *s)
 }
 
 VAN_DER_POL_RARELY
-
 static void van_der_pol_clear_doubt(van_der_pol_state *s)
 {
     /* as after a reset */

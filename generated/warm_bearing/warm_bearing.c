@@ -144,7 +144,6 @@ static void warm_bearing_rate(const warm_bearing_params *p, float z1, float z2, 
 }
 
 /* memory that neither init nor reset has made a state becomes one, which the status says */
-
 static unsigned warm_bearing_ready(warm_bearing_state *s)
 {
     unsigned status = 0u;
@@ -156,7 +155,6 @@ static unsigned warm_bearing_ready(warm_bearing_state *s)
 }
 
 WARM_BEARING_RARELY
-
 static void warm_bearing_clear_doubt(warm_bearing_state *s)
 {
     /* as after a reset */
