@@ -34,7 +34,7 @@ from hgogen.emit.operations import CALLS
 from hgogen.reading.named import BadNames
 from hgogen.step import BadStep
 
-OURS = "D I B V run operands array status shown tune one zero inf nan floor divided source target bytes tolist"
+OURS = "D I B V run operands array status fresh shown tune one zero inf nan floor divided source target bytes tolist"
 LIBRARIES = tuple(str(Path(module.__file__).parent) for module in (sp, ca))
 
 
