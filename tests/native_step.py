@@ -18,7 +18,7 @@ NUMBER = {"float": np.float32, "double": np.float64}
 
 def pack_state(step: Step, memory: Mapping[Place, np.ndarray]) -> np.ndarray:
     """The state in a machine's memory as one record (1) of the C in double."""
-    state = np.frombuffer(layout.fresh(step), layout.state_type(step)).copy()
+    state = np.frombuffer(bytearray(layout.fresh(step)), layout.state_type(step))  # a copy would leave out padding
     for place, array in layout.state_places(step, state).items():
         array[:] = memory[place]
     return state

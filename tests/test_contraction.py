@@ -148,7 +148,13 @@ def shrinking(
 
 @pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
 @pytest.mark.parametrize(
-    ("observer", "method"), [*((each, "rk4") for each in FIVE), ("high_gain", "euler"), ("peaking_free", "heun")]
+    ("observer", "method"),
+    [
+        ("high_gain", "rk4"),
+        ("high_gain", "euler"),
+        ("peaking_free", "heun"),
+        *(pytest.param(each, "rk4", marks=pytest.mark.slow) for each in FIVE[1:]),
+    ],
 )
 def test_two_estimates_come_together_by_the_proved_share_at_every_call(observer: str, method: str) -> None:
     dt, estimator = 0.03, made("pendulum", observer)

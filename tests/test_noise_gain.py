@@ -16,7 +16,11 @@ from hgogen.model import load
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 
-FIVE = ("high_gain", "filtered", "filtered_injection", "low_power", "peaking_free")
+FIVE = (
+    "high_gain",
+    "filtered",
+    *(pytest.param(each, marks=pytest.mark.slow) for each in ("filtered_injection", "low_power", "peaking_free")),
+)
 
 
 @cache
@@ -48,7 +52,8 @@ def test_the_bounds_are_those_that_are_known(name: str, observer: str, dt: float
         assert frozen <= gain.gains[state, "y"] <= 1.1 * bound
 
 
-@pytest.mark.parametrize(("observer", "method"), [*((each, "rk4") for each in FIVE), ("high_gain", "euler")])
+@pytest.mark.parametrize("method", ["rk4", pytest.param("euler", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("observer", FIVE)
 def test_no_noise_moves_the_estimate_further(observer: str, method: str) -> None:
     """Of the program in doubles: one estimate is given the output of a plant at rest, the other noise as well, by the
     sign of the response to one wrong sample, and at random."""
