@@ -503,13 +503,17 @@ def untouched(text: str) -> bool:
 
 
 @pytest.mark.parametrize("how", ["last", "sign", "ten"])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [*CASES, pytest.param("pendulum as it runs", marks=pytest.mark.slow)])
 def test_a_forger_gets_only_true_statements_through(case: str, how: str, bent: dict[str, Any]) -> None:
     """With the digest made anew, what is still verified is not refuted at sample points."""
-    content = bent if case == "bent" else of_model(ROOT / "models" / f"{case}.py")
+    content = bent if case == "bent" else of_model(ROOT / "models" / f"{case.split()[0]}.py")
+    if " " not in case:  # the claims of the step take ten times as long as the others
+        content = {**content, "claims": [each for each in content["claims"] if "method" not in each["evidence"]]}
     passed = failed = 0
     every = list(places({key: part for key, part in content.items() if key != "digest"}))
     every = [place for place in every if place[0][-1] != "tree"]  # another bisection proves the same
+    weights = [place for place in every if {"P", "S"} & set(map(str, place[0]))]  # so may others near these: some do
+    every = [place for place in every if place not in weights] + weights[::7]
     for place in every[:: 1 if case != "bent" else 3]:
         forged = changed(content, place, how)
         if forged == content or not verified(sealed(forged)):

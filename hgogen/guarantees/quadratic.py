@@ -82,7 +82,8 @@ def sought(form: Quadratic, what: str, W: Array | None = None) -> tuple[Array, A
         return candidate and (back.T @ candidate[0] @ back, candidate[1] / g**2)
     cp = solver(what)
     of, n, count = form.floats, len(form.pairs[0][0]), len(form.Q)
-    P, S, margin = cp.Variable((n, n), PSD=True), cp.Variable(count, nonneg=True), cp.Variable()
+    P, margin = cp.Variable((n, n), PSD=True), cp.Variable()
+    S = cp.Variable(count, nonneg=True) if count else None
     squares = of.Q.T @ cp.diag(S) @ of.Q - of.Z.T @ cp.diag(S) @ of.Z if count else 0
     total = sum((X.T @ P @ Y + Y.T @ P @ X for X, Y in of.pairs), squares)
     size = of.pairs[0][0].shape[1]
@@ -91,7 +92,7 @@ def sought(form: Quadratic, what: str, W: Array | None = None) -> tuple[Array, A
         value = solved(cp, cp.Problem(cp.Maximize(margin), limits), P)
     if value is None or margin.value is None or not margin.value > 0:
         return None
-    return value, np.maximum(S.value, 0.0) if count else np.zeros(0)
+    return value, np.zeros(0) if S is None else np.maximum(S.value, 0.0)
 
 
 def _moved(of: Quadratic, W: Array) -> tuple[Quadratic, Array]:
