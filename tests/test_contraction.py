@@ -325,6 +325,11 @@ def test_a_stage_that_reads_nothing_of_the_error_is_proved_as_others_are() -> No
     plant = hg.System("one", states=(x,), outputs=(hg.Signal("y"),), flow=[x**2 / 2], output=[x])
     estimator = hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=(-1,))
     assert steps_of(estimator, "rk4").certain(Fraction(1, 10)) is not None
+    step = hg.sample(estimator, hg.methods.rk4, dt=0.1)  # where it reads next to nothing, by the float's rounding
+    gain = hg.noise_gain(step)
+    assert hg.contraction(step).proved
+    assert gain is not None
+    assert 1 <= gain.gains["x", "y"] < 1.3
 
 
 def test_a_plant_without_finite_slopes_has_no_inclusion() -> None:

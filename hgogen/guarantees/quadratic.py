@@ -23,7 +23,8 @@ from hgogen.guarantees.lmi import solved, solver
 Array = np.ndarray  # of floats, or of FLINT's rationals as objects
 
 _GRIDS = (30, 44)  # bits after the point to which P and S are rounded, where the trace of P is its size
-_ROUNDING = 1e-8
+_ROUNDING = 1e-8  # what rounding to a grid may take from a form
+_SMALL = 1e-6  # of the largest reading: what counts for one that is smaller
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
 
 
@@ -77,36 +78,70 @@ def sought(form: Quadratic, what: str, W: Array | None = None) -> tuple[Array, A
     Raises: `NoSolver` of `what` needs it.
     """
     if W is not None:
-        moved, g = _moved(form.floats, W)
-        candidate, back = sought(moved, what), np.linalg.inv(W)
-        return candidate and (back.T @ candidate[0] @ back, candidate[1] / g**2)
+        seen = Seen(form.floats, W, even(form.floats, W))
+        candidate = sought(seen.form, what)
+        return candidate and seen.back(*candidate)
     cp = solver(what)
-    of, n, count = form.floats, len(form.pairs[0][0]), len(form.Q)
-    P, margin = cp.Variable((n, n), PSD=True), cp.Variable()
-    S = cp.Variable(count, nonneg=True) if count else None
-    squares = of.Q.T @ cp.diag(S) @ of.Q - of.Z.T @ cp.diag(S) @ of.Z if count else 0
-    total = sum((X.T @ P @ Y + Y.T @ P @ X for X, Y in of.pairs), squares)
-    size = of.pairs[0][0].shape[1]
-    limits = [(total + total.T) / 2 << -margin * np.eye(size), P >> _LEAST * np.eye(n), cp.trace(P) <= n]
+    of, n, size = form.floats, len(form.pairs[0][0]), form.pairs[0][0].shape[1]
+    P, S, margin = cp.Variable((n, n), PSD=True), multipliers(cp, of), cp.Variable()
+    limits = [whole(cp, of, P, S) << -margin * np.eye(size), P >> _LEAST * np.eye(n), cp.trace(P) <= n]
+    value = weights(cp, cp.Problem(cp.Maximize(margin), limits), P, S)
+    return value if value and margin.value is not None and margin.value > 0 else None
+
+
+def multipliers(cp: Any, of: Quadratic) -> Any:
+    """A variable for S >= 0; None where the form has none, as some versions refuse one of no elements."""
+    return cp.Variable(len(of.Q), nonneg=True) if len(of.Q) else None
+
+
+def whole(cp: Any, of: Quadratic, P: Any, S: Any) -> Any:
+    """The matrix (N, N) of a form in floats, of a solver's variables."""
+    total = sum(X.T @ P @ Y + Y.T @ P @ X for X, Y in of.pairs)
+    total += 0 if S is None else of.Q.T @ cp.diag(S) @ of.Q - of.Z.T @ cp.diag(S) @ of.Z
+    return (total + total.T) / 2
+
+
+def weights(cp: Any, problem: Any, P: Any, S: Any) -> tuple[Array, Array] | None:
+    """P and S as the solver leaves them; None where it leaves none."""
     with one_thread():
-        value = solved(cp, cp.Problem(cp.Maximize(margin), limits), P)
-    if value is None or margin.value is None or not margin.value > 0:
+        value = solved(cp, problem, P)
+    if value is None or (S is not None and S.value is None):
         return None
     return value, np.zeros(0) if S is None else np.maximum(S.value, 0.0)
 
 
-def _moved(of: Quadratic, W: Array) -> tuple[Quadratic, Array]:
-    """The form with W x for what decays and g_j q_j for what multiplies it, and the g (k): such that each q enters the
-    form by as much as it is read there; 1 where it is not read, or does not enter."""
-    n, size = of.pairs[0][0].shape
-    T, back = np.eye(size), np.linalg.inv(W)
-    T[:n, :n] = W
-    enters = np.linalg.norm((back @ of.pairs[0][1])[:, n:], axis=0)
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A form `of` floats in coordinates x of e = `W` x, each multiplied relation in units of its `g` (k)."""
+
+    of: Quadratic
+    W: Array
+    g: Array
+
+    @property
+    def form(self) -> Quadratic:
+        """The form of x."""
+        n, size = self.of.pairs[0][0].shape
+        T, back = np.eye(size), np.linalg.inv(self.W)
+        T[:n, :n] = self.W
+        T[range(n, size), range(n, size)] = self.g
+        pairs = tuple((back @ X @ T, back @ Y @ T) for X, Y in self.of.pairs)
+        return Quadratic(pairs, self.of.Q @ T / self.g[:, None], self.of.Z @ T / self.g[:, None])
+
+    def back(self, P: Array, S: Array) -> tuple[Array, Array]:
+        """The weights of e from those of x."""
+        inverse = np.linalg.inv(self.W)
+        return inverse.T @ P @ inverse, S / self.g**2
+
+
+def even(of: Quadratic, W: Array) -> Array:
+    """The g (k) with which each relation enters the form of x by as much as it reads of x; a reading that is 0, or next
+    to it, counts as a small share of the largest."""
+    n = len(W)
+    enters = np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, n:], axis=0)
     reads = np.linalg.norm(of.Q[:, :n] @ W, axis=1)
-    g = np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > 0) & (enters > 0)))
-    T[range(n, size), range(n, size)] = g
-    pairs = tuple((back @ X @ T, back @ Y @ T) for X, Y in of.pairs)
-    return Quadratic(pairs, of.Q @ T / g[:, None], of.Z @ T / g[:, None]), g
+    enters, reads = (np.maximum(each, _SMALL * each.max(initial=0)) for each in (enters, reads))
+    return np.asarray(np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > 0) & (enters > 0))))
 
 
 def negative(form: Quadratic, P: Array, S: Array) -> bool:

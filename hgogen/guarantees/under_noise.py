@@ -7,7 +7,7 @@ v and v+ are the errors of an output's samples at the ends of a call, at most 1,
 than sqrt(c P^-1 c'), and stays there. P is sought for the least of that, at an alpha that is searched.
 """
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -17,11 +17,26 @@ from flint import fmpq_mat
 
 from hgogen.algebra.definite import fraction, number, root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.lmi import solved, solver
-from hgogen.guarantees.quadratic import Array, Quadratic, Weights, floats, on_grid, verified
+from hgogen.guarantees.lmi import solver
+from hgogen.guarantees.quadratic import (
+    Array,
+    Quadratic,
+    Seen,
+    Weights,
+    even,
+    floats,
+    multipliers,
+    on_grid,
+    verified,
+    weights,
+    whole,
+)
 
 _WHAT = "a bound of the noise"
-_SEARCHED = 7  # values of alpha
+_SEARCHED = 8  # values of alpha
+_SHARES = (math.log(1 / 32), 0.0)  # of the rate, that are searched for it; logarithms
+_LARGE = 1e30  # in the place of a bound, where none is proved
+_MARGIN = 1e-7  # by which the form is negative, so that it is when it is rounded
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
 _BITS = (34, 48)
 
@@ -43,31 +58,17 @@ def noise_bound(steps: Steps, h: Fraction, output: int, c: Array, most: Fraction
     Raises: `NoSolver`.
     """
 
-    def at(alpha: Fraction) -> NoiseBound | None:
-        return _at(steps, h, output, c, alpha)
+    tried = list[NoiseBound]()
 
-    return _least(at, most)
+    def bound(share: float) -> float:
+        one = _at(steps, h, output, c, Fraction(math.exp(share)) * most)
+        tried.extend([one] if one else [])
+        return float(one.bound) if one else _LARGE
 
+    from scipy.optimize import minimize_scalar  # which the solver needs as well
 
-def _least(at: Callable[[Fraction], NoiseBound | None], most: Fraction) -> NoiseBound | None:
-    """The least bound over alpha, which has one minimum: by the golden section of its logarithm."""
-    low, high, ratio = 1 / 32, 1.0, (5**0.5 - 1) / 2
-    tried: dict[float, NoiseBound | None] = {}
-
-    def value(share: float) -> float:
-        if share not in tried:
-            tried[share] = at(Fraction(share) * most)
-        one = tried[share]
-        return float(one.bound) if one else float("inf")
-
-    for _ in range(_SEARCHED):
-        span = (high / low) ** (1 - ratio)
-        if value(low * span) < value(high / span):
-            high = high / span
-        else:
-            low = low * span
-    proofs = [one for one in tried.values() if one]
-    return min(proofs, key=lambda one: one.bound, default=None)
+    minimize_scalar(bound, bounds=_SHARES, method="bounded", options={"maxiter": _SEARCHED})
+    return min(tried, key=lambda one: one.bound, default=None)
 
 
 def _at(steps: Steps, h: Fraction, output: int, c: Array, alpha: Fraction) -> NoiseBound | None:
@@ -93,28 +94,18 @@ def _places(P: Array) -> int:
 
 
 def _sought(of: Quadratic, c: Array, alpha: float, W: Array) -> tuple[Array, Array] | None:
-    """P and S in floats with a small c P^-1 c', sought in coordinates x of e = W x, the inputs scaled such that x is
+    """P and S in floats with a small c P^-1 c', sought in coordinates x of e = W x, the inputs in a unit in which x is
     near 1."""
-    cp, n = solver(_WHAT), len(W)
-    size, count = of.pairs[0][0].shape[1], len(of.Q)
-    T, back = np.eye(size), np.linalg.inv(W)
-    T[:n, :n] = W
-    enters, reads = back @ of.pairs[0][1][:, n:], of.Q[:-2, :n] @ W
-    unit = alpha / float(np.linalg.norm(enters[:, -2:]))
-    even = np.sqrt(np.linalg.norm(reads, axis=1) / np.linalg.norm(enters[:, :-2], axis=0))
-    g = np.append(even, [unit, unit])
-    T[range(n, size), range(n, size)] = g
-    pairs = [(back @ X @ T, back @ Y @ T) for X, Y in of.pairs]
-    Q, Z = of.Q @ T / g[:, None], of.Z @ T / g[:, None]
-    P, S, reach = cp.Variable((n, n), PSD=True), cp.Variable(count, nonneg=True), cp.Variable()
-    total = sum((X.T @ P @ Y + Y.T @ P @ X for X, Y in pairs), Q.T @ cp.diag(S) @ Q - Z.T @ cp.diag(S) @ Z)
+    cp, n, size = solver(_WHAT), len(W), of.pairs[0][0].shape[1]
+    unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ of.pairs[0][1])[:, -2:]))
+    seen = Seen(of, W, np.append(even(of, W)[:-2], [unit, unit]))
+    P, S, reach = cp.Variable((n, n), PSD=True), multipliers(cp, of), cp.Variable()
     row = (c @ W)[None] / np.linalg.norm(c @ W)
     held = cp.bmat([[cp.reshape(reach, (1, 1), order="C"), row], [row.T, P]])
-    small = 1e-7 * np.eye(size)
-    limits: list[Any] = [(total + total.T) / 2 << -small, held >> 0, cp.sum(S[-2:]) <= float(_SHARE) * alpha]
-    value = solved(cp, cp.Problem(cp.Minimize(reach), limits), P)
-    if value is None or S.value is None:
+    negative = whole(cp, seen.form, P, S) << -_MARGIN * np.eye(size)
+    limits: list[Any] = [negative, held >> 0, cp.sum(S[-2:]) <= float(_SHARE) * alpha]
+    candidate = weights(cp, cp.Problem(cp.Minimize(reach), limits), P, S)
+    if candidate is None:
         return None
-    multipliers = np.maximum(S.value, 0.0)
-    scaled = np.append(multipliers[:-2] * unit**2 / g[:-2] ** 2, multipliers[-2:])
-    return back.T @ value @ back * unit**2, scaled
+    P_1, S_1 = seen.back(*candidate)  # of inputs of that unit
+    return P_1 * unit**2, S_1 * unit**2
