@@ -80,7 +80,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
     if proof is None:
         return _unknown(observer, rule, dt, _why(observer, steps, h), _fix(far), far)
     rate = because("|e|_P falls at least like exp(-{rate} t), in rational arithmetic", rate=Down(proof.rate, 3))
-    known = _proved(observer, "step", _claim(observer, rule, dt), rate, error, AtOneLength(error, rule, proof))
+    known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, AtOneLength(error, rule, proof))
     return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof)
 
 
@@ -92,19 +92,24 @@ def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator
         upto, most = f"{Down(longest, 3)} {observer.form.system.time}", Down(longest * steps.theta, 3)
         claim = f"so they do at every dt up to {upto}, of a larger theta while theta dt is up to {most}"
         shown = Throughout(steps.error, rule, steps.theta, far.pieces)
-        yield _proved(observer, "shorter", claim, reason, steps.error, shown)
+        yield claimed(observer, "shorter", claim, reason, steps.error, shown)
     if far.tuned and far.least is not None:
         ends = f"from {same(float(far.least))} to {same(float(steps.theta))}"
         shown = Throughout(steps.error, rule, far.least, far.tuned)
-        yield _proved(observer, "tuned", f"so they do at every theta {ends}", reason, steps.error, shown)
+        yield claimed(observer, "tuned", f"so they do at every theta {ends}", reason, steps.error, shown)
 
 
 def _claim(observer: Observer, rule: str, dt: float) -> str:
-    at = f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
-    return f"{at}, any two estimates that are given the same samples come together"
+    return f"{running(observer, rule, dt)}, any two estimates that are given the same samples come together"
 
 
-def _proved(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, shown: Any) -> Check:
+def running(observer: Observer, rule: str, dt: float) -> str:
+    """How a claim about a step begins."""
+    return f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
+
+
+def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, shown: Any) -> Check:
+    """A proved claim about an observer's step, with its evidence `shown`."""
     grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, shown)
     return Check(ClaimId(observer.name, fact), claim, Verdict.PROVED, reason, proofs=(grounds,))
 

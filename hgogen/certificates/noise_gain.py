@@ -8,15 +8,14 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.certificates.contraction import contraction, theta_of
-from hgogen.check import Check, ClaimId, Verdict
-from hgogen.evidence.grounds import Grounds
+from hgogen.certificates.contraction import claimed, contraction, running, theta_of
+from hgogen.check import Check
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import Array, rational
 from hgogen.guarantees.step_evidence import UnderNoise
 from hgogen.guarantees.under_noise import NoiseBound, noise_bound
-from hgogen.intervals.digits import Up, same
+from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.method import OnErrors
 from hgogen.sentence import Sentence, because
@@ -81,23 +80,21 @@ def _noise_gain(step: Step, proof: Contracts) -> NoiseGain | None:
 def _check(
     step: Step, error: Inclusion, bounds: Mapping[tuple[int, int], NoiseBound], gains: Mapping[tuple[str, str], float]
 ) -> Check:
-    observer, time = step.observer, step.time
-    at = f"as it runs, by {step.rule} at dt = {same(step.dt)} {time}"
+    at = running(step.observer, step.rule, step.dt)
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
     said = [
         Sentence.of("{state} by at most {gain} for 1 of {output}", state=state, gain=Up(gain, 3), output=output)
         for (state, output), gain in gains.items()
     ]
     fact = UnderNoise(error, step.rule, Fraction(step.dt), bounds)
-    grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, fact)
     reason = because("{said}, in rational arithmetic", said=said)
-    return Check(ClaimId(observer.name, "noise"), claim, Verdict.PROVED, reason, proofs=(grounds,))
+    return claimed(step.observer, "noise", claim, reason, error, fact)
 
 
 def _rows(error: Inclusion, theta: Fraction) -> list[Array] | None:
     """c (N) of each state of the form: its error is c e. None where the scale holds parameters."""
     rows = []
-    for of, scale in zip(error.layout.picks, map(sp.nsimplify, error.scale), strict=True):
+    for of, scale in zip(error.layout.picks, map(sp.sympify, error.scale), strict=True):
         if not scale.is_Rational:
             return None
         row: list[Any] = [Fraction(0)] * len(error.N)

@@ -18,12 +18,7 @@ from hgogen.intervals.digits import down, up
 
 _ROOM = 2**10  # how much longer a dt is looked for where nothing is refused
 _HALVINGS, _DOUBLINGS = 10, 6  # of dt, of theta, where there is no proof at the step's own
-_BACK = (
-    Fraction(0),
-    Fraction(1, 100),
-    Fraction(1, 20),
-    Fraction(1, 5),
-)  # of the way to the start
+_BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))  # of the way to the start: where a proof is tried
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,6 @@ def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
     Raises: `NoSolver`.
     """
     left, pieces, tried = [(Fraction(0), longest)], [], 0
-    if steps.at(longest).degree is None:
-        return ()
     while left:
         low, high = left.pop()
         tried += 1
@@ -60,7 +58,6 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
         return None
     P, S = (on_grid(value, _GRID) for value in weights)
     degree = steps.at(high).degree
-    assert degree is not None
     values = [steps.at(low + (high - low) * k / degree).contraction(_NOTHING).value(P, S) for k in range(degree + 1)]
     parts = [sum((w * each for w, each in zip(row, values, strict=True)), 0 * values[0]) for row in _bernstein(degree)]
     if any(np.linalg.eigvalsh(floats(part)).max() >= 0 for part in parts):

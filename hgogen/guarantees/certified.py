@@ -144,8 +144,8 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
     products = [sp.Mul(*chain[: j + 1]) for chain in each for j in range(len(chain))]
     gains = tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))
     scale = tuple(sp.Mul(*chain[1 : j + 1]) for chain in each for j in range(len(chain)))
-    core = _Core(scale, (_companions(exactly, form.blocks),), gains)
-    slopes = _slopes(form)
+    core = _Core(scale, (companions(exactly, form.blocks),), gains)
+    slopes = jacobian(form)
     rounded = [Fraction(f"{float(1 / s.subs(form.system.nominal)):.6g}") for s in core.scale]
     plain = _certified(form, slopes, core.scaled(rounded))
     if isinstance(plain, Nothing):
@@ -168,7 +168,7 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
         return Nothing(ends_by_chain)
     vertices = tuple(_closed(each, gain) for each in product(*ends_by_chain))
     gains = tuple(map(sp.Rational, gain))
-    bound = _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
+    bound = _certified(form, jacobian(form), _Core((sp.S.One,) * form.n, vertices, gains))
     return replace(bound, ranges=_extents(form)) if isinstance(bound, ThetaBound) else bound
 
 
@@ -185,7 +185,7 @@ def _exactly(what: str, values: Iterable[float], form: Form) -> list[Fraction]:
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
     or why there is no bound, or no such form."""
-    steepness = obstacle(form) or _steepness(form, _slopes(form), scale)
+    steepness = obstacle(form) or _steepness(form, jacobian(form), scale)
     return Nothing(steepness) if isinstance(steepness, Reason) else steepness
 
 
@@ -222,13 +222,13 @@ def _positive(a: sp.Expr, form: Form) -> bool:
     return bool(enclosure and enclosure.defined and enclosure.low > 0)
 
 
-def _slopes(form: Form) -> sp.Matrix:
+def jacobian(form: Form) -> sp.Matrix:
     """The Jacobian db/dz, with constants at their values."""
     b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 
 
-def _companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
+def companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
     """The companion matrices of the blocks' polynomials along the diagonal."""
     n, heads = range(len(p)), [sum(blocks[:i]) for i, size in enumerate(blocks) for _ in range(size)]
     inner = [[Fraction(int(j == i + 1 and heads[i] == heads[j])) for j in n] for i in n]

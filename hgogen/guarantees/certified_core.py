@@ -15,7 +15,7 @@ Proof. e' = theta N e + G d, d = S_theta (c(sat E x) - c(w)), S_theta = diag(s_i
 which the plant is, is a factor in [0, 1] on the field's error, and N is affine in these factors.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -97,9 +97,9 @@ def of_core(
     if len(layout.index) > FIELDS or len(cores) > VERTICES:
         pattern = "the bound is computed for up to {fields} fields and {vertices} vertices of the core"
         return Nothing(because(pattern, fields=FIELDS, vertices=VERTICES))
-    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
-    if any(unit_ <= 0 for unit_ in units):
-        return Nothing(because("the bound is for a_i shown to be positive"))
+    units = nominal_units(chain)
+    if isinstance(units, Nothing):
+        return units
     best: CoreBound | Nothing = Nothing(because("no scale was tried"))
     for growth in GROWTHS[: 4 if len(cores) == 1 else 2]:  # each costs a convex program where there are several
         bound = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)), numbers)
@@ -118,8 +118,7 @@ def _scaled(
     numbers: Mapping[str, Any],
 ) -> CoreBound | Nothing:
     """The bound with the scales s_i given."""
-    (a,) = chains(chain.form)
-    scale = tuple(sp.Rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
+    scale = from_form(chain.form, units)
     steep = slope(chain.form, scale)
     if isinstance(steep, Nothing):
         return steep
@@ -136,6 +135,20 @@ def _scaled(
     push = _push(lyapunov.P, layout)
     theta = max(Fraction(1), 2 * push * steep.high)
     return CoreBound(theta, lyapunov, push, steep.high, Steep(units, scale, steep), numbers)
+
+
+def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
+    """The s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, in which w is near z; or why there are none."""
+    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
+    if any(unit_ <= 0 for unit_ in units):
+        return Nothing(because("the bound is for a_i shown to be positive"))
+    return units
+
+
+def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
+    """s_i a_1 .. a_i (n) of each chain, which scale z to s_i w_i."""
+    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
+    return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
 
 
 def _push(P: Matrix, layout: Layout) -> Fraction:

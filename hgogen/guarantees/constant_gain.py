@@ -108,14 +108,8 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
     p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
-    error = partial(on_companion, Integrators(form, form.gains), tuple(p), _companions(p, sizes))
+    error = partial(on_companion, Integrators(form, form.gains), tuple(p))
     return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), of_poles(form, p), error)
-
-
-def _companions(p: Sequence[float], sizes: Sequence[int]) -> np.ndarray:
-    """The companion matrices (n, n) of the chains' polynomials along the diagonal."""
-    each = np.split(np.array(p), np.cumsum(sizes)[:-1])
-    return np.asarray(_stacked([companion(polynomial)[None] for polynomial in each])[0])
 
 
 def _polynomial(poles: Any, n: int) -> np.ndarray:

@@ -23,20 +23,19 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.definite import number
-from hgogen.algebra.points import exact
+from hgogen.algebra.definite import Matrix, number
 from hgogen.chains.integrators import Integrators
 from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grammar import outward, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.certified import obstacle
-from hgogen.guarantees.certified_core import Layout
+from hgogen.guarantees.certified import companions, jacobian, obstacle
+from hgogen.guarantees.certified_core import Layout, from_form, nominal_units
 from hgogen.guarantees.quadratic import Array, fractions, identity, rational, stacked
 from hgogen.intervals.bounds import Range
 from hgogen.sentence import Reason, because
-from hgogen.structure.polytope import chains, fixed, span
+from hgogen.structure.polytope import chains, span
 from hgogen.structure.scaling import exponents
 
 _BOXES = 2_000  # for the range of one slope
@@ -122,7 +121,7 @@ class Uncertain:
 def inclusion(
     form: Form,
     layout: Layout,
-    core: Array,
+    core: Array | Matrix,
     measured: Array,
     scale: Sequence[sp.Expr],
     units: Sequence[Fraction],
@@ -148,7 +147,7 @@ def inclusion(
 def on_integrators(
     chain: Integrators,
     layout: Layout,
-    core: np.ndarray,
+    core: np.ndarray | Matrix,
     measured: np.ndarray,
     numbers: Mapping[str, Any],
     gates: Iterable[tuple[int, np.ndarray]] = (),
@@ -158,21 +157,20 @@ def on_integrators(
     reason = obstacle(chain.form)
     if reason:
         return Nothing(reason)
-    if not all(product > 0 for product in chain.nominal):
-        return Nothing(because("the inequality is for a_i shown to be positive"))
-    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
-    products = (sp.Mul(*each[: i + 1]) for each in chains(chain.form) for i in range(len(each)))
-    scale = [sp.Rational(unit) * product for unit, product in zip(units, products, strict=True)]
+    units = nominal_units(chain)
+    if isinstance(units, Nothing):
+        return units
+    scale = from_form(chain.form, units)
     zero, one = Fraction(0), Fraction(1)
     shares = (Slope(of, tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates)
     return inclusion(chain.form, layout, core, measured, scale, units, numbers, shares)
 
 
-def on_companion(chain: Integrators, p: Sequence[float], N: np.ndarray) -> Inclusion | Nothing:
-    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials and `N` (n, n) their
-    companion matrices."""
-    numbers = {"gains": tuple(sp.Rational(Fraction(x)) / a for x, a in zip(p, chain.products, strict=True))}
-    error = on_integrators(chain, plain(chain.form), N, by_chain(chain.form, p), numbers)
+def on_companion(chain: Integrators, p: Sequence[float]) -> Inclusion | Nothing:
+    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials."""
+    form, exactly = chain.form, [Fraction(x) for x in p]
+    numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, chain.products, strict=True))}
+    error = on_integrators(chain, plain(form), companions(exactly, form.blocks), by_chain(form, p), numbers)
     return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)})
 
 
@@ -212,10 +210,9 @@ def plain(form: Form) -> Layout:
 
 def _slopes(form: Form, layout: Layout, scale: Sequence[sp.Expr]) -> tuple[Slope, ...] | Reason:
     """Those of b, with 0 in each range."""
-    slopes, powers = [], exponents(form)
-    b = [exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b]
-    for (i, row), (j, z) in product(enumerate(b), enumerate(form.states)):
-        slope = scale[i] / scale[j] * sp.diff(row, z)
+    slopes, powers, J = [], exponents(form), jacobian(form)
+    for i, (j, z) in product(range(form.n), enumerate(form.states)):
+        slope = scale[i] / scale[j] * J[i, j]
         if slope == 0:
             continue
         known = span(slope, form, _BOXES)

@@ -32,7 +32,7 @@ _ALL = 8  # slopes of which all corners are tried
 @dataclass(frozen=True, eq=False)
 class Stagewise:
     """A step of length `h` on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N + s m). `degree`:
-    of its form as a polynomial in h, None where it is none. `driven`: (N, 2 p) and (s m, 2 p), what errors of the
+    of its form as a polynomial in h. `driven`: (N, 2 p) and (s m, 2 p), what errors of the
     samples at its beginning (p) and at its end (p) add to these."""
 
     h: Fraction
@@ -40,7 +40,7 @@ class Stagewise:
     D: Array
     Q: Array
     driven: tuple[Array, Array]
-    degree: int | None = None
+    degree: int
 
     @property
     def rows(self) -> int:
