@@ -141,3 +141,11 @@ def test_a_forged_bound_fails(observer: str, lie: str) -> None:
     one = claim["evidence"]["bounds"][0]
     one |= LIES[lie](one)
     assert verdict(content) == "fails"
+
+
+def test_a_bound_that_stands_twice_fails() -> None:
+    """Of which a file could hold more than anybody waits for."""
+    content = copy.deepcopy(certified("high_gain"))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".noise"))
+    claim["evidence"]["bounds"] *= 2
+    assert verdict(content) == "fails"

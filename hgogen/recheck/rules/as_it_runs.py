@@ -103,11 +103,13 @@ def noise(context: Context, claim: Claim) -> Shown:
     if not (theta > 0 and h > 0):
         raise NotShown("theta and dt are not positive")
     error, method = error_inclusion(context, observer, evidence), _method(evidence)
-    said = []
+    said: dict[tuple[int, int], str] = {}
     for one in part(evidence, "bounds", list):
         if not isinstance(one, dict) or set(one) != {"state", "output", "alpha", "P", "S", "bound"}:
             raise NotShown("a bound is no object of state, output, alpha, P, S and bound")
         state, output = _place(one, "state", len(context.z)), _place(one, "output", len(context.form.output))
+        if (state, output) in said:
+            raise NotShown("a bound stands twice")
         if not error.measured:
             raise NotShown("its gains are no numbers in these coordinates")
         alpha, bound, S = scalar(one, "alpha"), scalar(one, "bound"), part(one, "S", list)
@@ -124,11 +126,11 @@ def noise(context: Context, claim: Claim) -> Shown:
         c[error.picks[state]] = theta ** error.power[error.picks[state]] / number_of
         P = matrix(one, "P", len(c), len(c))
         demand_nonnegative({"bound": [[bound**2, *c], *([x, *row] for x, row in zip(c, P, strict=True))]})
-        said.append(f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}")
+        said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
     if not said:
         raise NotShown("it has no bounds")
     at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
-    return Shown(f"{at}, noise moves {', '.join(said)}", error.boxes)
+    return Shown(f"{at}, noise moves {', '.join(said.values())}", error.boxes)
 
 
 def _place(holder: Mapping[str, Any], key: str, count: int) -> int:
