@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.certificates.certificate import certificate
     from hgogen.certificates.contraction import Contraction, contraction
     from hgogen.certificates.noise_gain import NoiseGain, noise_gain
+    from hgogen.certificates.start_set import StartSet, start_set
     from hgogen.check import Check, Verdict
     from hgogen.errors import HgogenError
     from hgogen.form import Form
@@ -75,6 +76,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "certificate": "certificates.certificate",
     **dict.fromkeys(("Contraction", "contraction"), "certificates.contraction"),
     **dict.fromkeys(("NoiseGain", "noise_gain"), "certificates.noise_gain"),
+    **dict.fromkeys(("StartSet", "start_set"), "certificates.start_set"),
     **dict.fromkeys(("Check", "Verdict"), "check"),
     **dict.fromkeys(("Dissipation", "dissipation"), "guarantees.dissipation"),
     **dict.fromkeys(("ErrorSystem", "error_system"), "guarantees.error_system"),
@@ -121,6 +123,7 @@ __all__ = [
     "Run",
     "Sample",
     "Signal",
+    "StartSet",
     "Starting",
     "Step",
     "System",
@@ -155,6 +158,7 @@ __all__ = [
     "response",
     "sample",
     "singularity",
+    "start_set",
     "starting_gains",
     "survey",
     "table",

@@ -618,8 +618,9 @@ def no_contraction(
         one, theta = draw.choice(evidence["pieces"]), float(Fraction(evidence["theta"]))
         h, alpha = draw.uniform(float(Fraction(one["low"])), float(Fraction(one["high"]))), 0.0
     else:  # what noise is added to contracts without it
-        one, h = draw.choice(evidence.get("bounds", [evidence])), float(Fraction(evidence["dt"]))
-        alpha = float(Fraction(one["alpha"]))
+        parts = evidence.get("bounds") or evidence.get("peaks") or [evidence]
+        one, h = draw.choice(parts), float(Fraction(evidence["dt"]))
+        alpha = float(Fraction(one.get("alpha", 0)))
     S = np.array([float(Fraction(text)) for text in evidence["scale"]])
     N, P = (np.array([[float(Fraction(x)) for x in row] for row in M]) for M in (evidence["core"], one["P"]))
     a, b = {

@@ -4,15 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
-
-import sympy as sp
 
 from hgogen.certificates.contraction import claimed, contraction, running, theta_of
 from hgogen.check import Check
 from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.quadratic import Array, rational
+from hgogen.guarantees.inclusion import Inclusion, of_state
 from hgogen.guarantees.step_evidence import UnderNoise
 from hgogen.guarantees.under_noise import NoiseBound, noise_bound
 from hgogen.intervals.digits import Up
@@ -62,13 +58,13 @@ def _noise_gain(step: Step, proof: Contracts) -> NoiseGain | None:
     assert isinstance(error, Inclusion)
     assert isinstance(method, OnErrors)
     steps, form = Steps(error, method.error_step, theta_of(observer)), observer.form
-    rows = _rows(error, steps.theta)
-    if rows is None:
+    scales = error.scales(steps.theta)
+    if scales is None:
         return None
     bounds: dict[tuple[int, int], NoiseBound] = {}
-    for i, c in enumerate(rows):
+    for i, field in enumerate(error.layout.picks):
         for j in range(len(form.output)):
-            one = noise_bound(steps, proof.h, j, c, proof.alpha)
+            one = noise_bound(steps, proof.h, j, of_state(scales, field), proof.alpha)
             if one is None:
                 return None
             bounds[i, j] = one
@@ -89,15 +85,3 @@ def _check(
     fact = UnderNoise(error, step.rule, Fraction(step.dt), bounds)
     reason = because("{said}, in rational arithmetic", said=said)
     return claimed(step.observer, "noise", claim, reason, error, fact)
-
-
-def _rows(error: Inclusion, theta: Fraction) -> list[Array] | None:
-    """c (N) of each state of the form: its error is c e. None where the scale holds parameters."""
-    rows = []
-    for of, scale in zip(error.layout.picks, map(sp.sympify, error.scale), strict=True):
-        if not scale.is_Rational:
-            return None
-        row: list[Any] = [Fraction(0)] * len(error.N)
-        row[of] = theta ** error.layout.power[of] / Fraction(scale.p, scale.q)
-        rows.append(rational(row))
-    return rows

@@ -159,8 +159,8 @@ def _as_it_runs(step: CallableStep) -> tuple[tuple[Check, ...], tuple[str, ...]]
     if step.observer.error is None:
         return (), ()
     try:
-        noise = hg.noise_gain(step)
-        return (*hg.contraction(step).checks, *([noise.check] if noise else [])), ()
+        known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
+        return (*known.checks, *(bound.check for bound in (noise, start) if bound)), ()
     except NoSolver as missing:
         return (), (str(missing),)
 

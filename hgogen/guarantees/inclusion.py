@@ -96,6 +96,14 @@ class Inclusion:
         ]
         return {"scale": self.scale, "slopes": slopes, **self.own}
 
+    def scales(self, theta: Fraction) -> tuple[Fraction, ...] | None:
+        """By field (N), its error e_k where that of its state of the form is 1; None where a scale holds parameters."""
+        scale = tuple(map(sp.sympify, self.scale))
+        if not all(each.is_Rational for each in scale):
+            return None
+        index, power = self.layout.index, self.layout.power
+        return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
+
     def at(self, theta: Fraction) -> "Uncertain":
         """The inclusion at a theta > 0."""
         level = number(theta)
@@ -195,6 +203,11 @@ def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
     error = inclusion(form, plain(form), np.zeros((n, n)), by_chain(form, K), ones, one, numbers, slopes)
     return error if isinstance(error, Nothing) else replace(error, own={"ranges": ranges})
+
+
+def of_state(scales: Sequence[Fraction], field: int) -> Array:
+    """c (N), of FLINT's rationals: c e is the error of the state of the form that a field stands for."""
+    return np.asarray(identity(len(scales))[field] / number(scales[field]))
 
 
 def by_chain(form: Form, gains: Sequence[Any]) -> Array:

@@ -8,6 +8,7 @@ from typing import Any
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.all_shorter import Piece
+from hgogen.guarantees.confined import Confined
 from hgogen.guarantees.contracting import Contracts
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.under_noise import NoiseBound
@@ -71,3 +72,28 @@ class UnderNoise:
             for (state, output), one in self.bounds.items()
         ]
         return slopes and {**slopes, "method": self.method, "dt": self.h, "bounds": bounds}
+
+
+@dataclass(frozen=True)
+class FromStart:
+    """Bounds at one step length of errors that are at most `first` (n) at the start, by state: `clear`, of the fields
+    that estimate, against their `limits`, and `peaks` (n), of each state."""
+
+    error: Inclusion
+    method: str
+    h: Fraction
+    first: tuple[Fraction, ...]
+    limits: Mapping[int, Fraction]
+    clear: Confined
+    peaks: tuple[Confined, ...]
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Method and dt, the first errors, P and S of the limits and of each peak, and how the slopes are bounded."""
+        slopes, multiple = self.error.evidence(form), 1 / max(self.clear.bounds.values())
+        limits = [{"field": k + 1, "limit": limit} for k, limit in self.limits.items()]
+        peaks: list[dict[str, Any]] = [
+            {"P": one.weights.P, "S": one.weights.S, "bound": max(one.bounds.values())} for one in self.peaks
+        ]
+        clear = {"P": self.clear.weights.P, "S": self.clear.weights.S, "multiple": multiple, "limits": limits}
+        known = {"method": self.method, "dt": self.h, "first": self.first, "clear": clear, "peaks": peaks}
+        return slopes and {**slopes, **known}

@@ -36,15 +36,27 @@ class Slope:
 @dataclass(frozen=True)
 class ErrorInclusion:
     """N and the slopes, with how many boxes they were shown; `measured` (N, p), by what the samples enter, over theta.
-    The error of z_i is theta^power/scale_i times that of the field that it `picks`."""
+    The error of the field k is theta^-power scale_i times that of z_i, i = `index`(k), which it estimates where it is
+    `fed`; b reads z_i from the field that it `picks`."""
 
     N: Matrix
     slopes: list[Slope]
     boxes: int
     measured: Matrix
+    index: list[int]
+    fed: list[bool]
     picks: list[int]
     power: list[int]
     scale: list[Expression]
+
+    def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
+        """By field (N), its error where that of its state of the form is 1. Raises: `NotShown` where a scale holds
+        parameters."""
+        values = [context.value(each).number for each in self.scale]
+        known = [value for value in values if value]
+        if len(known) < len(values):
+            raise NotShown("its scale is not of numbers")
+        return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
     def at(self, theta: Fraction) -> tuple[Matrix, Matrix, Matrix]:
         """M (N, N), G (N, m) and H (m, N)."""
@@ -76,7 +88,7 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         slopes.append(Slope(of, moved, Fraction(0), Fraction(1), -1))
     measured = [[x * unit] for x, unit in zip(core.measured, t, strict=True)]
     N, boxes = similar(t, core.vertices[-1]), boxes + scale.boxes
-    return ErrorInclusion(N, slopes, boxes, measured, core.picks, core.power, scale.expressions)
+    return ErrorInclusion(N, slopes, boxes, measured, core.index, core.fed, core.picks, core.power, scale.expressions)
 
 
 def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
@@ -97,9 +109,8 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     else:
         moving, seen = _moving(context, observer, evidence, scale)
         slopes = slopes + moving
-    return ErrorInclusion(
-        N, slopes, boxes + more + seen, _by_chain(context, observer, scale), [*range(n)], powers, scale
-    )
+    measured, each = _by_chain(context, observer, scale), [*range(n)]
+    return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale)
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:

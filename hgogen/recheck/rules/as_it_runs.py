@@ -1,22 +1,14 @@
-"""That the error of an observer contracts as its step runs, verified again.
+"""That the error of an observer contracts as its step runs, and how far noise moves it, verified again.
 
-    X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
-
-e is the error of two estimates that are given the same samples (`uncertain`); M takes its slopes at their middles, G
-and H what is beside, |d_ij| <= 1 for each stage by itself. With v = (e, p_1, .., p_s), e+ = e + h D v, H X_i = Q_i v,
-P > 0 and S >= 0 diagonal
-
-    2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0   for all v
-
-shows |e+|_P^2 <= (1 - alpha h) |e|_P^2. For given P and S it is a polynomial in h of degree 2 s - 1, which is negative
-on a piece of a line where its Bernstein coefficients are. What holds at (h, theta) holds at (h theta/theta', theta') of
-a larger theta': there h M is the same but for smaller slopes of b. The methods are Euler's, Heun's and the classical
-one of Runge and Kutta.
+The inequality is that of `stages`. As a polynomial in h it is negative on a piece of a line where its Bernstein
+coefficients are. What holds at (h, theta) holds at (h theta/theta', theta') of a larger theta': there h M is the same
+but for smaller slopes of b.
 """
 
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import cache
+from itertools import product
 from math import comb
 from typing import Any
 
@@ -25,12 +17,12 @@ from ..chain import built
 from ..context import Context, Shown, short
 from ..cores import CORES
 from ..file import Claim, part
-from ..interval import point
 from ..matrix import (
     Matrix,
+    above_zero,
     column,
     demand_nonnegative,
-    demand_positive,
+    entries,
     matrix,
     plus,
     scalar,
@@ -38,20 +30,14 @@ from ..matrix import (
     times,
     transposed,
     unit,
-    zeros,
 )
-from ..slope import positive
+from ..stages import corner, definite, form_of, method_of
 from ..structure import on_chains
-from ..text import number
-from ..uncertain import error_inclusion
+from ..uncertain import ErrorInclusion, error_inclusion
 
-_ROWS = 60  # of an inequality
 _PIECES = 24  # of a range of step lengths
-_METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]] = {
-    "Euler": (((),), ("1",)),
-    "Heun": (((), ("1",)), ("1/2", "1/2")),
-    "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6")),
-}
+_CORNERS = 8  # states up to which all corners of the first errors are tried
+_ONE = Fraction(1)
 
 
 def step(context: Context, claim: Claim) -> Shown:
@@ -60,9 +46,9 @@ def step(context: Context, claim: Claim) -> Shown:
     theta, h, alpha = scalar(observer.numbers, "theta"), scalar(evidence, "dt"), scalar(evidence, "alpha")
     if not (theta > 0 and h > 0 and 0 <= alpha * h < 1):
         raise NotShown("theta, dt and alpha are not positive, or alpha dt is not below 1")
-    error, method = error_inclusion(context, observer, evidence), _method(evidence)
-    form = _form(error.at(theta), method, h, evidence)
-    _definite("its inequality", plus(form, _corner(alpha, evidence, len(form))))
+    error, method = error_inclusion(context, observer, evidence), method_of(evidence)
+    form = form_of(error.at(theta), method, h, evidence)
+    definite("its inequality", plus(form, corner(alpha, evidence, len(form))))
     rate = f"|e|_P^2 falls by {short(alpha * h, -1)} of itself at each call"
     return Shown(f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}, {rate}", error.boxes)
 
@@ -70,7 +56,7 @@ def step(context: Context, claim: Claim) -> Shown:
 def throughout(context: Context, claim: Claim) -> Shown:
     """|e+|_P < |e|_P at the claim's theta, at most the observer's, at every step length up to a longest."""
     observer, evidence = built(context, claim), claim.evidence
-    theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), _method(evidence)
+    theta, error, method = scalar(evidence, "theta"), error_inclusion(context, observer, evidence), method_of(evidence)
     if not 0 < theta <= scalar(observer.numbers, "theta"):
         raise NotShown("its theta is not between 0 and the observer's")
     parts, end = error.at(theta), Fraction(0)
@@ -84,9 +70,9 @@ def throughout(context: Context, claim: Claim) -> Shown:
         if low != end or not low < high:
             raise NotShown("its pieces do not follow each other from 0")
         degree = 2 * len(method[1]) - 1
-        values = [_form(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
+        values = [form_of(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
         for weights in _bernstein(degree):
-            _definite("its polynomial", plus(*(scaled(w, value) for w, value in zip(weights, values, strict=True))))
+            definite("its polynomial", plus(*(scaled(w, value) for w, value in zip(weights, values, strict=True))))
         end = high
     at = f"theta = {short(theta)} and every dt up to {short(end, -1)}"
     beyond = f"at each larger theta while theta dt is at most {short(theta * end, -1)}"
@@ -102,7 +88,7 @@ def noise(context: Context, claim: Claim) -> Shown:
     theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
     if not (theta > 0 and h > 0):
         raise NotShown("theta and dt are not positive")
-    error, method = error_inclusion(context, observer, evidence), _method(evidence)
+    error, method = error_inclusion(context, observer, evidence), method_of(evidence)
     said: dict[tuple[int, int], str] = {}
     for one in part(evidence, "bounds", list):
         if not isinstance(one, dict) or set(one) != {"state", "output", "alpha", "P", "S", "bound"}:
@@ -117,20 +103,85 @@ def noise(context: Context, claim: Claim) -> Shown:
         if not (0 < alpha * h < 1 and bound > 0 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
             raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
         column_of = [[theta * row[output]] for row in error.measured]
-        form = _form(error.at(theta), method, h, one, column_of)
-        _definite("its inequality", plus(form, _corner(alpha, one, len(form))))
-        number_of = context.value(error.scale[state]).number
-        if not number_of:
-            raise NotShown("its scale is no number")
-        c = [Fraction(0)] * len(error.N)
-        c[error.picks[state]] = theta ** error.power[error.picks[state]] / number_of
-        P = matrix(one, "P", len(c), len(c))
-        demand_nonnegative({"bound": [[bound**2, *c], *([x, *row] for x, row in zip(c, P, strict=True))]})
+        form = form_of(error.at(theta), method, h, one, column_of)
+        definite("its inequality", plus(form, corner(alpha, one, len(form))))
+        within(one, error.picks[state], error.scales(context, theta), bound)
         said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
     if not said:
         raise NotShown("it has no bounds")
     at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
     return Shown(f"{at}, noise moves {', '.join(said.values())}", error.boxes)
+
+
+def start(context: Context, claim: Claim) -> Shown:
+    """|e|_P < |e|_P of the call before, and |z_i| <= bound of all e that begin with |z| <= first, by |e(0)|_P^2 <= V at
+    the corners and bound^2 P >= V c'c, z_i = c e: for the limits of the fields that estimate, and for each state."""
+    observer, evidence = built(context, claim), claim.evidence
+    theta, h, n = scalar(observer.numbers, "theta"), scalar(evidence, "dt"), len(context.z)
+    if not (theta > 0 and h > 0) or n > _CORNERS:
+        raise NotShown(f"theta and dt are not positive, or it has more than {_CORNERS} states")
+    error, method = error_inclusion(context, observer, evidence), method_of(evidence)
+    scales, first = error.scales(context, theta), column(evidence, "first", n)
+    if min(first) < 0:
+        raise NotShown("a first error is negative")
+    clear, peaks = part(evidence, "clear", dict), entries(evidence, "peaks", n)
+    if any(not isinstance(one, dict) for one in peaks):
+        raise NotShown("a peak is no object")
+    begins = []
+    for one in (clear, *peaks):
+        definite("its inequality", form_of(error.at(theta), method, h, one))
+        begins.append(_largest(error, scales, first, matrix(one, "P", len(scales), len(scales))))
+    multiple, limits = above_zero(clear, "multiple"), _limits(clear, error)
+    for k, limit in limits.items():
+        within(clear, k, scales, limit / multiple, begins[0])
+    said = []
+    for z, field, one, V in zip(context.z, error.picks, peaks, begins[1:], strict=True):
+        bound = above_zero(one, "bound")
+        within(one, field, scales, bound, V)
+        said.append(f"{z} by at most {short(bound, 1)}")
+    at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
+    from_ = f"from errors of up to {short(multiple, -1)} times {', '.join(short(x) for x in first)}"
+    return Shown(f"{at}, {from_} no limit is met; from these once {', '.join(said)}", error.boxes)
+
+
+def _limits(clear: Mapping[str, Any], error: ErrorInclusion) -> dict[int, Fraction]:
+    """The limits of all fields that estimate, by place from 0. Raises: `NotShown`."""
+    limits = {}
+    for one in part(clear, "limits", list):
+        if not isinstance(one, dict) or set(one) != {"field", "limit"}:
+            raise NotShown("a limit is no object of field and limit")
+        limits[_place(one, "field", len(error.N))] = above_zero(one, "limit")
+    if limits.keys() != {k for k, fed in enumerate(error.fed) if fed}:
+        raise NotShown("its limits are not those of the fields that estimate")
+    return limits
+
+
+def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction], P: Matrix) -> Fraction:
+    """The largest |e(0)|_P^2, of fields that begin with the error of the state that they estimate, or with none."""
+    sides = [s * first[i] * fed for s, i, fed in zip(scales, error.index, error.fed, strict=True)]
+    largest = Fraction(0)
+    for signs in product((1,), *[(1, -1)] * (len(first) - 1)):
+        e = [[side * signs[i] for side, i in zip(sides, error.index, strict=True)]]
+        ((value,),) = times(times(e, P), transposed(e))
+        largest = max(largest, value)
+    return largest
+
+
+def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = _ONE) -> None:
+    """That the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c.
+
+    Raises: `NotShown`.
+    """
+    c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
+    P = matrix(one, "P", len(c), len(c))
+    demand_nonnegative(
+        {
+            "bound": [
+                [bound**2, *(V * x for x in c)],
+                *([V * x, *(V * y for y in row)] for x, row in zip(c, P, strict=True)),
+            ]
+        }
+    )
 
 
 def _place(holder: Mapping[str, Any], key: str, count: int) -> int:
@@ -139,77 +190,6 @@ def _place(holder: Mapping[str, Any], key: str, count: int) -> int:
     if value.denominator > 1 or not 1 <= value <= count:
         raise NotShown(f"its {key} is none of 1 to {count}")
     return int(value) - 1
-
-
-Method = tuple[list[list[Fraction]], list[Fraction]]
-
-
-def _method(evidence: Mapping[str, Any]) -> Method:
-    known = _METHODS.get(part(evidence, "method", str))
-    if known is None:
-        raise NotShown(f"its method is none of {', '.join(_METHODS)}")
-    rows, weights = known
-    return [[number(a) for a in row] for row in rows], [number(b) for b in weights]
-
-
-def _form(
-    parts: tuple[Matrix, Matrix, Matrix],
-    method: Method,
-    h: Fraction,
-    evidence: Mapping[str, Any],
-    B: Matrix | None = None,
-) -> Matrix:
-    """2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs. With B
-    (N, 1) an error of the samples at both ends of the step is in v, on the line between them, and S goes on with it."""
-    (M, G, H), (rows, weights) = parts, method
-    n, m, s, inputs = len(M), len(H), len(weights), 2 if B else 0
-    size = n + s * m
-    if size > _ROWS:
-        raise NotShown(f"its inequality has more than {_ROWS} rows")
-    P, S = matrix(evidence, "P", n, n), column(evidence, "S", s * m + inputs)
-    demand_positive({"P": P})
-    if any(value < 0 for value in S):
-        raise NotShown("its S has a negative number")
-    one = unit(size + inputs)
-    start, rates, reads = one[:n], list[Matrix](), list[list[Fraction]]()
-    for i, row in enumerate(rows):
-        X = plus(start, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True)))
-        reads += times(H, X) if m else []
-        rate = [times(M, X), *([times(G, one[n + i * m : n + (i + 1) * m])] if m else [])]
-        if B:
-            c = sum(row, Fraction(0))  # where the stage stands
-            rate.append(times(B, plus(scaled(1 - c, one[size : size + 1]), scaled(c, one[size + 1 :]))))
-        rates.append(plus(*rate))
-    D = plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True)))
-    PD = times(P, D)
-    linear = times(transposed(start), PD)
-    form = plus(linear, transposed(linear), scaled(h, times(transposed(D), PD)))
-    if m:
-        weighed = [[value * x for x in row] for value, row in zip(S, reads, strict=False)]
-        form = plus(form, times(transposed(reads), weighed))
-    for k, value in enumerate(S):
-        form[n + k][n + k] -= value
-    return form
-
-
-def _corner(alpha: Fraction, evidence: Mapping[str, Any], size: int) -> Matrix:
-    """alpha |e|_P^2."""
-    P, whole = evidence["P"], zeros(size, size)
-    for i, row in enumerate(matrix(evidence, "P", len(P), len(P))):
-        for j, value in enumerate(row):
-            whole[i][j] = alpha * value
-    return whole
-
-
-def _definite(what: str, form: Matrix) -> None:
-    """That a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
-
-    Raises: `NotShown`.
-    """
-    negated = scaled(Fraction(-1), form)
-    if transposed(negated) == negated and positive([[point(value) for value in row] for row in negated]):
-        return
-    demand_positive({f"{what}, negated,": negated})
 
 
 @cache
@@ -239,5 +219,6 @@ RULES = tuple(
         *on_chains(name, "shorter", throughout, (*keys, "theta", "pieces")),
         *on_chains(name, "tuned", throughout, (*keys, "theta", "pieces")),
         *on_chains(name, "noise", noise, (*keys, "dt", "bounds")),
+        *on_chains(name, "start", start, (*keys, "dt", "first", "clear", "peaks")),
     )
 )

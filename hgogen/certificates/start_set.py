@@ -1,0 +1,164 @@
+"""From which first errors an estimate never comes to its limits, as the step runs, and how far it goes on the way.
+
+The program keeps the estimate in an outer box, of which no proof of contraction speaks. From the starts of this file it
+is never met: the errors that begin in a box stay within its distance to the ranges, in which the plant is.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from itertools import product
+
+import casadi as ca
+
+from hgogen.certificates.contraction import claimed, contraction, running, theta_of
+from hgogen.check import Check
+from hgogen.graph import Graph
+from hgogen.guarantees.confined import Confined, confined
+from hgogen.guarantees.contracting import Contracts, Steps
+from hgogen.guarantees.inclusion import Inclusion, of_state
+from hgogen.guarantees.quadratic import Array, rational
+from hgogen.guarantees.step_evidence import FromStart
+from hgogen.intervals.digits import Down, Up
+from hgogen.intervals.outward import number
+from hgogen.method import OnErrors
+from hgogen.observer import Observer
+from hgogen.part import Ode
+from hgogen.program import Field, sym
+from hgogen.sentence import Sentence, because
+from hgogen.step import Step
+from hgogen.stepping.guards import LOST
+
+_STATES = 8  # up to which all corners of the first errors are asked
+_ROUNDED = Fraction(1, 10**9)  # of a limit: more than what its floats may be off
+
+
+@dataclass(frozen=True)
+class StartSet:
+    """`first`: by the name of a state of the form, the largest error with which the estimate may begin where the plant
+    starts within its ranges, in its unit; `multiple`: of how many times these the limits of the estimate are never
+    touched; `peaks`: how far it errs at most on the way, from errors of min(1, `multiple`) times `first`. `check`: that
+    it is so, OBSERVER.start."""
+
+    first: Mapping[str, float]
+    multiple: float
+    peaks: Mapping[str, float]
+    check: Check
+
+
+def start_set(step: Step) -> StartSet | None:
+    """From which first errors a step that is proved to contract never comes to the limits of its estimate, without
+    noise; None of one that is not, of more than 8 states, of states without ranges, or whose chain has gains that are
+    no numbers.
+
+    Raises: `NoSolver` without cvxpy.
+    """
+    known = contraction(step)
+    return _start_set(step, known.proof) if known.proof else None
+
+
+@lru_cache(maxsize=32)
+def _start_set(step: Step, proof: Contracts) -> StartSet | None:
+    observer, method = step.observer, step.method
+    error = observer.error() if observer.error else None
+    assert isinstance(error, Inclusion)
+    assert isinstance(method, OnErrors)
+    steps, form = Steps(error, method.error_step, theta_of(observer)), observer.form
+    scales = error.scales(steps.theta)
+    if scales is None or form.n > _STATES or not all(state.bounded for state in form.states):
+        return None
+    first, limits = _first(observer, error), _limits(observer, error)
+    if first is None or not limits:
+        return None
+    corners = _corners(error, scales, first)
+    clear = confined(steps, proof.h, corners, {k: of_state(scales, k) / rational(m) for k, m in limits.items()})
+    peaks = [confined(steps, proof.h, corners, {k: of_state(scales, k)}) for k in error.layout.picks]
+    if clear is None or not all(peaks):
+        return None
+    return _stated(step, error, first, limits, clear, [one for one in peaks if one])
+
+
+def _stated(
+    step: Step,
+    error: Inclusion,
+    first: Sequence[Fraction],
+    limits: Mapping[int, Fraction],
+    clear: Confined,
+    peaks: Sequence[Confined],
+) -> StartSet:
+    names = step.observer.form.names
+    multiple = 1 / max(clear.bounds.values())
+    taken = min(multiple, Fraction(1))
+    reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, peaks, strict=True)}
+    begun = {name: number(value)[1] for name, value in zip(names, first, strict=True)}
+    each = [
+        Sentence.of(
+            "{state} errs by at most {peak} from {first}",
+            state=x,
+            peak=Up(reached[x], 3),
+            first=Up(begun[x] * taken, 3),
+        )
+        for x in names
+    ]
+    at = running(step.observer, step.rule, step.dt)
+    claim = (
+        f"{at}, first errors of up to {Down(multiple, 3)} times what the ranges allow never touch the estimate's limits"
+    )
+    fact = FromStart(error, step.rule, Fraction(step.dt), tuple(first), dict(limits), clear, tuple(peaks))
+    check = claimed(step.observer, "start", claim, because("without noise {each}", each=each), error, fact)
+    return StartSet(begun, number(multiple)[0], reached, check)
+
+
+def _corners(error: Inclusion, scales: Sequence[Fraction], first: Sequence[Fraction]) -> Array:
+    """e (k, N) at the corners of the first errors, one of each two that are opposite."""
+    layout, n = error.layout, len(first)
+    sides = [scale * first[i] * fed for scale, i, fed in zip(scales, layout.index, layout.fed, strict=True)]
+    signs = product((1,), *((1, -1) for _ in range(n - 1)))
+    return rational([[side * each[i] for side, i in zip(sides, layout.index, strict=True)] for each in signs])
+
+
+def _first(observer: Observer, error: Inclusion) -> list[Fraction] | None:
+    """By state of the form (n), the largest error at the start; None where fields of one state do not start alike."""
+    begins = _in_form(observer, error, [value for field in _fields(observer) for value in field.initial])
+    first = []
+    for i, state in enumerate(observer.form.states):
+        (low, high), values = map(Fraction, state.interval), [begins[k] for k in _of(error, i)]
+        rounded = _ROUNDED * max(map(abs, values))
+        if max(values) - min(values) > rounded:
+            return None
+        first.append(max(high - min(values), max(values) - low) + rounded)
+    return first
+
+
+def _limits(observer: Observer, error: Inclusion) -> dict[int, Fraction]:
+    """By field that estimates, in units of its state of the form, the distance of its outer box to the ranges."""
+    boxes = [ends for field in _fields(observer) for ends in field.box_within(LOST)]
+    ends = [_in_form(observer, error, side) for side in zip(*boxes, strict=True)]
+    limits = {}
+    for i, state in enumerate(observer.form.states):
+        low, high = map(Fraction, state.interval)
+        for k in _of(error, i):
+            bottom, top = sorted((ends[0][k], ends[1][k]))
+            limits[k] = min(low - bottom, top - high) * (1 - _ROUNDED)
+    return limits
+
+
+def _of(error: Inclusion, state: int) -> list[int]:
+    """The fields that estimate a state of the form."""
+    layout = error.layout
+    return [k for k, (i, fed) in enumerate(zip(layout.index, layout.fed, strict=True)) if fed and i == state]
+
+
+def _fields(observer: Observer) -> list[Field]:
+    """Those of the estimator, in the order of its errors."""
+    return [field for part in observer.parts if isinstance(part, Ode) for field in part.fields]
+
+
+def _in_form(observer: Observer, error: Inclusion, values: Sequence[float]) -> list[Fraction]:
+    """Values (N) of fields in the units of the states of the form that they stand for."""
+    fields = _fields(observer)
+    places: list[Graph] = [sym("state", field.name, field.size) for field in fields]
+    slopes = ca.Function("z", places, [ca.jacobian(observer.z, ca.vertcat(*places))])(*(0 for _ in places))
+    picked = [float(slopes[i, k]) for i, k in enumerate(error.layout.picks)]
+    return [Fraction(value) * Fraction(picked[i]) for value, i in zip(values, error.layout.index, strict=True)]

@@ -1,0 +1,96 @@
+"""How far an error goes that begins in a box, while a step contracts.
+
+    |e+|_P < |e|_P,   |e(0)|_P <= 1 at every corner of the box:   |c e| <= sqrt(c P^-1 c') for ever
+
+A norm is convex, so that its corners speak for the whole box, one of each two that are opposite. P is sought for the
+least of that, or of the largest over several c.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from flint import fmpq_mat
+
+from hgogen.algebra.definite import fraction, root
+from hgogen.guarantees.contracting import Steps
+from hgogen.guarantees.lmi import solver
+from hgogen.guarantees.quadratic import (
+    Array,
+    Quadratic,
+    Seen,
+    Weights,
+    even,
+    floats,
+    multipliers,
+    on_grid,
+    verified,
+    weights,
+    whole,
+)
+
+_WHAT = "a bound of the errors from a start"
+_MARGINS = (1e-7, 1e-6, 1e-5)  # by which the form is negative, more where a solver or rounding has taken it all
+_BITS = (34, 48)
+_NOTHING = Fraction(0)
+
+
+@dataclass(frozen=True)
+class Confined:
+    """A proof by the `weights` that an error from the box stays within the `bounds` of |c e|, each by the place of its
+    c."""
+
+    weights: Weights
+    bounds: Mapping[int, Fraction]
+
+
+def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array]) -> Confined | None:
+    """A proof that makes the largest |c e| small, each c (N) of the `rows` in the unit in which it counts, from the
+    `corners` (k, N) of a box, one of each two that are opposite; of FLINT's rationals. None where none is found.
+
+    Raises: `NoSolver`.
+    """
+    form, W = steps.at(h).contraction(_NOTHING), steps.coordinates
+    if W is None:
+        return None
+    asked = form.floats, floats(corners), floats(np.array(list(rows.values()))), W
+    for candidate in filter(None, (_sought(*asked, margin) for margin in _MARGINS)):
+        for bits in _BITS:
+            P, S = (on_grid(each, bits + _places(candidate[0])) for each in candidate)
+            if verified(form, P, S):
+                return Confined(Weights.of(P, S), _bounds(P, corners, rows))
+    return None
+
+
+def _bounds(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
+    """How far |c e| goes at most: the root of c P^-1 c' times the largest |e(0)|_P^2."""
+    begins, inverse = max(corner @ P @ corner for corner in corners), fmpq_mat(P.tolist()).inv()
+    bounds = {}
+    for place, c in rows.items():
+        row = fmpq_mat([c.tolist()])
+        bounds[place] = root(fraction((row * inverse * row.transpose())[0, 0] * begins))
+    return bounds
+
+
+def _places(P: Array) -> int:
+    """The bits by which the trace of P lies below 1."""
+    return max(0, -int(np.floor(np.log2(np.trace(P)))))
+
+
+def _sought(of: Quadratic, corners: Array, rows: Array, W: Array, margin: float) -> tuple[Array, Array] | None:
+    """P and S in floats with |e|_P <= 1 at the corners and a small largest c P^-1 c', sought in coordinates x, e = W x,
+    with corners and rows near 1."""
+    cp, n, size = solver(_WHAT), len(W), of.pairs[0][0].shape[1]
+    seen = Seen(of, W, even(of, W))
+    begins, reads = corners @ np.linalg.inv(W).T, rows @ W
+    far, steep = (np.linalg.norm(each, axis=1).max() for each in (begins, reads))
+    P, S, reach = cp.Variable((n, n), PSD=True), multipliers(cp, of), cp.Variable((1, 1))
+    limits = [whole(cp, seen.form, P, S) << -margin * np.eye(size)]
+    limits += [(x / far) @ P @ (x / far) <= 1 for x in begins]
+    limits += [cp.bmat([[reach, row[None] / steep], [row[:, None] / steep, P]]) >> 0 for row in reads]
+    candidate = weights(cp, cp.Problem(cp.Minimize(reach[0, 0]), limits), P, S)
+    if candidate is None:
+        return None
+    P_1, S_1 = seen.back(*candidate)
+    return P_1 / far**2, S_1 / far**2
