@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.calling.samples import Run, Sample
     from hgogen.certificates.certificate import certificate
     from hgogen.certificates.contraction import Contraction, contraction
+    from hgogen.certificates.error_bound import ErrorBound, error_bound
     from hgogen.certificates.noise_gain import NoiseGain, noise_gain
     from hgogen.certificates.start_set import StartSet, start_set
     from hgogen.check import Check, Verdict
@@ -75,6 +76,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "from_casadi": "reading.casadi_model",
     "certificate": "certificates.certificate",
     **dict.fromkeys(("Contraction", "contraction"), "certificates.contraction"),
+    **dict.fromkeys(("ErrorBound", "error_bound"), "certificates.error_bound"),
     **dict.fromkeys(("NoiseGain", "noise_gain"), "certificates.noise_gain"),
     **dict.fromkeys(("StartSet", "start_set"), "certificates.start_set"),
     **dict.fromkeys(("Check", "Verdict"), "check"),
@@ -112,6 +114,7 @@ __all__ = [
     "Check",
     "Contraction",
     "Dissipation",
+    "ErrorBound",
     "ErrorSystem",
     "Fit",
     "Form",
@@ -137,6 +140,7 @@ __all__ = [
     "delayed",
     "design",
     "dissipation",
+    "error_bound",
     "error_system",
     "excitation",
     "fit",

@@ -36,13 +36,14 @@ class Contraction:
     `checks`: OBSERVER.step, that it contracts at its dt and theta; OBSERVER.shorter, that it does at every dt up to a
     longest; OBSERVER.tuned, that it does at every theta from a least one to its own: of the last two only what is
     proved. `rate` (1/s), at which |e|_P falls at its dt and theta, rounded down, None where that is not proved;
-    `reach`: how far dt and theta may go; `proof`: of the first.
+    `reach`: how far dt and theta may go; `proof`: of the first, and `steps`: of which it is one.
     """
 
     checks: tuple[Check, ...]
     rate: float | None
     reach: Reach
     proof: Contracts | None = field(default=None, repr=False)
+    steps: Steps | None = field(default=None, repr=False)
 
     @property
     def proved(self) -> bool:
@@ -81,7 +82,7 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
         return _unknown(observer, rule, dt, _why(observer, steps, h), _fix(far), far)
     rate = because("|e|_P falls at least like exp(-{rate} t), in rational arithmetic", rate=Down(proof.rate, 3))
     known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, AtOneLength(error, rule, proof))
-    return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof)
+    return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof, steps)
 
 
 def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator[Check]:

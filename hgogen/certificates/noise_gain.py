@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
-from hgogen.certificates.contraction import claimed, contraction, running, theta_of
+from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import Inclusion, of_state
+from hgogen.guarantees.stagewise import Inputs
 from hgogen.guarantees.step_evidence import UnderNoise
-from hgogen.guarantees.under_noise import NoiseBound, noise_bound
+from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
-from hgogen.method import OnErrors
 from hgogen.sentence import Sentence, because
 from hgogen.step import Step
 
@@ -46,25 +46,23 @@ def noise_gain(step: Step) -> NoiseGain | None:
     Raises: `NoSolver` without cvxpy.
     """
     known = contraction(step)
-    if known.proof is None or not known.proof.alpha:
+    if known.steps is None or known.proof is None or not known.proof.alpha:
         return None
-    return _noise_gain(step, known.proof)
+    return _noise_gain(step, known.steps, known.proof)
 
 
 @lru_cache(maxsize=32)
-def _noise_gain(step: Step, proof: Contracts) -> NoiseGain | None:
-    observer, method = step.observer, step.method
-    error = observer.error() if observer.error else None
-    assert isinstance(error, Inclusion)
-    assert isinstance(method, OnErrors)
-    steps, form = Steps(error, method.error_step, theta_of(observer)), observer.form
+def _noise_gain(step: Step, steps: Steps, proof: Contracts) -> NoiseGain | None:
+    error, form = steps.error, step.observer.form
     scales = error.scales(steps.theta)
     if scales is None:
         return None
-    bounds: dict[tuple[int, int], NoiseBound] = {}
+    bounds: dict[tuple[int, int], InputBound] = {}
     for i, field in enumerate(error.layout.picks):
         for j in range(len(form.output)):
-            one = noise_bound(steps, proof.h, j, of_state(scales, field), proof.alpha)
+            one = input_bound(
+                steps, proof.h, Inputs.of(steps.at(proof.h).ends(j)), of_state(scales, field), proof.alpha
+            )
             if one is None:
                 return None
             bounds[i, j] = one
@@ -74,7 +72,7 @@ def _noise_gain(step: Step, proof: Contracts) -> NoiseGain | None:
 
 
 def _check(
-    step: Step, error: Inclusion, bounds: Mapping[tuple[int, int], NoiseBound], gains: Mapping[tuple[str, str], float]
+    step: Step, error: Inclusion, bounds: Mapping[tuple[int, int], InputBound], gains: Mapping[tuple[str, str], float]
 ) -> Check:
     at = running(step.observer, step.rule, step.dt)
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"

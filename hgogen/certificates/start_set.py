@@ -12,7 +12,7 @@ from itertools import product
 
 import casadi as ca
 
-from hgogen.certificates.contraction import claimed, contraction, running, theta_of
+from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
 from hgogen.graph import Graph
 from hgogen.guarantees.confined import Confined, confined
@@ -22,7 +22,6 @@ from hgogen.guarantees.quadratic import Array, rational
 from hgogen.guarantees.step_evidence import FromStart
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
-from hgogen.method import OnErrors
 from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import Field, sym
@@ -55,43 +54,54 @@ def start_set(step: Step) -> StartSet | None:
     Raises: `NoSolver` without cvxpy.
     """
     known = contraction(step)
-    return _start_set(step, known.proof) if known.proof else None
+    return _start_set(step, known.steps, known.proof) if known.steps and known.proof else None
 
 
-@lru_cache(maxsize=32)
-def _start_set(step: Step, proof: Contracts) -> StartSet | None:
-    observer, method = step.observer, step.method
-    error = observer.error() if observer.error else None
-    assert isinstance(error, Inclusion)
-    assert isinstance(method, OnErrors)
-    steps, form = Steps(error, method.error_step, theta_of(observer)), observer.form
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where an estimate begins: by field (N) the `scales` of its error; the `first` errors (n) by state of the form, at
+    most; the `corners` (k, N) of these, one of each two that are opposite; by field that estimates, in the unit of its
+    state of the form, the `limits`: how far its outer box is from the ranges."""
+
+    scales: Sequence[Fraction]
+    first: Sequence[Fraction]
+    corners: Array
+    limits: Mapping[int, Fraction]
+
+
+def start_of(observer: Observer, steps: Steps) -> Start | None:
+    """The start of an estimate; None of more than 8 states, of states without ranges, where fields of one state do not
+    start alike, or whose chain has gains that are no numbers."""
+    error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     if scales is None or form.n > _STATES or not all(state.bounded for state in form.states):
         return None
-    first, limits = _first(observer, error), _limits(observer, error)
-    if first is None or not limits:
+    first = _first(observer, error)
+    if first is None:
         return None
-    corners = _corners(error, scales, first)
-    clear = confined(steps, proof.h, corners, {k: of_state(scales, k) / rational(m) for k, m in limits.items()})
-    peaks = [confined(steps, proof.h, corners, {k: of_state(scales, k)}) for k in error.layout.picks]
+    return Start(scales, first, _corners(error, scales, first), _limits(observer, error))
+
+
+@lru_cache(maxsize=32)
+def _start_set(step: Step, steps: Steps, proof: Contracts) -> StartSet | None:
+    start = start_of(step.observer, steps)
+    if start is None:
+        return None
+    rows = {k: of_state(start.scales, k) / rational(m) for k, m in start.limits.items()}
+    clear = confined(steps, proof.h, start.corners, rows)
+    picks = steps.error.layout.picks
+    peaks = [confined(steps, proof.h, start.corners, {k: of_state(start.scales, k)}) for k in picks]
     if clear is None or not all(peaks):
         return None
-    return _stated(step, error, first, limits, clear, [one for one in peaks if one])
+    return _stated(step, steps.error, start, clear, [one for one in peaks if one])
 
 
-def _stated(
-    step: Step,
-    error: Inclusion,
-    first: Sequence[Fraction],
-    limits: Mapping[int, Fraction],
-    clear: Confined,
-    peaks: Sequence[Confined],
-) -> StartSet:
+def _stated(step: Step, error: Inclusion, start: Start, clear: Confined, peaks: Sequence[Confined]) -> StartSet:
     names = step.observer.form.names
     multiple = 1 / max(clear.bounds.values())
     taken = min(multiple, Fraction(1))
     reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, peaks, strict=True)}
-    begun = {name: number(value)[1] for name, value in zip(names, first, strict=True)}
+    begun = {name: number(value)[1] for name, value in zip(names, start.first, strict=True)}
     each = [
         Sentence.of(
             "{state} errs by at most {peak} from {first}",
@@ -105,7 +115,7 @@ def _stated(
     claim = (
         f"{at}, first errors of up to {Down(multiple, 3)} times what the ranges allow never touch the estimate's limits"
     )
-    fact = FromStart(error, step.rule, Fraction(step.dt), tuple(first), dict(limits), clear, tuple(peaks))
+    fact = FromStart(error, step.rule, Fraction(step.dt), tuple(start.first), dict(start.limits), clear, tuple(peaks))
     check = claimed(step.observer, "start", claim, because("without noise {each}", each=each), error, fact)
     return StartSet(begun, number(multiple)[0], reached, check)
 

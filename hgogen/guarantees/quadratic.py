@@ -131,7 +131,8 @@ class Seen:
     def back(self, P: Array, S: Array) -> tuple[Array, Array]:
         """The weights of e from those of x."""
         inverse = np.linalg.inv(self.W)
-        return inverse.T @ P @ inverse, S / self.g**2
+        back = inverse.T @ P @ inverse
+        return (back + back.T) / 2, S / self.g**2  # rounding leaves it not quite symmetric
 
 
 def even(of: Quadratic, W: Array) -> Array:

@@ -12,15 +12,16 @@ proves |e+|_P^2 <= (1 - alpha h) |e|_P^2. The difference over h is 2 e'P D v + h
 that of continuous time.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from hgogen.algebra.definite import number
+from hgogen.algebra.definite import fraction, number
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.guarantees.inclusion import Uncertain
 from hgogen.guarantees.quadratic import Array, Quadratic, floats, identity
@@ -30,16 +31,39 @@ _ALL = 8  # slopes of which all corners are tried
 
 
 @dataclass(frozen=True, eq=False)
+class Inputs:
+    """What q inputs add to a step: `D` (N, q) to e over h, `Q` (s m, q) to what the slopes read."""
+
+    D: Array
+    Q: Array
+
+    def __mul__(self, size: Fraction) -> "Inputs":
+        """Those of inputs in units of a size."""
+        return Inputs(self.D * number(size), self.Q * number(size))
+
+    def __add__(self, other: "Inputs") -> "Inputs":
+        """One input that is both."""
+        return Inputs(self.D + other.D, self.Q + other.Q)
+
+    @classmethod
+    def of(cls, each: Iterable["Inputs"]) -> "Inputs":
+        """All of several."""
+        each = tuple(each)
+        return cls(np.hstack([one.D for one in each]), np.hstack([one.Q for one in each]))
+
+
+@dataclass(frozen=True, eq=False)
 class Stagewise:
     """A step of length `h` on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N + s m). `degree`:
-    of its form as a polynomial in h. `driven`: (N, 2 p) and (s m, 2 p), what errors of the
-    samples at its beginning (p) and at its end (p) add to these."""
+    of its form as a polynomial in h. `stages`: what an error of each output (p) at each stage (s) adds, (s, p) of them;
+    `nodes` (s): where the stages stand, from 0 to 1."""
 
     h: Fraction
     slopes: int
     D: Array
     Q: Array
-    driven: tuple[Array, Array]
+    stages: tuple[tuple[Inputs, ...], ...]
+    nodes: tuple[Fraction, ...]
     degree: int
 
     @property
@@ -53,18 +77,27 @@ class Stagewise:
         E, Z = identity(size)[:n], identity(size)[n:]
         return Quadratic(((E, self.D + E * (number(alpha) / 2)), (self.D * (number(self.h) / 2), self.D)), self.Q, Z)
 
-    def bounded(self, alpha: Fraction, output: int) -> Quadratic:
-        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2, v the errors of
-        the samples of that output at both ends; the lambda_k are the last two multipliers."""
-        plain, ends = self.contraction(alpha), [output, output + self.driven[0].shape[1] // 2]
+    def ends(self, output: int) -> tuple[Inputs, Inputs]:
+        """An error of the sample of an output at the beginning, and at the end, with those on the line between."""
+        parts = [(one[output] * (1 - c), one[output] * c) for one, c in zip(self.stages, self.nodes, strict=True)]
+        first, last = zip(*parts, strict=True)
+        return reduce(Inputs.__add__, first), reduce(Inputs.__add__, last)
+
+    def beside(self, onto: Array) -> Inputs:
+        """What comes to e beside the step, `onto` (N) times h."""
+        return Inputs(onto[:, None], 0 * self.Q[:, :1])
+
+    def bounded(self, alpha: Fraction, inputs: Inputs) -> Quadratic:
+        """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2, v the inputs (q);
+        the lambda_k are the last q multipliers."""
+        plain, q = self.contraction(alpha), inputs.D.shape[1]
         (first, second), (k, size) = plain.pairs, plain.Q.shape
-        D, Q = (matrix[:, ends] for matrix in self.driven)
-        wide, one = 0 * identity(size)[:, :2], identity(size + 2)
+        wide, one = 0 * identity(size + q)[:size, size:], identity(size + q)
         pairs = (
-            (np.hstack([first[0], wide[: len(D)]]), np.hstack([first[1], D])),
-            (np.hstack([second[0], D * (number(self.h) / 2)]), np.hstack([second[1], D])),
+            (np.hstack([first[0], wide[: len(self.D)]]), np.hstack([first[1], inputs.D])),
+            (np.hstack([second[0], inputs.D * (number(self.h) / 2)]), np.hstack([second[1], inputs.D])),
         )
-        reads = np.vstack([np.hstack([plain.Q, Q]), 0 * one[:2]])
+        reads = np.vstack([np.hstack([plain.Q, inputs.Q]), 0 * one[:q]])
         return Quadratic(pairs, reads, np.vstack([np.hstack([plain.Z, wide[:k]]), one[size:]]))
 
     def frozen(self, d: np.ndarray) -> np.ndarray:
@@ -88,18 +121,21 @@ def corners(m: int) -> np.ndarray:
 
 
 def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Stagewise:
-    """The step of length h >= 0, the samples on the line between its ends."""
+    """The step of length h >= 0, what is injected at a stage by itself."""
     (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
     size = n + s * m
-    unit = identity(size + 2 * p)
+    unit = identity(size + s * p)
     nothing, rates, reads = 0 * unit[:n], list[Array](), list[Array]()
-    for i, (row, c) in enumerate(zip(tableau.a, tableau.c, strict=True)):
+    for i, row in enumerate(tableau.a):
         X = unit[:n] + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True)), nothing)
-        v = unit[size : size + p] * _exactly(1 - c) + unit[size + p :] * _exactly(c)
+        v = unit[size + i * p : size + (i + 1) * p]
         reads.append(e.H @ X)
         rates.append(e.M @ X + e.G @ unit[n + i * m : n + (i + 1) * m] + e.B @ v)
     D, Q = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing), np.concatenate(reads)
-    return Stagewise(h, m, D[:, :size], Q[:, :size], (D[:, size:], Q[:, size:]), 2 * s - 1)
+    each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + s * p)]
+    stages = tuple(tuple(each[i * p : (i + 1) * p]) for i in range(s))
+    nodes = tuple(fraction(_exactly(c)) for c in tableau.c)
+    return Stagewise(h, m, D[:, :size], Q[:, :size], stages, nodes, 2 * s - 1)
 
 
 def _exactly(coefficient: float) -> Any:

@@ -10,8 +10,9 @@ from hgogen.form import Form
 from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.confined import Confined
 from hgogen.guarantees.contracting import Contracts
+from hgogen.guarantees.entering import Sizes
 from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.under_noise import NoiseBound
+from hgogen.guarantees.under_inputs import InputBound
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class UnderNoise:
     error: Inclusion
     method: str
     h: Fraction
-    bounds: Mapping[tuple[int, int], NoiseBound]
+    bounds: Mapping[tuple[int, int], InputBound]
 
     def evidence(self, form: Form) -> Evidence | None:
         """Method and dt, each bound with its alpha, P and S, and how the slopes are bounded."""
@@ -97,3 +98,53 @@ class FromStart:
         clear = {"P": self.clear.weights.P, "S": self.clear.weights.S, "multiple": multiple, "limits": limits}
         known = {"method": self.method, "dt": self.h, "first": self.first, "clear": clear, "peaks": peaks}
         return slopes and {**slopes, **known}
+
+
+@dataclass(frozen=True)
+class Share:
+    """What some inputs of these `sizes` do, by name: by the `proofs` of their sizes over `unit`, by field."""
+
+    what: str
+    sizes: Sizes
+    unit: Fraction
+    proofs: Mapping[int, InputBound]
+
+    def bound(self, field: int) -> Fraction:
+        """How far they move the error for which a field stands."""
+        return self.unit * self.proofs[field].bound
+
+
+@dataclass(frozen=True)
+class UnderInputs:
+    """Bounds at one step length of an error that inputs drive, the sums of their shares."""
+
+    error: Inclusion
+    method: str
+    h: Fraction
+    shares: tuple[Share, ...]
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Method and dt, each share with its sizes and of each field alpha, P, S and its bound, and how the slopes are
+        bounded."""
+        slopes = self.error.evidence(form)
+        shares: list[dict[str, Any]] = [
+            {
+                "inputs": share.what,
+                "samples": share.sizes.samples,
+                "stages": share.sizes.stages,
+                "beside": share.sizes.beside,
+                "unit": share.unit,
+                "bounds": [
+                    {
+                        "field": k + 1,
+                        "alpha": one.alpha,
+                        "P": one.weights.P,
+                        "S": one.weights.S,
+                        "bound": share.bound(k),
+                    }
+                    for k, one in share.proofs.items()
+                ],
+            }
+            for share in self.shares
+        ]
+        return slopes and {**slopes, "method": self.method, "dt": self.h, "shares": shares}

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.runge_kutta import RK4
+from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.guarantees.inclusion import Uncertain
 from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.chosen import chosen
@@ -40,9 +40,14 @@ class ContinuousDiscrete:
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
 
-    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+    @property
+    def tableau(self) -> Tableau:
         """That of classical Runge-Kutta."""
-        return stagewise(RK4, h, e)
+        return RK4
+
+    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+        """Its stages."""
+        return stagewise(self.tableau, h, e)
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """The step of an ordinary differential equation by classical Runge-Kutta."""

@@ -12,7 +12,8 @@ shows |e+|_P^2 <= (1 - alpha h) |e|_P^2. For given P and S it is a polynomial in
 Euler's, Heun's and the classical one of Runge and Kutta.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -22,9 +23,11 @@ from .interval import point
 from .matrix import (
     Matrix,
     column,
+    demand_nonnegative,
     demand_positive,
     matrix,
     plus,
+    scalar,
     scaled,
     times,
     transposed,
@@ -35,6 +38,7 @@ from .slope import positive
 from .text import number
 
 _ROWS = 60  # of an inequality
+ONE = Fraction(1)
 _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]] = {
     "Euler": (((),), ("1",)),
     "Heun": (((), ("1",)), ("1/2", "1/2")),
@@ -52,17 +56,41 @@ def method_of(evidence: Mapping[str, Any]) -> Method:
     return [[number(a) for a in row] for row in rows], [number(b) for b in weights]
 
 
+@dataclass(frozen=True)
+class Input:
+    """What one input adds: to the rate of each of the stages (s), a column (N), and `beside` (N) to e over h."""
+
+    stages: list[list[Fraction]]
+    beside: list[Fraction]
+
+    def __add__(self, other: "Input") -> "Input":
+        """One input that is both."""
+        return Input(plus(self.stages, other.stages), plus([self.beside], [other.beside])[0])
+
+    def __mul__(self, size: Fraction) -> "Input":
+        """That of an input in units of a size."""
+        return Input(scaled(size, self.stages), scaled(size, [self.beside])[0])
+
+
+def ends(method: Method, B: list[Fraction]) -> tuple[Input, Input]:
+    """An error of the sample at the beginning of a step, and at the end, with the line between them; it enters by B
+    (N)."""
+    nodes, nothing = [sum(row, Fraction(0)) for row in method[0]], [Fraction(0)] * len(B)
+    first, last = ([[w * x for x in B] for w in weights] for weights in ([1 - c for c in nodes], nodes))
+    return Input(first, nothing), Input(last, nothing)
+
+
 def form_of(
     parts: tuple[Matrix, Matrix, Matrix],
     method: Method,
     h: Fraction,
     evidence: Mapping[str, Any],
-    B: Matrix | None = None,
+    entering: Sequence[Input] = (),
 ) -> Matrix:
-    """2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs. With B
-    (N, 1) an error of the samples at both ends of the step is in v, on the line between them, and S goes on with it."""
+    """2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs. Inputs
+    stand at the end of v, and S goes on with them."""
     (M, G, H), (rows, weights) = parts, method
-    n, m, s, inputs = len(M), len(H), len(weights), 2 if B else 0
+    n, m, s, inputs = len(M), len(H), len(weights), len(entering)
     size = n + s * m
     if size > _ROWS:
         raise NotShown(f"its inequality has more than {_ROWS} rows")
@@ -75,12 +103,11 @@ def form_of(
     for i, row in enumerate(rows):
         X = plus(start, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True)))
         reads += times(H, X) if m else []
-        rate = [times(M, X), *([times(G, one[n + i * m : n + (i + 1) * m])] if m else [])]
-        if B:
-            c = sum(row, Fraction(0))  # where the stage stands
-            rate.append(times(B, plus(scaled(1 - c, one[size : size + 1]), scaled(c, one[size + 1 :]))))
-        rates.append(plus(*rate))
-    D = plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True)))
+        rates.append(plus(times(M, X), *([times(G, one[n + i * m : n + (i + 1) * m])] if m else [])))
+        for k, each in enumerate(entering, size):
+            rates[i] = plus(rates[i], _beside(each.stages[i], one[k]))
+    added = [_beside(each.beside, one[k]) for k, each in enumerate(entering, size)]
+    D = plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True)), *added)
     PD = times(P, D)
     linear = times(transposed(start), PD)
     form = plus(linear, transposed(linear), scaled(h, times(transposed(D), PD)))
@@ -90,6 +117,11 @@ def form_of(
     for k, value in enumerate(S):
         form[n + k][n + k] -= value
     return form
+
+
+def _beside(column: list[Fraction], row: list[Fraction]) -> Matrix:
+    """The matrix that is a column times a row."""
+    return [[x * y for y in row] for x in column]
 
 
 def corner(alpha: Fraction, evidence: Mapping[str, Any], size: int) -> Matrix:
@@ -110,3 +142,28 @@ def definite(what: str, form: Matrix) -> None:
     if transposed(negated) == negated and positive([[point(value) for value in row] for row in negated]):
         return
     demand_positive({f"{what}, negated,": negated})
+
+
+def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
+    """That the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c.
+
+    Raises: `NotShown`.
+    """
+    c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
+    P = matrix(one, "P", len(c), len(c))
+    demand_nonnegative(
+        {
+            "bound": [
+                [bound**2, *(V * x for x in c)],
+                *([V * x, *(V * y for y in row)] for x, row in zip(c, P, strict=True)),
+            ]
+        }
+    )
+
+
+def place(holder: Mapping[str, Any], key: str, count: int) -> int:
+    """A place from 0, given from 1. Raises: `NotShown`."""
+    value = scalar(holder, key)
+    if value.denominator > 1 or not 1 <= value <= count:
+        raise NotShown(f"its {key} is none of 1 to {count}")
+    return int(value) - 1

@@ -21,7 +21,6 @@ from ..matrix import (
     Matrix,
     above_zero,
     column,
-    demand_nonnegative,
     entries,
     matrix,
     plus,
@@ -31,13 +30,12 @@ from ..matrix import (
     transposed,
     unit,
 )
-from ..stages import corner, definite, form_of, method_of
+from ..stages import corner, definite, ends, form_of, method_of, place, within
 from ..structure import on_chains
 from ..uncertain import ErrorInclusion, error_inclusion
 
 _PIECES = 24  # of a range of step lengths
 _CORNERS = 8  # states up to which all corners of the first errors are tried
-_ONE = Fraction(1)
 
 
 def step(context: Context, claim: Claim) -> Shown:
@@ -93,7 +91,7 @@ def noise(context: Context, claim: Claim) -> Shown:
     for one in part(evidence, "bounds", list):
         if not isinstance(one, dict) or set(one) != {"state", "output", "alpha", "P", "S", "bound"}:
             raise NotShown("a bound is no object of state, output, alpha, P, S and bound")
-        state, output = _place(one, "state", len(context.z)), _place(one, "output", len(context.form.output))
+        state, output = place(one, "state", len(context.z)), place(one, "output", len(context.form.output))
         if (state, output) in said:
             raise NotShown("a bound stands twice")
         if not error.measured:
@@ -102,8 +100,8 @@ def noise(context: Context, claim: Claim) -> Shown:
         lambdas = column({"S": S[-2:]}, "S", 2)
         if not (0 < alpha * h < 1 and bound > 0 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
             raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
-        column_of = [[theta * row[output]] for row in error.measured]
-        form = form_of(error.at(theta), method, h, one, column_of)
+        entering = ends(method, [theta * row[output] for row in error.measured])
+        form = form_of(error.at(theta), method, h, one, entering)
         definite("its inequality", plus(form, corner(alpha, one, len(form))))
         within(one, error.picks[state], error.scales(context, theta), bound)
         said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
@@ -150,7 +148,7 @@ def _limits(clear: Mapping[str, Any], error: ErrorInclusion) -> dict[int, Fracti
     for one in part(clear, "limits", list):
         if not isinstance(one, dict) or set(one) != {"field", "limit"}:
             raise NotShown("a limit is no object of field and limit")
-        limits[_place(one, "field", len(error.N))] = above_zero(one, "limit")
+        limits[place(one, "field", len(error.N))] = above_zero(one, "limit")
     if limits.keys() != {k for k, fed in enumerate(error.fed) if fed}:
         raise NotShown("its limits are not those of the fields that estimate")
     return limits
@@ -165,31 +163,6 @@ def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction
         ((value,),) = times(times(e, P), transposed(e))
         largest = max(largest, value)
     return largest
-
-
-def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = _ONE) -> None:
-    """That the error which a field stands for is at most `bound` where |e|_P^2 <= V: bound^2 P >= V c'c.
-
-    Raises: `NotShown`.
-    """
-    c = [Fraction(int(k == field)) / scale for k, scale in enumerate(scales)]
-    P = matrix(one, "P", len(c), len(c))
-    demand_nonnegative(
-        {
-            "bound": [
-                [bound**2, *(V * x for x in c)],
-                *([V * x, *(V * y for y in row)] for x, row in zip(c, P, strict=True)),
-            ]
-        }
-    )
-
-
-def _place(holder: Mapping[str, Any], key: str, count: int) -> int:
-    """A place from 0, given from 1. Raises: `NotShown`."""
-    value = scalar(holder, key)
-    if value.denominator > 1 or not 1 <= value <= count:
-        raise NotShown(f"its {key} is none of 1 to {count}")
-    return int(value) - 1
 
 
 @cache

@@ -1,10 +1,10 @@
-"""How far errors of the samples move an estimate, by any course of them, for ever.
+"""How far inputs of a step move an estimate, by any course of them, for ever.
 
-    |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h (lambda_1 v^2 + lambda_2 v+^2),   lambda_1 + lambda_2 <= alpha
+    |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2,   sum_k lambda_k <= alpha
 
-v and v+ are the errors of an output's samples at the ends of a call, at most 1, else independent of each other. Then
-|e|_P <= 1 stays so, and from elsewhere |e|_P^2 - 1 falls to 1 - alpha h of itself at each call: |c e| comes to no more
-than sqrt(c P^-1 c'), and stays there. P is sought for the least of that, at an alpha that is searched.
+The v_k, such as the errors of an output's samples at the two ends of a call, are at most 1, else independent of each
+other. Then |e|_P <= 1 stays so, and from elsewhere |e|_P^2 - 1 falls to 1 - alpha h of itself at each call: |c e| comes
+to no more than sqrt(c P^-1 c'), and stays there. P is sought for the least of that, at an alpha that is searched.
 """
 
 import math
@@ -31,37 +31,38 @@ from hgogen.guarantees.quadratic import (
     weights,
     whole,
 )
+from hgogen.guarantees.stagewise import Inputs
 
-_WHAT = "a bound of the noise"
+_WHAT = "a bound of what inputs do"
 _SEARCHED = 8  # values of alpha
 _SHARES = (math.log(1 / 32), 0.0)  # of the rate, that are searched for it; logarithms
 _LARGE = 1e30  # in the place of a bound, where none is proved
-_MARGIN = 1e-7  # by which the form is negative, so that it is when it is rounded
+_MARGINS = (1e-7, 1e-6, 1e-5)  # by which the form is negative, more where a solver or rounding has taken it all
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
 _BITS = (34, 48)
 
 
 @dataclass(frozen=True)
-class NoiseBound:
-    """A proof that |c e| <= `bound` where the samples of one output err by at most 1: by the `weights`, of which the
-    last two of S are the lambda, at `alpha`."""
+class InputBound:
+    """A proof that |c e| <= `bound` where each input is at most 1: by the `weights`, of which the last of S are the
+    lambda, at `alpha`."""
 
     alpha: Fraction
     weights: Weights
     bound: Fraction
 
 
-def noise_bound(steps: Steps, h: Fraction, output: int, c: Array, most: Fraction) -> NoiseBound | None:
+def input_bound(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
     """A small bound of |c e|, c (N) of FLINT's rationals, for a step that is proved with the rate `most`; None where
     none is proved.
 
     Raises: `NoSolver`.
     """
 
-    tried = list[NoiseBound]()
+    tried = list[InputBound]()
 
     def bound(share: float) -> float:
-        one = _at(steps, h, output, c, Fraction(math.exp(share)) * most)
+        one = _at(steps, h, inputs, c, Fraction(math.exp(share)) * most)
         tried.extend([one] if one else [])
         return float(one.bound) if one else _LARGE
 
@@ -71,20 +72,17 @@ def noise_bound(steps: Steps, h: Fraction, output: int, c: Array, most: Fraction
     return min(tried, key=lambda one: one.bound, default=None)
 
 
-def _at(steps: Steps, h: Fraction, output: int, c: Array, alpha: Fraction) -> NoiseBound | None:
-    form, W = steps.at(h).bounded(alpha, output), steps.coordinates
+def _at(steps: Steps, h: Fraction, inputs: Inputs, c: Array, alpha: Fraction) -> InputBound | None:
+    form, W, q = steps.at(h).bounded(alpha, inputs), steps.coordinates, inputs.D.shape[1]
     if W is None:
         return None
-    candidate = _sought(form.floats, floats(c[None])[0], float(alpha), W)
-    if candidate is None:
-        return None
-    P, S = candidate
-    for bits in _BITS:
-        exactly = on_grid(P, bits + _places(P)), on_grid(S, bits + _places(P))
-        if sum(exactly[1][-2:]) <= number(alpha) and verified(form, *exactly):
-            inverse = fmpq_mat(exactly[0].tolist()).inv()
-            row = fmpq_mat([c.tolist()])
-            return NoiseBound(alpha, Weights.of(*exactly), root(fraction((row * inverse * row.transpose())[0, 0])))
+    asked = form.floats, floats(c[None])[0], float(alpha), W, q
+    for candidate in filter(None, (_sought(*asked, margin) for margin in _MARGINS)):
+        for bits in _BITS:
+            P, S = (on_grid(each, bits + _places(candidate[0])) for each in candidate)
+            if sum(S[-q:]) <= number(alpha) and verified(form, P, S):
+                row, inverse = fmpq_mat([c.tolist()]), fmpq_mat(P.tolist()).inv()
+                return InputBound(alpha, Weights.of(P, S), root(fraction((row * inverse * row.transpose())[0, 0])))
     return None
 
 
@@ -93,17 +91,17 @@ def _places(P: Array) -> int:
     return max(0, -int(np.floor(np.log2(np.trace(P)))))
 
 
-def _sought(of: Quadratic, c: Array, alpha: float, W: Array) -> tuple[Array, Array] | None:
+def _sought(of: Quadratic, c: Array, alpha: float, W: Array, q: int, margin: float) -> tuple[Array, Array] | None:
     """P and S in floats with a small c P^-1 c', sought in coordinates x of e = W x, the inputs in a unit in which x is
     near 1."""
     cp, n, size = solver(_WHAT), len(W), of.pairs[0][0].shape[1]
-    unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ of.pairs[0][1])[:, -2:]))
-    seen = Seen(of, W, np.append(even(of, W)[:-2], [unit, unit]))
+    unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ of.pairs[0][1])[:, -q:]))
+    seen = Seen(of, W, np.append(even(of, W)[:-q], [unit] * q))
     P, S, reach = cp.Variable((n, n), PSD=True), multipliers(cp, of), cp.Variable()
     row = (c @ W)[None] / np.linalg.norm(c @ W)
     held = cp.bmat([[cp.reshape(reach, (1, 1), order="C"), row], [row.T, P]])
-    negative = whole(cp, seen.form, P, S) << -_MARGIN * np.eye(size)
-    limits: list[Any] = [negative, held >> 0, cp.sum(S[-2:]) <= float(_SHARE) * alpha]
+    negative = whole(cp, seen.form, P, S) << -margin * np.eye(size)
+    limits: list[Any] = [negative, held >> 0, cp.sum(S[-q:]) <= float(_SHARE) * alpha]
     candidate = weights(cp, cp.Problem(cp.Minimize(reach), limits), P, S)
     if candidate is None:
         return None

@@ -1,0 +1,259 @@
+"""How well a state is known, as the step runs: noise, disturbances and the method, each with its share, for ever.
+
+    e+ = Phi e + what enters,   V = |e|_P^2 of the contraction falls by alpha h of itself where nothing does
+
+The parts of e that the inputs drive are bounded one by one, each by its own norm, and add; that of the start decays.
+How large the inputs are `guarantees.plant_step` says.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from hgogen.algebra.definite import fraction
+from hgogen.certificates.contraction import claimed, contraction, running
+from hgogen.certificates.start_set import Start, start_of
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.form import Form
+from hgogen.guarantees.confined import confined
+from hgogen.guarantees.contracting import Contracts, Steps
+from hgogen.guarantees.entering import Sizes
+from hgogen.guarantees.inclusion import of_state
+from hgogen.guarantees.plant_step import PlantStep, Unbounded
+from hgogen.guarantees.quadratic import floats, rational
+from hgogen.guarantees.step_evidence import Share, UnderInputs
+from hgogen.guarantees.under_inputs import InputBound, input_bound
+from hgogen.intervals.digits import Down, Up
+from hgogen.intervals.outward import number
+from hgogen.method import OnErrors
+from hgogen.reading.given import BadGain, real
+from hgogen.reading.named import in_order, names_of
+from hgogen.sentence import Reason, Sentence, because, joined
+from hgogen.signal import Signal
+from hgogen.step import Step
+
+Given = Mapping[str, float] | None
+_CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
+_UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
+
+
+@dataclass(frozen=True)
+class ErrorBound:
+    """How far the estimate of a step errs at most.
+
+    `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method") and by the name of a
+    state of the form, what it adds; `bounds`: their sums. `settles` (the model's unit of time): after which an error is
+    within 1.1 of its bound, from first errors of min(1, `multiple`) times what the ranges allow; `multiple`: of how
+    many times these the limits of the estimate are not touched. None where a state has no range. `inside`: by how much
+    the plant keeps clear of the ends of its ranges for it. `check`: OBSERVER.error, which says why where nothing is
+    proved; the mappings are empty then.
+    """
+
+    check: Check
+    shares: Mapping[str, Mapping[str, float]]
+    bounds: Mapping[str, float]
+    inside: Mapping[str, float]
+    settles: float | None = None
+    multiple: float | None = None
+
+    def __str__(self) -> str:
+        return str(self.check)
+
+
+def error_bound(
+    step: Step,
+    *,
+    noise: Given = None,
+    rounded: Given = None,
+    late: Given = None,
+    disturbance: Given = None,
+    parameters: Given = None,
+    rates: Given = None,
+) -> ErrorBound:
+    """How far the estimate of a step that is proved to contract errs at most, for ever, and from when on.
+
+    By name, what is not given is 0: `noise`, at most this error in each sample of an output, whatever its course;
+    `rounded`, to steps of which samples are rounded; `late`, the time by which a sample may be taken beside its own;
+    `disturbance`, at most this in the rate of a state of the plant, of any course; `parameters`, by how much the
+    plant's may be beside the program's, a constant; `rates`, at most how fast an input moves between two samples, by
+    default its declared rates; of an input that is held there none.
+
+    The plant keeps to its ranges, clear of their ends by `inside`; inputs do, and move between samples as the program
+    takes them to; every sample is there; numbers are real numbers.
+
+    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
+    """
+    form = step.observer.form
+    sizes = {
+        "noise": _sizes("noise", noise, form.system.outputs),
+        "rounded": [size / 2 for size in _sizes("rounded", rounded, form.system.outputs)],
+        "late": _sizes("late", late, form.system.outputs),
+        "disturbance": _sizes("disturbance", disturbance, form.system.states),
+        "parameters": _sizes("parameters", parameters, form.system.parameters),
+    }
+    moving = _moving(step, rates)
+    known = contraction(step)
+    if known.steps is None or known.proof is None or not known.proof.alpha:
+        return _unknown(step, known.checks[0].reason)
+    assert isinstance(step.method, OnErrors)
+    plant = PlantStep(form, step.method.tableau, known.proof.h, moving)
+    try:
+        return _bounded(step, known.steps, known.proof, plant, _entering(plant, sizes))
+    except Unbounded as error:
+        return _unknown(step, error.args[0])
+
+
+def _sizes(what: str, values: Given, signals: Sequence[Signal]) -> list[Fraction]:
+    """A size >= 0 for each signal, 0 where none is given. Raises: `BadNames`, `BadGain`."""
+    names = names_of(signals)
+    ordered = in_order(what, values or {}, names, default=dict.fromkeys(names, 0.0))
+    return [_size(f"{what} of {name}", value) for name, value in zip(names, ordered, strict=True)]
+
+
+def _size(what: str, value: Any) -> Fraction:
+    size = real(what, value)
+    if not 0 <= size < math.inf:
+        raise BadGain(f"{what} = {size:g}", "must be a finite number, not negative")
+    return Fraction(size)
+
+
+def _moving(step: Step, rates: Given) -> tuple[Fraction | None, ...]:
+    """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
+    inputs = step.observer.form.system.inputs
+    ordered = in_order("rates", rates or {}, names_of(inputs), default=dict.fromkeys(names_of(inputs), None))
+    if step.between == "hold":
+        return (Fraction(0),) * len(inputs)
+    declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
+    known = [own if value is None else value for value, own in zip(ordered, declared, strict=True)]
+    return tuple(None if x is None else _size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True))
+
+
+def _entering(plant: PlantStep, sizes: Mapping[str, Sequence[Fraction]]) -> dict[str, Sizes]:
+    """What enters, each by its name, where it is not 0. Raises: `Unbounded`."""
+    outputs = range(len(plant.form.output))
+    late = (tau * plant.shown(j) if tau else tau for j, tau in zip(outputs, sizes["late"], strict=True))
+    each = {
+        "noise": Sizes(samples=tuple(sizes["noise"])),
+        "rounded": Sizes(samples=tuple(sizes["rounded"])),
+        "late": Sizes(samples=tuple(late)),
+        "disturbance": Sizes(beside=plant.disturbed(plant.moved(sizes["disturbance"]))),
+        "parameters": Sizes(beside=plant.disturbed(plant.mistaken(sizes["parameters"]))),
+        "method": Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()),
+    }
+    return {name: size for name, size in each.items() if size.largest}
+
+
+def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, entering: Mapping[str, Sizes]) -> ErrorBound:
+    error, form = steps.error, step.observer.form
+    scales, shown = error.scales(steps.theta), _shown(form)
+    if scales is None or shown is None:
+        return _unknown(step, because("the gains of its chain are no numbers"))
+    fields = sorted({k for k, fed in enumerate(error.layout.fed) if fed})
+    shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound]]()
+    for name, sizes in entering.items():
+        relative = sizes.over(sizes.largest)
+        if relative not in proofs:
+            inputs = relative.inputs(steps.at(proof.h), error, scales, shown)
+            each = {k: input_bound(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fields}
+            proofs[relative] = {k: one for k, one in each.items() if one}
+        if len(proofs[relative]) < len(fields):
+            return _unknown(step, because("no bound is found of what {name} does", name=name))
+        shares.append(Share(name, sizes, sizes.largest, proofs[relative]))
+    totals = {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
+    start = start_of(step.observer, steps)
+    multiple = _multiple(steps, proof, start, totals) if start else None
+    settles = _settles(step, proof, start, multiple, totals, error.layout.picks) if start and multiple else None
+    return _stated(step, steps, shares, totals, plant.margins, settles, multiple)
+
+
+def _shown(form: Form) -> dict[int, tuple[int, Fraction]] | None:
+    """By the place of a first state of a chain, its output's place and dy/dz; None where that is no number."""
+    slopes = [sp.sympify(sp.diff(y, form.states[head])) for y, head in zip(form.output, form.heads, strict=True)]
+    if not all(slope.is_Rational for slope in slopes):
+        return None
+    return {head: (j, Fraction(s.p, s.q)) for j, (head, s) in enumerate(zip(form.heads, slopes, strict=True))}
+
+
+def _multiple(steps: Steps, proof: Contracts, start: Start, totals: Mapping[int, Fraction]) -> Fraction | None:
+    """Of how many times the first errors the limits are not touched, beside what the inputs do; None where they are."""
+    left = {k: limit - totals[k] for k, limit in start.limits.items()}
+    if min(left.values()) <= 0:
+        return None
+    clear = confined(
+        steps, proof.h, start.corners, {k: of_state(start.scales, k) / rational(m) for k, m in left.items()}
+    )
+    return 1 / max(clear.bounds.values()) if clear else None
+
+
+def _settles(
+    step: Step, proof: Contracts, start: Start, multiple: Fraction, totals: Mapping[int, Fraction], picks: Sequence[int]
+) -> float:
+    """The time after which what is left of the start is a tenth of each bound: from V(0) at most the largest of the
+    corners V falls to (1 - alpha h)^k of it."""
+    P, taken = rational(proof.weights.P), min(multiple, Fraction(1))
+    begins = float(fraction(max(corner @ P @ corner for corner in start.corners)) * taken**2)
+    inverse, calls = np.linalg.inv(floats(P)), 0
+    for k in picks:
+        c = floats(of_state(start.scales, k)[None])[0]
+        ratio = float(c @ inverse @ c) * begins / float(_CLOSE * totals[k]) ** 2
+        calls = max(calls, math.ceil(math.log(max(ratio, 1.0)) / -math.log1p(-float(proof.alpha * proof.h)) * _UP))
+    return calls * step.dt
+
+
+def _stated(
+    step: Step,
+    steps: Steps,
+    shares: Sequence[Share],
+    totals: Mapping[int, Fraction],
+    inside: Sequence[Fraction],
+    settles: float | None,
+    multiple: Fraction | None,
+) -> ErrorBound:
+    names, picks = step.observer.form.names, steps.error.layout.picks
+
+    def of(bound: Callable[[int], Fraction]) -> dict[str, float]:
+        return {name: number(bound(k))[1] for name, k in zip(names, picks, strict=True)}
+
+    bounds, parts = of(lambda k: totals[k]), {share.what: of(share.bound) for share in shares}
+    margins = {name: number(value)[1] for name, value in zip(names, inside, strict=True)}
+    each = [
+        Sentence.of(
+            "{state} within {bound}, of which {of}",
+            state=x,
+            bound=Up(bounds[x], 3),
+            of=[Sentence.of("{what} {size}", what=what, size=Up(sizes[x], 3)) for what, sizes in parts.items()],
+        )
+        for x in names
+    ]
+    pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
+    said = because(pattern, each=each, margins=[Up(value, 2) for value in margins.values()])
+    reason = joined(said, _from(step, settles, multiple))
+    fact = UnderInputs(steps.error, step.rule, Fraction(step.dt), tuple(shares))
+    check = claimed(step.observer, "error", _claim(step), reason, steps.error, fact)
+    return ErrorBound(check, parts, bounds, margins, settles, None if multiple is None else number(multiple)[0])
+
+
+def _from(step: Step, settles: float | None, multiple: Fraction | None) -> Reason:
+    """From when on it holds, and from which first errors."""
+    if settles is None or multiple is None:
+        return because("once what is left of the start has decayed")
+    pattern = "after {time} to within a tenth, from errors of up to {multiple} times what the ranges allow"
+    at = Up(settles, 3)
+    unit = step.observer.form.system.time
+    return because(
+        pattern, time=Sentence.of("{at} {unit}", at=at, unit=unit), multiple=Down(min(multiple, Fraction(1)), 3)
+    )
+
+
+def _claim(step: Step) -> str:
+    return f"{running(step.observer, step.rule, step.dt)}, every state is known within a bound, for ever"
+
+
+def _unknown(step: Step, why: Reason) -> ErrorBound:
+    check = Check(ClaimId(step.observer.name, "error"), _claim(step), Verdict.UNKNOWN, why, fix="Validate by trials.")
+    return ErrorBound(check, {}, {}, {})

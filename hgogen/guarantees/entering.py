@@ -1,0 +1,55 @@
+"""What enters the error of a step from outside, and how large it is at most.
+
+samples     an error of an output's samples at both ends of a call, each by itself, with those on the line between
+stages      an error of what is injected at a stage
+beside      what the plant does in a row of its form beside a step of the method, over h; its sample at the end of
+            the call shows it
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.quadratic import rational
+from hgogen.guarantees.stagewise import Inputs, Stagewise
+
+_NOTHING = Fraction(0)
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Of the `samples` (p), of the `stages` (p, s), and `beside` (n) in units of the form's states; empty of none."""
+
+    samples: tuple[Fraction, ...] = ()
+    stages: tuple[tuple[Fraction, ...], ...] = ()
+    beside: tuple[Fraction, ...] = ()
+
+    @property
+    def largest(self) -> Fraction:
+        """The largest of all, whatever their units."""
+        return max((*self.samples, *(x for row in self.stages for x in row), *self.beside), default=_NOTHING)
+
+    def over(self, size: Fraction) -> "Sizes":
+        """In units of a size > 0."""
+        rows = tuple(tuple(x / size for x in row) for row in self.stages)
+        return Sizes(tuple(x / size for x in self.samples), rows, tuple(x / size for x in self.beside))
+
+    def inputs(
+        self, step: Stagewise, error: Inclusion, scales: Sequence[Fraction], shown: Mapping[int, tuple[int, Fraction]]
+    ) -> Inputs:
+        """The inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them, `shown`: by the place of
+        a first state of a chain, its output's place and dy/dz."""
+        each = list[Inputs]()
+        for output, size in enumerate(self.samples):
+            each += [end * size for end in step.ends(output) if size]
+        for output, row in enumerate(self.stages):
+            each += [step.stages[i][output] * size for i, size in enumerate(row) if size]
+        for state, size in enumerate(self.beside):
+            fields = zip(scales, error.layout.index, error.layout.fed, strict=True)
+            moved = step.beside(rational([-scale * (fed and i == state) for scale, i, fed in fields]))
+            if state in shown:
+                output, slope = shown[state]
+                moved += step.ends(output)[1] * (step.h * slope)
+            each += [moved * size] if size else []
+        return Inputs.of(each)

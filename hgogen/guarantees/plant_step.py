@@ -1,0 +1,251 @@
+"""How the plant moves beside a step of an observer's method, on its ranges.
+
+    x(t + h) = Phi_h(x) + delta,   Phi_h: a step of the method on x' = F(x, u) = A x + b, without injection
+
+Where the plant keeps clear of the ends of its ranges by h sup|F_i|, the stages X_i, and the flow from x, do not leave
+them, and no clamp acts. Then
+
+    line          |(1 - c_i) y_k + c_i C Phi_h(x) - C X_i| <= h^2 sum_j |c_i b_j - a_ij| sum_k |a_jk| sup|y''|
+    remainder     |x(t + h) - Phi_h(x)| <= h^(p+1) (sup|x_(p+1)| + sup|Phi_(p+1)|), of a method of order p: Taylor
+                  coefficients in time of the flow at any point, of the step at any length up to h, in Arb's balls
+    disturbance   |d_i(t)| <= dbar_i of any course in x' = F + d: |delta| <= integral over h of exp(s |dF/dx|) dbar
+
+u moves between two samples as the program takes it to: on the line, at most at its rates, or it is held.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import flint
+import sympy as sp
+
+from hgogen.algebra.balls import Balls, Undecided
+from hgogen.algebra.definite import number
+from hgogen.algebra.points import exact
+from hgogen.algebra.series import Plant, evaluate
+from hgogen.algebra.tape import NoTape, tape
+from hgogen.discretisation.runge_kutta import Tableau
+from hgogen.form import Form
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.box import Box, box
+from hgogen.sentence import because
+from hgogen.structure.polytope import fixed, signals
+
+_SHORT = 10_000  # the largest denominator of a tableau's coefficients
+
+
+@dataclass(frozen=True)
+class PlantStep:
+    """A step of length `h` of a method on a form whose inputs move between samples at up to `rates` (m), None where
+    that is not known."""
+
+    form: Form
+    tableau: Tableau
+    h: Fraction
+    rates: tuple[Fraction | None, ...]
+
+    @cached_property
+    def flow(self) -> tuple[sp.Expr, ...]:
+        """F (n), of z, inputs and parameters, those without a range at their values."""
+        rows = self.form.A * sp.Matrix(self.form.states) + sp.Matrix(self.form.b)
+        return tuple(exact(sp.sympify(row).xreplace(fixed(self.form))) for row in rows)
+
+    @cached_property
+    def speeds(self) -> tuple[Fraction, ...]:
+        """sup|F_i| (n). Raises: `Unbounded`."""
+        return tuple(self._largest(row) for row in self.flow)
+
+    @property
+    def margins(self) -> tuple[Fraction, ...]:
+        """By how much the plant keeps clear of the ends of the ranges (n). Raises: `Unbounded`."""
+        return tuple(self.h * speed for speed in self.speeds)
+
+    def line(self, output: int) -> tuple[Fraction, ...]:
+        """By how much the line between two samples of an output is beside what the plant shows at each stage (s).
+
+        Raises: `Unbounded`.
+        """
+        (a, b, c), rate = self._coefficients, self._shown(output)
+        by = zip((*self.form.states, *self.form.system.inputs), (*self.speeds, *self._moving), strict=True)
+        bend = sum((self._largest(sp.diff(rate, x)) * most for x, most in by), Fraction(0))
+        rows = [(*row, *[Fraction(0)] * (len(b) - len(row))) for row in a]
+        away = [sum(map(abs, row), Fraction(0)) for row in rows]  # of a stage from the start, over h sup|F|
+        weights = [[abs(at * w - x) for w, x in zip(b, row, strict=True)] for at, row in zip(c, rows, strict=True)]
+        shares = (sum(w * far for w, far in zip(row, away, strict=True)) for row in weights)
+        return tuple(self.h**2 * share * bend for share in shares)
+
+    def shown(self, output: int) -> Fraction:
+        """sup|y'| of an output. Raises: `Unbounded`."""
+        return self._largest(self._shown(output))
+
+    def _shown(self, output: int) -> sp.Expr:
+        """y', but for what the inputs in it do."""
+        form, y = self.form, self.form.output[output]
+        if y.free_symbols & {*form.system.inputs}:
+            raise Unbounded(because("the output {y} reads an input", y=y))
+        return sum((sp.diff(y, z) * row for z, row in zip(form.states, self.flow, strict=True)), sp.S(0))
+
+    def moved(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        """What disturbances of at most these sizes (n) in the rows of the plant are in those of the form.
+
+        Raises: `Unbounded`.
+        """
+        system, form = self.form.system, self.form
+        where = box((*system.states, *system.inputs, *system.parameters), system.nominal)
+        T = sp.Matrix([sp.sympify(row) for row in form.to_form]).jacobian(sp.Matrix(system.states))
+        return tuple(
+            sum((_largest(T[i, j], where) * size for j, size in enumerate(most) if size), Fraction(0))
+            for i in range(form.n)
+        )
+
+    def mistaken(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        """What parameters of the plant that are beside the program's by at most these sizes do to the rows of the form.
+
+        Raises: `Unbounded`.
+        """
+        form, system = self.form, self.form.system
+        wrong = {p: size for p, size in zip(system.parameters, most, strict=True) if size}
+        read = sp.Matrix([*form.to_form, *form.output]).free_symbols & wrong.keys()
+        if read:
+            raise Unbounded(because("the coordinates or outputs read {read}", read=sorted(map(str, read))))
+        where = box(signals(form), system.nominal)
+        for p, size in wrong.items():
+            value = Fraction(system.nominal[p])
+            where[p] = value - size, value + size
+        rows = form.A * sp.Matrix(form.states) + sp.Matrix(form.b)
+        return tuple(
+            sum((_largest(sp.diff(row, p), where) * size for p, size in wrong.items()), Fraction(0)) for row in rows
+        )
+
+    def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
+        """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course.
+
+        Raises: `Unbounded`.
+        """
+        n, J = self.form.n, sp.Matrix(self.flow).jacobian(sp.Matrix(self.form.states))
+        M = [[self._largest(J[i, j]) * self.h for j in range(n)] + [most[i]] for i in range(n)]
+        whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()
+        return tuple(_above(whole[i, n]) for i in range(n))
+
+    def remainder(self) -> tuple[Fraction, ...]:
+        """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
+        order = self.tableau.order
+        try:
+            flow, step = self._flow_series(order + 2), self._step_series(order + 2)
+        except (Undecided, ZeroDivisionError, NoTape) as error:
+            raise Unbounded(
+                because("the method's remainder has no bound on the ranges: {flow}", flow=self.flow)
+            ) from error
+        coefficients = zip(flow, step, strict=True)
+        return tuple(self.h**order * (_above(x[order + 1]) + _above(y[order + 1])) for x, y in coefficients)
+
+    def _flow_series(self, order: int) -> list[list[Any]]:
+        """Taylor coefficients of the flow at any point of the ranges."""
+        states, inputs = [[ball] for ball in self._balls[0]], [list(pair) for pair in self._balls[1]]
+        for k in range(order - 1):
+            rows = self._rates(states, inputs, k + 1)
+            for row, rate in zip(states, rows, strict=True):
+                row.append(rate[k] / (k + 1))
+        return states
+
+    def _step_series(self, order: int) -> list[list[Any]]:
+        """Those of the step in its length, at any length up to h."""
+        (a, b, c), (states, inputs, _) = self._coefficients, self._balls
+        length = flint.arb_series([_ball(Fraction(0), self.h), flint.arb(1)], prec=order)
+        slopes: list[list[Any]] = []
+
+        def moved(weights: Sequence[Fraction]) -> list[Any]:
+            totals = [flint.arb_series([x], prec=order) for x in states]
+            for weight, slope in zip(weights, slopes, strict=False):
+                totals = [
+                    total + length * one * flint.arb(number(weight)) for total, one in zip(totals, slope, strict=True)
+                ]
+            return totals
+
+        for row, at in zip(a, c, strict=True):
+            here = [[u, rate * flint.arb(number(at))] for u, rate in inputs]
+            rates = self._rates([x.coeffs() for x in moved(row)], here, order)
+            slopes.append([flint.arb_series(rate, prec=order) for rate in rates])
+        return [_padded(x.coeffs(), order) for x in moved(b)]
+
+    def _rates(self, states: list[list[Any]], inputs: list[list[Any]], order: int) -> list[list[Any]]:
+        """F of series, below t^order."""
+        balls = Balls(0)
+        values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in self._balls[2]))]
+        rows = evaluate(self._tape, balls, values, order, 1)
+        return [balls.coefficients(value, order) for value, _ in rows]
+
+    @cached_property
+    def _tape(self) -> Plant:
+        return Plant(tape(self.flow, signals(self.form)), 0, 0, 0)
+
+    @cached_property
+    def _balls(self) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
+        """Of the states, of the inputs and their rates, and of the parameters."""
+        form, system = self.form, self.form.system
+        for signal in (*form.states, *system.inputs):
+            if not signal.bounded:
+                raise Unbounded(because("{signal} has no range", signal=signal))
+        states, inputs = ([_ball(*map(Fraction, s.interval)) for s in each] for each in (form.states, system.inputs))
+        rates = [_ball(-most, most) for most in self._moving]
+        ends = [s.interval if s.bounded else (system.nominal[s],) * 2 for s in system.parameters]
+        return states, list(zip(inputs, rates, strict=True)), [_ball(*map(_fraction, pair)) for pair in ends]
+
+    @property
+    def _coefficients(self) -> tuple[list[list[Fraction]], list[Fraction], list[Fraction]]:
+        """a, b and c as the tableau means them."""
+
+        def exactly(values: Sequence[float]) -> list[Fraction]:
+            return [Fraction(value).limit_denominator(_SHORT) for value in values]
+
+        return [exactly(row) for row in self.tableau.a], exactly(self.tableau.b), exactly(self.tableau.c)
+
+    @property
+    def _moving(self) -> tuple[Fraction, ...]:
+        """The rates of the inputs, 0 of one that the flow does not read. Raises: `Unbounded`."""
+        read, moving = sp.Matrix(self.flow).free_symbols, list[Fraction]()
+        for u, rate in zip(self.form.system.inputs, self.rates, strict=True):
+            if rate is None and u in read:
+                pattern = 'how fast {u} moves between samples is not known: give rates={{"{u}": ..}}, or hold it there'
+                raise Unbounded(because(pattern, u=u.name))
+            moving.append(rate or Fraction(0))
+        return tuple(moving)
+
+    def _largest(self, expression: sp.Expr) -> Fraction:
+        """The largest |expression| on the ranges. Raises: `Unbounded`."""
+        return _largest(expression, box(signals(self.form)))
+
+
+class Unbounded(ArithmeticError):
+    """What has no bound on the ranges, `args[0]` is the reason."""
+
+
+def _largest(expression: sp.Expr, where: Box) -> Fraction:
+    try:
+        known = bound(sp.sympify(expression), where, relative=0.005)
+    except NoTape as error:
+        raise Unbounded(error.reason) from error
+    if not (known.defined and known.finite):
+        raise Unbounded(because("{expression} has no finite range on the box", expression=expression))
+    return max(abs(Fraction(known.low)), abs(Fraction(known.high)))
+
+
+def _ball(low: Fraction, high: Fraction) -> Any:
+    return flint.arb(number(low)).union(flint.arb(number(high)))
+
+
+def _above(value: Any) -> Fraction:
+    """A rational at or above the size of a ball."""
+    top = value.abs_upper().fmpq()
+    return Fraction(int(top.p), int(top.q))
+
+
+def _padded(values: list[Any], order: int) -> list[Any]:
+    return [*values, *[flint.arb(0)] * (order - len(values))]
+
+
+def _fraction(value: Any) -> Fraction:
+    return Fraction(value.p, value.q) if isinstance(value, sp.Rational) else Fraction(value)

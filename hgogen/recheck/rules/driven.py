@@ -1,0 +1,110 @@
+"""How far inputs of a step drive an error, of several the shares, verified again.
+
+    2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + .. - sum_k lambda_k v_k^2 < 0,   sum_k lambda_k <= alpha
+
+keeps |e|_P <= 1 while each |v_k| <= 1 (`stages` has the rest). Inputs are errors of the samples of an output at both
+ends of a call, errors of what is injected at a stage, and what the plant does beside a step of the method in a row of
+its form, over h, which the sample at the end of the call shows. A share is of inputs in one unit.
+"""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from ..box import NotShown
+from ..chain import built
+from ..context import Context, Shown, short
+from ..cores import CORES
+from ..file import Claim, part
+from ..matrix import above_zero, column, entries, plus, scalar
+from ..stages import Input, Method, corner, definite, ends, form_of, method_of, place, within
+from ..structure import on_chains
+from ..uncertain import ErrorInclusion, error_inclusion
+
+_SHARES = 12
+
+
+def error(context: Context, claim: Claim) -> Shown:
+    """The share of each part in the error of each field that estimates."""
+    observer, evidence = built(context, claim), claim.evidence
+    theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
+    if not (theta > 0 and h > 0):
+        raise NotShown("theta and dt are not positive")
+    inclusion, method = error_inclusion(context, observer, evidence), method_of(evidence)
+    scales, shares = inclusion.scales(context, theta), part(evidence, "shares", list)
+    if not inclusion.measured:
+        raise NotShown("its gains are no numbers in these coordinates")
+    if not 0 < len(shares) <= _SHARES:
+        raise NotShown(f"it has no shares, or more than {_SHARES}")
+    totals, wanted = dict.fromkeys(range(len(scales)), Fraction(0)), {k for k, fed in enumerate(inclusion.fed) if fed}
+    for share in shares:
+        if not isinstance(share, dict) or set(share) != {"inputs", "samples", "stages", "beside", "unit", "bounds"}:
+            raise NotShown("a share is no object of inputs, samples, stages, beside, unit and bounds")
+        unit, inputs = above_zero(share, "unit"), _inputs(context, inclusion, method, h, theta, share)
+        bounds = part(share, "bounds", list)
+        if {_field(one, len(scales)) for one in bounds} != wanted or len(bounds) > len(wanted):
+            raise NotShown("its bounds are not those of the fields that estimate, each once")
+        for one in bounds:
+            k, alpha, bound = _field(one, len(scales)), scalar(one, "alpha"), above_zero(one, "bound")
+            lambdas = column({"S": part(one, "S", list)[-len(inputs) :]}, "S", len(inputs))
+            if not (0 < alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
+                raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
+            form = form_of(inclusion.at(theta), method, h, one, inputs)
+            definite("its inequality", plus(form, corner(alpha, one, len(form))))
+            within(one, k, scales, bound / unit)
+            totals[k] += bound
+    states = zip(context.z, inclusion.picks, strict=True)
+    said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
+    at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
+    return Shown(f"{at}, {len(shares)} kinds of inputs move {said} in all", inclusion.boxes)
+
+
+def _field(one: Any, count: int) -> int:
+    """The field of a bound, from 0. Raises: `NotShown`."""
+    if not isinstance(one, dict) or set(one) != {"field", "alpha", "P", "S", "bound"}:
+        raise NotShown("a bound is no object of field, alpha, P, S and bound")
+    return place(one, "field", count)
+
+
+def _inputs(
+    context: Context, error: ErrorInclusion, method: Method, h: Fraction, theta: Fraction, share: Mapping[str, Any]
+) -> list[Input]:
+    """The inputs of a share that are not 0, in its unit. Raises: `NotShown`."""
+    p, n, stages, unit = len(context.form.output), len(context.z), len(method[1]), scalar(share, "unit")
+    into = [[theta * row[j] for row in error.measured] for j in range(p)]
+    nothing, scales, inputs = [Fraction(0)] * len(error.N), error.scales(context, theta), list[Input]()
+    for j, size in enumerate(_sizes(share, "samples", p)):
+        inputs += [end * size for end in ends(method, into[j]) if size]
+    for j, row in enumerate(entries(share, "stages", p) if share["stages"] else []):
+        for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
+            at = [into[j] if k == i else nothing for k in range(stages)]
+            inputs += [Input(at, nothing) * size] if size else []
+    for i, size in enumerate(_sizes(share, "beside", n)):
+        onto = [-s * (fed and at == i) for s, fed, at in zip(scales, error.fed, error.index, strict=True)]
+        moved = Input([nothing] * stages, onto)
+        if context.z[i] in context.heads:
+            j = context.heads.index(context.z[i])
+            slope = context.first_gain(j).number
+            if slope is None:
+                raise NotShown("the slope of an output is no number")
+            moved += ends(method, into[j])[1] * (h * slope)
+        inputs += [moved * size] if size else []
+    if not inputs:
+        raise NotShown("a share has no inputs")
+    return [each * (1 / unit) for each in inputs]
+
+
+def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
+    """`count` sizes that are not negative, or none. Raises: `NotShown`."""
+    sizes = column(share, key, count) if share.get(key) else []
+    if any(size < 0 for size in sizes):
+        raise NotShown(f"a size of its {key} is negative")
+    return sizes
+
+
+_OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
+RULES = tuple(
+    rule
+    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CORES))
+    for rule in on_chains(name, "error", error, ("scale", "slopes", "method", *own, "dt", "shares"))
+)

@@ -1,0 +1,304 @@
+"""How well a state is known: bounds against runs that search the worst, their shares, and forged numbers."""
+
+import copy
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from forger import sealed
+from plants import MODELS, model, two_outputs
+from scipy.integrate import solve_ivp
+
+import hgogen as hg
+from hgogen.check import Verdict
+from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
+from hgogen.guarantees.plant_step import PlantStep
+from hgogen.model import load
+from hgogen.program import Place
+from hgogen.reading.given import BadGain
+from hgogen.reading.named import BadNames
+from hgogen.recheck.verification import recheck
+from hgogen.stepping.machine import Machine
+
+FIVE = (
+    "high_gain",
+    "filtered",
+    *(pytest.param(each, marks=pytest.mark.slow) for each in ("filtered_injection", "low_power", "peaking_free")),
+)
+A, B = 19.6, 0.1  # of the pendulum
+GIVEN: dict[str, Mapping[str, float]] = {
+    "noise": {"y": 2e-3},
+    "rounded": {"y": 1e-3},
+    "late": {"y": 1e-4},
+    "disturbance": {"w": 0.5},
+    "parameters": {"a": 0.1},
+    "rates": {"tau": 5},
+}
+Content = dict[str, Any]
+
+
+@cache
+def step_of(observer: str = "high_gain", dt: float = 0.01, method: str = "rk4", **options: Any) -> hg.Step:
+    gains = load(MODELS / "pendulum.py").module.tuning[observer]
+    form = hg.forms.triangular(model("pendulum"))
+    return hg.sample(getattr(hg.observers, observer)(form, **gains), getattr(hg.methods, method), dt=dt, **options)
+
+
+@cache
+def bounded(observer: str = "high_gain", dt: float = 0.01, method: str = "rk4") -> hg.ErrorBound:
+    known = hg.error_bound(step_of(observer, dt, method), **GIVEN)
+    assert known.check.verdict is Verdict.PROVED, known
+    return known
+
+
+@pytest.mark.parametrize("method", ["rk4", pytest.param("euler", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("observer", FIVE)
+def test_no_run_errs_further(observer: str, method: str) -> None:
+    """Of the program in doubles, beside a plant with another a; noise, late samples and disturbances push by the sign
+    of the error, against it, and by that of the swing."""
+    known = bounded(observer, 0.01, method)
+    assert known.settles is not None
+    step, first = step_of(observer, 0.01, method), round(known.settles / 0.01)
+    reached, bounds = np.zeros(2), np.array(list(known.bounds.values()))
+    for push in (1, -1):
+        for follow in ("error", "swing", "at rest"):
+            errors = np.abs(run(step, first + 300, push, follow))[first:]
+            assert (errors <= 1.1 * bounds).all()
+            reached = np.maximum(reached, errors.max(axis=0))
+    assert (reached > 0.15 * bounds).all()
+
+
+def run(step: hg.Step, calls: int, push: int, follow: str) -> np.ndarray:
+    """The errors (N, 2) beside a pendulum that swings from 1.5, or rests, the estimate from its own start."""
+    machine, errors = Machine(step), np.zeros((calls, 2))
+    truth = np.array([0.0 if follow == "at rest" else 1.5, 0.0])
+    error = -truth
+    for k in range(calls):
+        sign = push * np.sign((truth if follow == "swing" else error)[1]) or 1.0
+        sample = truth[0] + 1e-4 * truth[1] * sign + 2e-3 * sign
+        machine.memory[Place("output", "y")][0] = np.round(sample / 1e-3) * 1e-3
+        machine.call()
+        errors[k] = error = np.array([machine.memory[Place("estimate", name)][0] for name in ("q", "w")]) - truth
+        truth = swing(truth, step.dt, A + 0.1 * push, 0.5 * sign)
+    return errors
+
+
+def swing(x: np.ndarray, h: float, a: float, d: float) -> np.ndarray:
+    """The pendulum after h, with a disturbance of its rate's rate; by steps of a tenth."""
+
+    def flow(x: np.ndarray) -> np.ndarray:
+        return np.array([x[1], -a * np.sin(x[0]) - B * x[1] + d])
+
+    for _ in range(10):
+        k1 = flow(x)
+        k2 = flow(x + h / 20 * k1)
+        k3 = flow(x + h / 20 * k2)
+        x = x + h / 60 * (k1 + 2 * k2 + 2 * k3 + flow(x + h / 10 * k3))
+    return x
+
+
+def test_the_shares_add_and_that_of_noise_is_its_gain() -> None:
+    known, gain = bounded(), hg.noise_gain(step_of())
+    assert gain is not None
+    assert list(known.shares) == ["noise", "rounded", "late", "disturbance", "parameters", "method"]
+    for state, bound in known.bounds.items():
+        assert bound == pytest.approx(sum(share[state] for share in known.shares.values()))
+        assert known.shares["noise"][state] == pytest.approx(2e-3 * gain.gains[state, "y"])
+        assert known.shares["rounded"][state] == pytest.approx(known.shares["noise"][state] / 4)
+        assert known.shares["late"][state] == pytest.approx(known.shares["noise"][state])  # 20 rad/s for .1 ms
+
+
+def test_what_is_not_given_has_no_share() -> None:
+    known = hg.error_bound(step_of("high_gain", 0.01, "rk4", between="hold"))
+    assert list(known.shares) == ["method"]
+    assert known.bounds == known.shares["method"]
+    assert known.bounds["w"] < 0.05
+
+
+def test_the_multiple_leaves_room_for_what_inputs_do() -> None:
+    start, known = hg.start_set(step_of()), bounded()
+    assert start is not None
+    assert known.multiple is not None
+    assert known.multiple < start.multiple
+    much = hg.error_bound(step_of(), noise={"y": 10}, rates={"tau": 5})
+    assert much.check.verdict is Verdict.PROVED
+    assert much.settles is much.multiple is None
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"noise": {"z": 1}}, "noise names 'z'"),
+        ({"noise": {"y": -1}}, "noise of y = -1 must be a finite number, not negative"),
+        ({"disturbance": {"w": float("inf")}}, "disturbance of w = inf must be"),
+        ({"late": {"y": float("nan")}}, "late of y = nan must be"),
+        ({"rates": {"tau": -5}}, "rates of tau = -5 must be"),
+    ],
+)
+def test_what_is_no_size_is_refused(given: Any, said: str) -> None:
+    with pytest.raises((BadGain, BadNames)) as error:
+        hg.error_bound(step_of(), **given)
+    assert said in str(error.value)
+
+
+def unknown(step: hg.Step, **given: Any) -> str:
+    known = hg.error_bound(step, **given)
+    assert known.check.verdict is Verdict.UNKNOWN
+    assert not known.bounds
+    return str(known.check.reason)
+
+
+def test_an_input_without_a_rate_asks_for_it() -> None:
+    assert "how fast tau moves between samples is not known" in unknown(step_of())
+
+
+def test_a_step_that_is_not_proved_has_no_bound() -> None:
+    gains = load(MODELS / "hyperjerk.py").module.tuning["low_power"]
+    observer = hg.observers.low_power(hg.forms.triangular(model("hyperjerk")), **gains)
+    assert "no common norm is found" in unknown(hg.sample(observer, hg.methods.rk4, dt=1e-3))
+
+
+def test_a_kink_has_no_remainder() -> None:
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1)
+    flow = [x2, -sp.Abs(x1)]
+    plant = hg.System("kinked", states=(x1, x2), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=(-1, -1))
+    assert "the method's remainder has no bound" in unknown(hg.sample(observer, hg.methods.rk4, dt=1e-2))
+
+
+def test_a_parameter_in_the_coordinates_is_said() -> None:
+    x1, x2, a = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("a", "", "", 2)
+    flow, outputs = [x2, -sp.sin(x1)], (hg.Signal("y"),)
+    plant = hg.System("read", states=(x1, x2), outputs=outputs, parameters=(a,), flow=flow, output=[a * x1])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=(-1, -1))
+    step = hg.sample(observer, hg.methods.rk4, dt=1e-2)
+    assert "the coordinates or outputs read a" in unknown(step, parameters={"a": 0.1})
+
+
+# --- the plant beside a step of the method ----------------------------------------------------------------------------
+
+
+def plant_step(tableau: Tableau, h: float) -> PlantStep:
+    return PlantStep(hg.forms.triangular(model("pendulum")), tableau, Fraction(h), (Fraction(5),))
+
+
+@pytest.mark.parametrize("tableau", [EULER, HEUN, RK4], ids=lambda each: each.name)
+def test_the_remainder_holds_what_a_step_leaves_and_little_more(tableau: Tableau) -> None:
+    h, rng = 0.02, np.random.default_rng(0)
+    plant = plant_step(tableau, h)
+    bounds, lines = np.array(list(map(float, plant.remainder()))), np.array(list(map(float, plant.line(0))))
+    worst, off = np.zeros(2), np.zeros(len(tableau.b))
+    for _ in range(300):
+        x, u, rate = rng.uniform(-1, 1, 2) * [4, 20], rng.uniform(-1, 1), rng.uniform(-5, 5)
+
+        def flow(t: float, x: np.ndarray, u: float = u, rate: float = rate) -> np.ndarray:
+            return np.array([x[1], -A * np.sin(x[0]) - B * x[1] + u + rate * t])
+
+        exact = solve_ivp(flow, (0, h), x, rtol=1e-12, atol=1e-13).y[:, -1]
+        slopes, stages = list[np.ndarray](), list[np.ndarray]()
+        for row, c in zip(tableau.a, tableau.c, strict=True):
+            stages.append(x + h * sum((w * k for w, k in zip(row, slopes, strict=True)), np.zeros(2)))
+            slopes.append(flow(c * h, stages[-1]))
+        after = x + h * sum((w * k for w, k in zip(tableau.b, slopes, strict=True)), np.zeros(2))
+        worst = np.maximum(worst, np.abs(exact - after) / h)
+        line = [(1 - c) * x[0] + c * after[0] - stage[0] for c, stage in zip(tableau.c, stages, strict=True)]
+        off = np.maximum(off, np.abs(line))
+    assert (worst <= bounds * (1 + 1e-6) + 1e-9).all()
+    assert (worst > bounds / 60).all()  # whose balls hold the whole box
+    assert (off <= lines * (1 + 1e-9) + 1e-15).all()
+    assert (off[lines > 0] > lines[lines > 0] / 8).all()
+
+
+def test_a_disturbance_of_any_course_moves_the_plant_no_further() -> None:
+    h = 0.05
+    most = np.array([float(x) for x in plant_step(RK4, h).disturbed([Fraction(1, 10), Fraction(1, 2)])])
+    for x in (np.array([0.0, 0.0]), np.array([3.1, 2.0]), np.array([-1.5, 10.0])):
+        for signs in ((1, 1), (-1, 1)):
+            d = np.array(signs) * [0.1, 0.5]
+            moved = [
+                solve_ivp(
+                    lambda t, x, d=d: [x[1] + d[0], -A * np.sin(x[0]) - B * x[1] + d[1]], (0, h), x, rtol=1e-10
+                ).y[:, -1]
+                for d in (d, 0 * d)
+            ]
+            assert (np.abs(moved[0] - moved[1]) / h <= most).all()
+    assert most == pytest.approx([0.1, 0.5], rel=0.2)
+
+
+# --- verified again ---------------------------------------------------------------------------------------------------
+
+
+@cache
+def certified(observer: str) -> Content:
+    step = step_of(observer)
+    return hg.certificate(step.observer.form, (*step.observer.checks, bounded(observer).check), observer)
+
+
+def verdict(content: Content) -> str:
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".error"))
+    return row.found
+
+
+@pytest.mark.parametrize("observer", FIVE)
+def test_the_bounds_are_verified_again(observer: str) -> None:
+    assert verdict(certified(observer)) == "verified"
+
+
+@pytest.mark.slow
+def test_bounds_of_several_outputs_are_verified_again() -> None:
+    observer = hg.observers.high_gain(hg.forms.block_triangular(two_outputs()), theta=6, poles=((-1, -1), (-1,)))
+    step = hg.sample(observer, hg.methods.rk4, dt=1e-2, between="hold")
+    known = hg.error_bound(step, noise={"y1": 0.01, "y2": 0.02}, disturbance={"x2": 0.1, "x3": 0.1})
+    assert known.check.verdict is Verdict.PROVED, known
+    assert verdict(hg.certificate(observer.form, (*observer.checks, known.check), "high_gain")) == "verified"
+
+
+def put(*path: Any, value: Any) -> Callable[[Any], None]:
+    def change(evidence: Any) -> None:
+        *inner, last = path
+        for key in inner:
+            evidence = evidence[key]
+        evidence[last] = value(evidence[last]) if callable(value) else value
+
+    return change
+
+
+def times(factor: str) -> Callable[[str], str]:
+    return lambda text: str(Fraction(text) * Fraction(factor))
+
+
+LIES: dict[str, Callable[[Any], None]] = {
+    "more noise": put("shares", 0, "samples", 0, value=times("11/10")),
+    "noise below zero": put("shares", 0, "samples", 0, value="-1"),
+    "more disturbance": put("shares", 3, "beside", 1, value=times("11/10")),
+    "a larger line": put("shares", 5, "stages", 0, 3, value=times("3/2")),
+    "a larger remainder": put("shares", 5, "beside", 1, value=times("1000")),
+    "a smaller bound": put("shares", 0, "bounds", 0, "bound", value=times("9/10")),
+    "a bound below zero": put("shares", 0, "bounds", 0, "bound", value=times("-1")),
+    "another unit": put("shares", 0, "unit", value=times("1/2")),
+    "a unit of 0": put("shares", 0, "unit", value="0"),
+    "another field": put("shares", 0, "bounds", 0, "field", value="2"),
+    "a field less": put("shares", 0, "bounds", value=lambda bounds: bounds[:1]),
+    "a field twice": put("shares", 0, "bounds", value=lambda bounds: [*bounds, bounds[0]]),
+    "no shares": put("shares", value=[]),
+    "no inputs": put("shares", 0, "samples", value=[]),
+    "more alpha": put("shares", 0, "bounds", 0, "alpha", value=times("2")),
+    "no lambda": put("shares", 0, "bounds", 0, "S", -1, value="0"),
+    "more lambda": put("shares", 0, "bounds", 0, "S", -1, value=times("1000")),
+    "another P": put("shares", 0, "bounds", 0, "P", value=lambda P: [[times("2")(x) for x in row] for row in P]),
+    "another dt": put("dt", value="1/5"),
+    "another method": put("method", value="Heun"),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("observer", ["high_gain", pytest.param("filtered", marks=pytest.mark.slow)])
+def test_a_forged_number_fails(observer: str, lie: str) -> None:
+    content = copy.deepcopy(certified(observer))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
+    LIES[lie](claim["evidence"])
+    assert verdict(content) == "fails"
