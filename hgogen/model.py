@@ -18,6 +18,7 @@ from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
+from hgogen.guarantees.entering import ENTERING
 from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
 from hgogen.modelfiles.first import NoFirst, everywhere, first
@@ -149,6 +150,22 @@ class Model:
             return stored(self.plant, self.module.dissipation)
         except HgogenError as error:
             raise MissingPart(self.path, "dissipation", f"in dissipation, {error}") from None
+
+    @property
+    def bounds(self) -> Mapping[str, Any] | None:
+        """What the file says of noise, disturbances and the like: arguments of `hg.error_bound`; None without.
+
+        Raises: `MissingPart` for what is none.
+        """
+        if not self.has("bounds"):
+            return None
+        declared = self.module.bounds
+        for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
+            if what not in ENTERING or not isinstance(value, Mapping):
+                shown = f"{what} = {value!r}"
+                fix = f"make it a mapping from some of {', '.join(ENTERING)} to sizes by name"
+                raise MissingPart(self.path, "bounds", f"in bounds, {shown} is none; {fix}")
+        return dict(declared)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -324,6 +341,8 @@ def _plain(path: Path) -> Model:
         parts.tuning = {default: declared.observer} | dict(declared.tuning) if default else dict(declared.tuning)
     if declared.dissipation:
         parts.dissipation = declared.dissipation
+    if declared.bounds:
+        parts.bounds = declared.bounds
     if declared.trial:
         parts.trial = lambda: trial_of(declared)
     return Model(path.stem, str(path), parts, _PLAIN, default, declared.folds)

@@ -4,6 +4,7 @@ import copy
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.commands.jobs import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.guarantees.plant_step import PlantStep
-from hgogen.model import load
+from hgogen.model import MissingPart, load
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
@@ -302,3 +304,47 @@ def test_a_forged_number_fails(observer: str, lie: str) -> None:
     (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
     LIES[lie](claim["evidence"])
     assert verdict(content) == "fails"
+
+
+# --- from a model's file ----------------------------------------------------------------------------------------------
+
+BOUNDS = "\n[bounds]\nnoise = {y = 1e-3}\ndisturbance = {w = 0.2}\n"
+
+
+def plain(tmp_path: Path, bounds: str) -> Path:
+    file = tmp_path / "pendulum.toml"
+    signals = "[states.q]\nflow = 'w'\nlow = -4\nhigh = 4\n[states.w]\nflow = '-19.6*sin(q)'\nlow = -20\nhigh = 20\n"
+    observer = "[observer]\nkind = 'high_gain'\ntheta = 20\npoles = [-1, -1]\ndt = 1e-3\n"
+    file.write_text(f"name = 'pendulum'\n{signals}[outputs.y]\nequation = 'q'\n{observer}{bounds}")
+    return file
+
+
+def test_a_model_says_how_large_its_inputs_are(tmp_path: Path) -> None:
+    (row,) = (check for check in checked(load(plain(tmp_path, BOUNDS))).checks if check.id == "high_gain.error")
+    assert row.verdict is Verdict.PROVED
+    assert {"noise", "disturbance"} <= {str(part) for part in shares(row)}
+    ids = [str(check.id) for check in checked(load(plain(tmp_path, ""))).checks]
+    assert "high_gain.error" not in ids
+    assert "high_gain.start" in ids
+
+
+def shares(check: hg.Check) -> list[str]:
+    """The names of the shares in a reason."""
+    parts = check.reason.part("parts")[0].part("each")[0].part("of")
+    return [part.part("what") for part in parts]
+
+
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        ("[bounds]\nnois = {y = 1}\n", "in bounds, nois = {'y': 1} is none; make it a mapping from some of noise,"),
+        ("[bounds]\nnoise = 1\n", "in bounds, noise = 1 is none"),
+        ("[bounds]\nnoise = {z = 1}\n", "in bounds, noise names 'z'"),
+        ("[bounds]\nnoise = {y = -1}\n", "in bounds, noise of y = -1 must be"),
+    ],
+)
+def test_bounds_that_are_none_are_named_with_the_file(tmp_path: Path, bounds: str, said: str) -> None:
+    with pytest.raises(MissingPart) as error:
+        checked(load(plain(tmp_path, bounds)))
+    assert said in str(error.value)
+    assert "pendulum.toml" in str(error.value)

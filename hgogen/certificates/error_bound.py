@@ -242,12 +242,11 @@ def _from(step: Step, settles: float | None, multiple: Fraction | None) -> Reaso
     """From when on it holds, and from which first errors."""
     if settles is None or multiple is None:
         return because("once what is left of the start has decayed")
+    time = Sentence.of("{at} {unit}", at=Up(settles, 3), unit=step.observer.form.system.time)
+    if multiple >= 1:
+        return because("after {time} to within a tenth, wherever in its ranges the plant starts", time=time)
     pattern = "after {time} to within a tenth, from errors of up to {multiple} times what the ranges allow"
-    at = Up(settles, 3)
-    unit = step.observer.form.system.time
-    return because(
-        pattern, time=Sentence.of("{at} {unit}", at=at, unit=unit), multiple=Down(min(multiple, Fraction(1)), 3)
-    )
+    return because(pattern, time=time, multiple=Down(multiple, 3))
 
 
 def _claim(step: Step) -> str:

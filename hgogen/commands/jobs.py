@@ -18,8 +18,9 @@ from hgogen.form import Form
 from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import MissingPart, Model
 from hgogen.program import Field
+from hgogen.reading.given import BadGain
 from hgogen.reading.measured import Record
-from hgogen.reading.named import by_name, written
+from hgogen.reading.named import BadNames, by_name, written
 from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows
@@ -148,21 +149,27 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         known = tuple(check.id for check in error.form.checks if check.id in error.accepted)
         return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer
-    known, notes = _as_it_runs(step)
+    known, notes = _as_it_runs(step, model)
     checks = (*observer.checks, *known)
     parts = (model.plant.name, observer.form, checks, observer.accepted, observer.name, observer.theorem)
     return Checked(*parts, (*model.notes, *notes), step=step, tuning=name or "")
 
 
-def _as_it_runs(step: CallableStep) -> tuple[tuple[Check, ...], tuple[str, ...]]:
-    """What is proved of the step itself, of an observer of which it can be, and a note where its solver is missing."""
+def _as_it_runs(step: CallableStep, model: Model) -> tuple[tuple[Check, ...], tuple[str, ...]]:
+    """What is proved of the step itself, of an observer of which it can be, and a note where its solver is missing.
+
+    Raises: `MissingPart` for bounds in the model's file that are none.
+    """
     if step.observer.error is None:
         return (), ()
     try:
         known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
-        return (*known.checks, *(bound.check for bound in (noise, start) if bound)), ()
+        error = hg.error_bound(step, **model.bounds) if model.bounds else None
+        return (*known.checks, *(bound.check for bound in (noise, start, error) if bound)), ()
     except NoSolver as missing:
         return (), (str(missing),)
+    except (BadNames, BadGain) as error:
+        raise MissingPart(model.path, "bounds", f"in bounds, {error}") from None
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:

@@ -15,6 +15,7 @@ from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.stagewise import Inputs, Stagewise
 
 _NOTHING = Fraction(0)
+ENTERING = ("noise", "rounded", "late", "disturbance", "parameters", "rates")  # of which a user says how large they are
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ _TOP = {
     "reference": TEXT,
     "time": TEXT,
     **dict.fromkeys(_KINDS, TABLE),
-    **dict.fromkeys(("tables", "known", "observer", "tuning", "trial", "dissipation"), TABLE),
+    **dict.fromkeys(("tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
 }
 BESIDE = tuple(
     key for key in _TOP if key not in ("name", "time", "tables", *_KINDS)
@@ -101,8 +101,8 @@ class NoText(BadArgument):
 class PlainModel:
     """What a plain-text model holds.
 
-    `known`, `observer`, `tuning`, `trial` and `dissipation` are its tables as they stand, empty if missing; `folds` are
-    the expressions from which SymPy folded something away.
+    `known`, `observer`, `tuning`, `trial`, `dissipation` and `bounds` are its tables as they stand, empty if missing;
+    `folds` are the expressions from which SymPy folded something away.
     """
 
     file: str
@@ -114,6 +114,7 @@ class PlainModel:
     tuning: Mapping[str, Any]
     trial: Mapping[str, Any]
     dissipation: Mapping[str, Any]
+    bounds: Mapping[str, Any]
     folds: tuple[Fold, ...] = ()
 
 
@@ -168,12 +169,13 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
     plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
-    known, observer, tuning, trial, dissipation = (
-        MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial", "dissipation")
+    known, observer, tuning, trial, dissipation, bounds = (
+        MappingProxyType(table.get(key, {}))
+        for key in ("known", "observer", "tuning", "trial", "dissipation", "bounds")
     )
     folds = tuple(one for one in (*flow, *output) if one.lost)
     description = (table.get("meaning", ""), table.get("reference", ""))
-    return PlainModel(file, plant, *description, known, observer, tuning, trial, dissipation, folds)
+    return PlainModel(file, plant, *description, known, observer, tuning, trial, dissipation, bounds, folds)
 
 
 def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], needed: str | None = None) -> None:
