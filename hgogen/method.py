@@ -85,13 +85,12 @@ class Method(Protocol):
 
 @runtime_checkable
 class OnErrors(Protocol):
-    """A method of which it is known how it moves the error of an observer, so that its step can be proved.
-
-    `tableau`: by which it moves what is not injected.
-    """
+    """A method of which it is known how it moves the error of an observer, so that its step can be proved."""
 
     @property
-    def tableau(self) -> Tableau: ...
+    def tableau(self) -> Tableau:
+        """By which it moves what is not injected."""
+        ...
 
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """A step of length h on what the error obeys; of length 0 its limit."""

@@ -32,7 +32,7 @@ FIVE = (
     *(pytest.param(each, marks=pytest.mark.slow) for each in ("filtered_injection", "low_power", "peaking_free")),
 )
 A, B = 19.6, 0.1  # of the pendulum
-GIVEN: dict[str, Mapping[str, float]] = {
+INPUTS: dict[str, Mapping[str, float]] = {
     "noise": {"y": 2e-3},
     "rounded": {"y": 1e-3},
     "late": {"y": 1e-4},
@@ -52,7 +52,7 @@ def step_of(observer: str = "high_gain", dt: float = 0.01, method: str = "rk4", 
 
 @cache
 def bounded(observer: str = "high_gain", dt: float = 0.01, method: str = "rk4") -> hg.ErrorBound:
-    known = hg.error_bound(step_of(observer, dt, method), **GIVEN)
+    known = hg.error_bound(step_of(observer, dt, method), **INPUTS)
     assert known.check.verdict is Verdict.PROVED, known
     return known
 
@@ -132,7 +132,7 @@ def test_the_multiple_leaves_room_for_what_inputs_do() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("arguments", "said"),
     [
         ({"noise": {"z": 1}}, "noise names 'z'"),
         ({"noise": {"y": -1}}, "noise of y = -1 must be a finite number, not negative"),
@@ -141,14 +141,14 @@ def test_the_multiple_leaves_room_for_what_inputs_do() -> None:
         ({"rates": {"tau": -5}}, "rates of tau = -5 must be"),
     ],
 )
-def test_what_is_no_size_is_refused(given: Any, said: str) -> None:
+def test_what_is_no_size_is_refused(arguments: Any, said: str) -> None:
     with pytest.raises((BadGain, BadNames)) as error:
-        hg.error_bound(step_of(), **given)
+        hg.error_bound(step_of(), **arguments)
     assert said in str(error.value)
 
 
-def unknown(step: hg.Step, **given: Any) -> str:
-    known = hg.error_bound(step, **given)
+def unknown(step: hg.Step, **arguments: Any) -> str:
+    known = hg.error_bound(step, **arguments)
     assert known.check.verdict is Verdict.UNKNOWN
     assert not known.bounds
     return str(known.check.reason)

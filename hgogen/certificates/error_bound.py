@@ -37,7 +37,7 @@ from hgogen.sentence import Reason, Sentence, because, joined
 from hgogen.signal import Signal
 from hgogen.step import Step
 
-Given = Mapping[str, float] | None
+Each = Mapping[str, float] | None
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
 
@@ -68,12 +68,12 @@ class ErrorBound:
 def error_bound(
     step: Step,
     *,
-    noise: Given = None,
-    rounded: Given = None,
-    late: Given = None,
-    disturbance: Given = None,
-    parameters: Given = None,
-    rates: Given = None,
+    noise: Each = None,
+    rounded: Each = None,
+    late: Each = None,
+    disturbance: Each = None,
+    parameters: Each = None,
+    rates: Each = None,
 ) -> ErrorBound:
     """How far the estimate of a step that is proved to contract errs at most, for ever, and from when on.
 
@@ -108,7 +108,7 @@ def error_bound(
         return _unknown(step, error.args[0])
 
 
-def _sizes(what: str, values: Given, signals: Sequence[Signal]) -> list[Fraction]:
+def _sizes(what: str, values: Each, signals: Sequence[Signal]) -> list[Fraction]:
     """A size >= 0 for each signal, 0 where none is given. Raises: `BadNames`, `BadGain`."""
     names = names_of(signals)
     ordered = in_order(what, values or {}, names, default=dict.fromkeys(names, 0.0))
@@ -122,7 +122,7 @@ def _size(what: str, value: Any) -> Fraction:
     return Fraction(size)
 
 
-def _moving(step: Step, rates: Given) -> tuple[Fraction | None, ...]:
+def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     ordered = in_order("rates", rates or {}, names_of(inputs), default=dict.fromkeys(names_of(inputs), None))
