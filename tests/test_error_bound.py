@@ -1,6 +1,7 @@
 """How well a state is known: bounds against runs that search the worst, their shares, and forged numbers."""
 
 import copy
+import json
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import cache
@@ -13,8 +14,10 @@ import sympy as sp
 from forger import sealed
 from plants import MODELS, model, two_outputs
 from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
 
 import hgogen as hg
+from hgogen import cli
 from hgogen.check import Verdict
 from hgogen.commands.jobs import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
@@ -25,6 +28,7 @@ from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
+from hgogen.trials.figures import errors
 
 FIVE = (
     "high_gain",
@@ -348,3 +352,34 @@ def test_bounds_that_are_none_are_named_with_the_file(tmp_path: Path, bounds: st
         checked(load(plain(tmp_path, bounds)))
     assert said in str(error.value)
     assert "pendulum.toml" in str(error.value)
+
+
+def test_a_trial_is_shown_beside_what_is_proved(tmp_path: Path) -> None:
+    trial = "\n[trial]\nduration = 3\nstart = {q = 1, w = 0}\nnoise = {y = 1e-4}\nseeds = 1\n"
+    file = plain(tmp_path, BOUNDS + trial)
+    out = json.loads(invoked("simulate", str(file), "--json"))
+    rows = {row["state"]: row for row in out["trials"][0]["bounds"]}
+    assert list(rows) == ["q", "w"]
+    known = hg.error_bound(load(file).step(), noise={"y": 1e-3}, disturbance={"w": 0.2})
+    for state, row in rows.items():
+        assert row["bound"] == known.bounds[state]
+        assert row["after"] == known.settles
+        assert 0 < row["worst"] < 0.3 * row["bound"]
+    assert "beside what is proved of them" in invoked("simulate", str(file))
+    short = plain(tmp_path, BOUNDS + trial.replace("duration = 3", "duration = 0.2"))
+    (one,) = json.loads(invoked("simulate", str(short), "--json"))["trials"]
+    assert [row["worst"] for row in one["bounds"]] == [None, None]
+
+
+def test_a_figure_has_a_line_where_the_bound_is() -> None:
+    t = np.linspace(0, 1, 50)
+    figure = errors(step_of().states, t, {"high_gain": np.ones((50, 2))}, bounds={"w": 0.25})
+    lines = [[line.get_label() for line in axis.get_lines()] for axis in figure.axes]
+    assert lines == [["high_gain"], ["high_gain", "proved"]]
+    assert set(figure.axes[1].get_lines()[1].get_ydata()) == {0.25}
+
+
+def invoked(*arguments: str) -> str:
+    result = CliRunner().invoke(cli.app, list(arguments))
+    assert result.exit_code == 0, result.output
+    return result.stdout

@@ -47,6 +47,7 @@ from hgogen.reading.named import by_name, written
 from hgogen.target import Files, Sources
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
+from hgogen.trials.within import seen
 
 C99 = "c99"
 _TAKES = ("command", "real", "check")  # what a language takes beside the step
@@ -150,7 +151,8 @@ def build_(
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.agreements(done, again, step.dt) if again else ()
-    written: dict[str, str | bytes] = {**library, **beside(rendered(jobs.figures(step, done)), ecosystems)}
+    figures = rendered(jobs.figures(step, done, jobs.proved(step, loaded, note)))
+    written: dict[str, str | bytes] = {**library, **beside(figures, ecosystems)}
     paths = folder.demand(*written, "report.json")
     summaries = jobs.summaries(step, done, engine, note)
     report = {
@@ -229,7 +231,7 @@ def generate_(
         if one.has("trial"):
             done = _tried(step, one.trials(), engine, 1)
             note(*jobs.departures(done, step.time))
-            files |= beside(rendered(jobs.figures(step, done)), ecosystems)
+            files |= beside(rendered(jobs.figures(step, done, jobs.proved(step, one, note))), ecosystems)
         else:
             note(f"{one.path} defines no trial(), so there are no figures of it")
         paths = folder.write(files)
@@ -255,8 +257,10 @@ def simulate_(
     theta < 1.05, triggered: share of seeds, loud: share of the last fifth before the next event with theta > 1.5,
     latched: seeds in which theta does not come back, alarm_ratio: innovation at the largest theta over its threshold,
     rms by state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that
-    leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, each: the same by
-    seed, without left); of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs, failed: those
+    leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, bounds: of a model
+    that has them a list of state, unit, bound: what is proved of its error, after: how long after an event, worst: the
+    largest error of the first seed there, null where the trial ends before, each: the same by seed, without left and
+    bounds); of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs, failed: those
     without a truth, varied: name, what, low, high, quantiles: name, low 5 %, middle 50 %, high 95 %, worst, run: the
     one that had it; with --repeat its run: varied, metrics, failed).
     """
@@ -271,7 +275,12 @@ def simulate_(
     done = _tried(step, chosen, engine, seeds)
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(jobs.told(summaries, done), done, strict=True)
-    listed_ = [{**summary, "each": [seed.as_dict() for seed in one.each]} for summary, one in pairs]
+    known = jobs.proved(step, loaded, note)
+    worst = [seen(step.states, one.first, known) if known else () for one in done]
+    listed_ = [
+        {**summary, "bounds": [state.as_dict() for state in bounds], "each": [seed.as_dict() for seed in one.each]}
+        for (summary, one), bounds in zip(pairs, worst, strict=True)
+    ]
     report = {"model": loaded.path, "gains": gains, "trials": listed_}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
-    show(as_json, report, head, tables.trials(summaries, step.time))
+    show(as_json, report, head, tables.trials(summaries, step.time), *map(tables.within, filter(None, worst)))

@@ -12,6 +12,7 @@ import numpy as np
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
+from hgogen.certificates.error_bound import ErrorBound
 from hgogen.check import Check, Refuted, refuted
 from hgogen.commands.process import note
 from hgogen.form import Form
@@ -155,6 +156,32 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
     return Checked(*parts, (*model.notes, *notes), step=step, tuning=name or "")
 
 
+def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
+    """How well each state is known under what the model says of noise and the like; None where it says nothing.
+
+    Raises: `NoSolver`; `MissingPart` for what is no size, or of no signal.
+    """
+    if model.bounds is None:
+        return None
+    try:
+        return hg.error_bound(step, **model.bounds)
+    except (BadNames, BadGain) as error:
+        raise MissingPart(model.path, "bounds", f"in bounds, {error}") from None
+
+
+def proved(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:
+    """`bound_of`, None where nothing is proved; `say` is called with what stands in the way."""
+    try:
+        known = bound_of(step, model) if step.observer.error else None
+    except NoSolver as missing:
+        say(str(missing))
+        return None
+    if known and not known.bounds:
+        say(f"{model.path}: no bound of the errors is proved: {known.check.reason}")
+        return None
+    return known
+
+
 def _as_it_runs(step: CallableStep, model: Model) -> tuple[tuple[Check, ...], tuple[str, ...]]:
     """What is proved of the step itself, of an observer of which it can be, and a note where its solver is missing.
 
@@ -164,12 +191,10 @@ def _as_it_runs(step: CallableStep, model: Model) -> tuple[tuple[Check, ...], tu
         return (), ()
     try:
         known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
-        error = hg.error_bound(step, **model.bounds) if model.bounds else None
+        error = bound_of(step, model)
         return (*known.checks, *(bound.check for bound in (noise, start, error) if bound)), ()
     except NoSolver as missing:
         return (), (str(missing),)
-    except (BadNames, BadGain) as error:
-        raise MissingPart(model.path, "bounds", f"in bounds, {error}") from None
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:
@@ -242,13 +267,19 @@ def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[
     return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
 
 
-def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:
-    """Two figures a trial, by file name without ending: the states, and what theta did."""
+def figures(step: CallableStep, done: Iterable[Tried], known: ErrorBound | None = None) -> dict[str, "Figure"]:
+    """The figures of each trial, by file name without ending: the states, what theta did, and where bounds of the
+    errors are `known` the errors with them."""
     from hgogen.trials import figures as figure
 
     drawn = {}
     for one in done:
         drawn[f"{one.trial.name}_states"] = figure.states(step, one.first)
+        if known and known.bounds:
+            of = {step.observer.name: one.first.error}
+            drawn[f"{one.trial.name}_errors"] = figure.errors(
+                step.states, one.first.truth.t, of, one.trial.events, step.time, known.bounds
+            )
         if one.first.traces:
             drawn[f"{one.trial.name}_theta"] = figure.adaptation(step, one.first.truth.t, one.first.traces)
     return drawn

@@ -23,6 +23,7 @@ from hgogen.trials.comparison import Measured
 from hgogen.trials.gramian import Gramian
 from hgogen.trials.metrics import Summary
 from hgogen.trials.response import Response
+from hgogen.trials.within import Seen
 from hgogen.which_forms import Survey
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
@@ -171,6 +172,16 @@ def trials(each: Iterable[Summary], unit: str) -> RenderableType:
             parts.append(Text(f"alarm ratio: {one.alarm_ratio:.2f}; above {ITSELF:g} an alarm can feed itself"))
         parts.append("")
     return Group(*parts)
+
+
+def within(each: Sequence[Seen]) -> RenderableType:
+    """The worst of each state's error beside its bound."""
+    title = f"errors of the first seed, from {each[0].after:g} after each event on, beside what is proved of them"
+    table = headed(title, "state", "worst seen", "proved", numbers=2)
+    for one in each:
+        worst = "-" if one.worst is None else f"{one.worst:.3g} {one.unit}"
+        table.add_row(one.state, worst, f"{up(one.bound, 3)} {one.unit}")
+    return table
 
 
 def compared(

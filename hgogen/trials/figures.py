@@ -7,6 +7,7 @@ its thresholds, and theta. SVG for print and the web, PNG to look at; the same n
 import io
 import re
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -110,17 +111,23 @@ def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> F
 
 
 def errors(
-    states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray], events: Sequence[float] = (), unit: str = "s"
+    states: Sequence[Signal],
+    t: np.ndarray,
+    of: Mapping[str, np.ndarray],
+    events: Sequence[float] = (),
+    unit: str = "s",
+    bounds: Mapping[str, float] = MappingProxyType({}),
 ) -> Figure:
     """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
     line for each observer, named beside the panels; `of`: errors (N, n) of one seed by name. A part ends at each of the
-    `events`: no line rises before.
+    `events`: no line rises before. `bounds`: by the name of a state, what is proved of its error once it has settled.
     """
     cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
     first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
     with rc_context(STYLE):
-        beside = HANDLE + LETTER * max(map(len, of))
-        rows = ROW * len(of) - PANEL * len(states)
+        names = [*of, "proved"] if any(state.name in bounds for state in states) else [*of]
+        beside = HANDLE + LETTER * max(map(len, names))
+        rows = ROW * len(names) - PANEL * len(states)
         figure, axes = panels(len(states), t, unit, top=max(0.4, 0.1 + rows), beside=beside)
         for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
             axis.set_yscale("log")
@@ -129,10 +136,13 @@ def errors(
                 shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
                 look: Any = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
                 axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look)
+            if signal.name in bounds:
+                axis.axhline(bounds[signal.name], color=TRUTH, linestyle=":", linewidth=0.8, label="proved")
             caption(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
         axes[0].set_title(f"one seed, the largest in each 1/{PARTS} of the time", loc="right", pad=3, fontsize=7)
         at = (axes[0].get_position().x1 + 0.01, 1.0)
-        figure.legend(axes[0].get_lines(), list(of), loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
+        lines = max((list(axis.get_lines()) for axis in axes), key=len)
+        figure.legend(lines, names, loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
     return figure
 
 
