@@ -17,7 +17,7 @@ from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, one_by_one
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
-from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import prior_status_of_view
@@ -25,6 +25,7 @@ from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Place, sym
+from hgogen.sentence import NONE, Reason
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 Rate = Callable[[Values, float], Values]
@@ -87,13 +88,22 @@ class Method(Protocol):
 class OnErrors(Protocol):
     """A method of which it is known how it moves the error of an observer, so that its step can be proved."""
 
-    @property
-    def tableau(self) -> Tableau:
-        """By which it moves what is not injected."""
+    def obstacle(self, error: Inclusion) -> Reason:
+        """Why it is not known for what the error obeys, or `NONE`."""
         ...
 
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """A step of length h on what the error obeys; of length 0 its limit."""
+        ...
+
+
+@runtime_checkable
+class ByTableau(OnErrors, Protocol):
+    """One that moves the plant, which nothing is injected into, by a tableau."""
+
+    @property
+    def tableau(self) -> Tableau:
+        """The stages."""
         ...
 
 
@@ -114,6 +124,10 @@ class Explicit:
     def equations(self) -> tuple[str, ...]:
         """The stages of the tableau, and what they lead to."""
         return self.tableau.equations
+
+    def obstacle(self, error: Inclusion) -> Reason:
+        """None: whatever the error obeys, the stages read it."""
+        return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """The stages of the tableau."""

@@ -57,6 +57,30 @@ def test_other_methods_are_verified(method: str) -> None:
     assert set(findings(content_of(observer, method)).values()) == {"verified"}
 
 
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_the_bilinear_rule_is_verified_at_one_length(observer: str) -> None:
+    gains = load(MODELS / "pendulum.py").module.tuning[observer]
+    made = getattr(hg.observers, observer)(hg.forms.triangular(model("pendulum")), **gains)
+    content = content_of(made, "bilinear", 0.05)
+    assert findings(content) == {"step": "verified"}
+    other = copy.deepcopy(content)
+    claim(other, "step")["alpha"] = times(1.1)(claim(other, "step")["alpha"])
+    assert findings(other)["step"] == "fails"
+    shorter = copy.deepcopy(certified(observer))
+    claim(shorter, "shorter")["method"] = "the bilinear rule"
+    assert findings(shorter)["shorter"] == "fails"
+
+
+@pytest.mark.slow
+def test_the_bilinear_rule_does_not_realise_a_core_that_moves() -> None:
+    content = copy.deepcopy(certified("peaking_free"))
+    assert claim(content, "step")["method"] == "classical Runge-Kutta"
+    half = len(claim(content, "step")["S"]) // 2
+    claim(content, "step")["S"] = claim(content, "step")["S"][:half]
+    claim(content, "step")["method"] = "the bilinear rule"
+    assert findings(content)["step"] == "fails"
+
+
 def driven(end: float = 2) -> hg.System:
     """x1' = (2 + u) x2, x2' = -sin x1: an a_2 that moves with the input; x1 is at most `end`."""
     x1, x2 = hg.Signal("x1", low=-end, high=end), hg.Signal("x2", low=-2, high=2)

@@ -153,6 +153,8 @@ def shrinking(
         ("high_gain", "rk4"),
         ("high_gain", "euler"),
         ("peaking_free", "heun"),
+        ("high_gain", "bilinear"),
+        ("filtered", "bilinear"),
         *(pytest.param(each, "rk4", marks=pytest.mark.slow) for each in FIVE[1:]),
     ],
 )
@@ -293,6 +295,7 @@ def test_no_pair_of_estimates_of_a_random_plant_grows_apart_where_it_is_proved(
     [
         ("riccati", "continuous_discrete", "constant injection"),
         ("high_gain", "exponential", "not made for the matrix exponential"),
+        ("peaking_free", "bilinear", "for a linear core that does not move"),
     ],
 )
 def test_where_nothing_is_proved_it_is_said_why(observer: str, method: str, said: str) -> None:

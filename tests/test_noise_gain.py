@@ -71,6 +71,12 @@ def test_no_noise_moves_the_estimate_further(observer: str, method: str) -> None
         assert 0.3 * gain.bound(state, {"y": level}) < reached <= gain.bound(state, {"y": level}) * (1 + 1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_no_noise_moves_it_further_by_the_bilinear_rule(observer: str) -> None:
+    test_no_noise_moves_the_estimate_further(observer, "bilinear")
+
+
 def moved(step: hg.Step, noise: np.ndarray, angle: float) -> np.ndarray:
     """How far noise moves the estimate of (q, w) from that without it, at a constant angle, from the same state, which
     has come to rest there; no guard acts."""

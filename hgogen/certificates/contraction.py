@@ -72,6 +72,9 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
         return _unknown(observer, rule, dt, error)
     if not isinstance(method, OnErrors):
         return _unknown(observer, rule, dt, because("the proof is not made for {rule}", rule=rule))
+    obstacle = method.obstacle(error)
+    if obstacle:
+        return _unknown(observer, rule, dt, obstacle)
     steps, h = Steps(error, method.error_step, theta_of(observer)), Fraction(dt)
     if steps.at(h).rows > ROWS:
         pattern = "{slopes} slopes at each stage make an inequality of {rows} rows, more than the {most} that are tried"

@@ -30,7 +30,7 @@ from hgogen.guarantees.step_evidence import Share, UnderInputs
 from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
-from hgogen.method import OnErrors
+from hgogen.method import ByTableau
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import in_order, names_of
 from hgogen.sentence import Reason, Sentence, because, joined
@@ -100,7 +100,8 @@ def error_bound(
     known = contraction(step)
     if known.steps is None or known.proof is None or not known.proof.alpha:
         return _unknown(step, known.checks[0].reason)
-    assert isinstance(step.method, OnErrors)
+    if not isinstance(step.method, ByTableau):
+        return _unknown(step, because("the plant's own step is not known for {rule}", rule=step.rule))
     plant = PlantStep(form, step.method.tableau, known.proof.h, moving)
     try:
         return _bounded(step, known.steps, known.proof, plant, _entering(plant, sizes))

@@ -34,10 +34,13 @@ class Piece:
 
 
 def all_shorter(steps: Steps, longest: Fraction) -> tuple[Piece, ...]:
-    """Proofs of every step length above 0 up to the longest; none where not all are proved.
+    """Proofs of every step length above 0 up to the longest; none where not all are proved, or where the form is no
+    polynomial in the length.
 
     Raises: `NoSolver`.
     """
+    if not steps.at(longest).degree:
+        return ()
     left, pieces, tried = [(Fraction(0), longest)], [], 0
     while left:
         low, high = left.pop()

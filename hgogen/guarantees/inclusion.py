@@ -112,18 +112,19 @@ class Inclusion:
             M[:, slope.of] += rational(slope.onto) * (number(slope.low + slope.high) / 2 * level**-slope.degree)
         G = [rational(slope.onto) * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
         H = [identity(len(M))[slope.of] for slope in varying]
-        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), self.B * level)
+        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), self.B * level, self.N * level)
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertain:
     """e' = (M + G diag(d) H) e + B v, |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), of FLINT's
-    rationals."""
+    rationals; `core` (N, N): the part of M that is no slope of b."""
 
     M: Array
     G: Array
     H: Array
     B: Array
+    core: Array
 
 
 def inclusion(

@@ -54,9 +54,9 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Stagewise:
-    """A step of length `h` on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N + s m). `degree`:
-    of its form as a polynomial in h. `stages`: what an error of each output (p) at each stage (s) adds, (s, p) of them;
-    `nodes` (s): where the stages stand, from 0 to 1."""
+    """A step of length `h` on `slopes` m: `D` (N, N + s m), what it adds to e over h, and `Q` (s m, N + s m). `stages`:
+    what an error of each output (p) at each stage (s) adds, (s, p) of them; `nodes` (s): where the stages stand, from 0
+    to 1. `degree`: of its form as a polynomial in h, 0 where it is none."""
 
     h: Fraction
     slopes: int
@@ -64,7 +64,7 @@ class Stagewise:
     Q: Array
     stages: tuple[tuple[Inputs, ...], ...]
     nodes: tuple[Fraction, ...]
-    degree: int
+    degree: int = 0
 
     @property
     def rows(self) -> int:

@@ -16,7 +16,7 @@ from fractions import Fraction
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, Tableau
-from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.chosen import chosen
 from hgogen.kalman.factored import factored_lengths
@@ -24,6 +24,7 @@ from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
+from hgogen.sentence import NONE, Reason
 
 EQUATIONS = (
     "z <- z after classical Runge-Kutta of z' = f(z, u)",
@@ -44,6 +45,10 @@ class ContinuousDiscrete:
     def tableau(self) -> Tableau:
         """That of classical Runge-Kutta."""
         return RK4
+
+    def obstacle(self, error: Inclusion) -> Reason:
+        """None, as of every tableau."""
+        return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """Its stages."""

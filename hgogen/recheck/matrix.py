@@ -92,6 +92,23 @@ def transposed(M: Matrix) -> Matrix:
     return [list(column) for column in zip(*M, strict=True)]
 
 
+def inverse(M: Matrix) -> Matrix:
+    """M^-1 by elimination. Raises: `NotShown` of a singular one."""
+    size = len(M)
+    rows = [[*row, *one] for row, one in zip(M, unit(size), strict=True)]
+    for k in range(size):
+        pivot = next((i for i in range(k, size) if rows[i][k]), None)
+        if pivot is None:
+            raise NotShown("a matrix is singular")
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(size):
+            if i != k:
+                factor = rows[i][k]
+                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return [row[size:] for row in rows]
+
+
 def twice(P: Matrix, N: Matrix) -> Matrix:
     """N'P + P N of a symmetric P."""
     PN = times(P, N)

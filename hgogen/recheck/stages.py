@@ -1,6 +1,7 @@
-"""The inequality of a step of an explicit Runge-Kutta method on what the error obeys, built again.
+"""The inequality of a step of a method on what the error obeys, built again.
 
     X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
+    X_2 = e + h S (L e + r_1),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h/2 S (r_2 - r_1),   S = (1 - h/2 L)^-1
 
 e is the error of two estimates that are given the same samples (`uncertain`); M takes its slopes at their middles, G
 and H what is beside, |d_ij| <= 1 for each stage by itself. With v = (e, p_1, .., p_s), e+ = e + h D v, H X_i = Q_i v,
@@ -8,11 +9,12 @@ P > 0 and S >= 0 diagonal
 
     2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0   for all v
 
-shows |e+|_P^2 <= (1 - alpha h) |e|_P^2. For given P and S it is a polynomial in h of degree 2 s - 1. The methods are
-Euler's, Heun's and the classical one of Runge and Kutta.
+shows |e+|_P^2 <= (1 - alpha h) |e|_P^2. For given P and S it is a polynomial in h of degree 2 s - 1 by a method of the
+first line: Euler's, Heun's and the classical one of Runge and Kutta. The second is the bilinear rule, which realises
+the core L of M.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -25,7 +27,9 @@ from .matrix import (
     column,
     demand_nonnegative,
     demand_positive,
+    inverse,
     matrix,
+    minus,
     plus,
     scalar,
     scaled,
@@ -44,16 +48,66 @@ _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]] = {
     "Heun": (((), ("1",)), ("1/2", "1/2")),
     "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6")),
 }
-Method = tuple[list[list[Fraction]], list[Fraction]]  # a_ij of each stage, and b
+_BILINEAR = "the bilinear rule"
+Stages = tuple[Matrix, list[Matrix]]  # D, and X_i of each
+
+
+@dataclass(frozen=True)
+class Parts:
+    """M (N, N), G (N, m) and H (m, N) of what the error obeys, and the core L of M (N, N), of which a part is `moving`
+    with them or none."""
+
+    M: Matrix
+    G: Matrix
+    H: Matrix
+    L: Matrix
+    moving: bool
+
+    def varied(self, p: Matrix) -> list[Matrix]:
+        """G p of rows p (m, size), as a sum's one term; none without slopes that vary."""
+        return [times(self.G, p)] if p else []
+
+
+@dataclass(frozen=True)
+class Method:
+    """Where its stages stand, from 0 to 1, the `degree` of its form in h, 0 of none; and how it `moves` e (N, size), of
+    p_i (m, size) and of what is injected (N, size) at each stage."""
+
+    nodes: list[Fraction]
+    degree: int
+    moves: Callable[[Parts, Fraction, Matrix, list[Matrix], list[Matrix]], Stages]
 
 
 def method_of(evidence: Mapping[str, Any]) -> Method:
-    """The coefficients of the method that the evidence names. Raises: `NotShown`."""
-    known = _METHODS.get(part(evidence, "method", str))
+    """The method that the evidence names. Raises: `NotShown`."""
+    name = part(evidence, "method", str)
+    if name == _BILINEAR:
+        return Method([Fraction(0), ONE], 0, _realised)
+    known = _METHODS.get(name)
     if known is None:
-        raise NotShown(f"its method is none of {', '.join(_METHODS)}")
-    rows, weights = known
-    return [[number(a) for a in row] for row in rows], [number(b) for b in weights]
+        raise NotShown(f"its method is none of {', '.join((*_METHODS, _BILINEAR))}")
+    rows, weights = [[number(a) for a in row] for row in known[0]], [number(b) for b in known[1]]
+
+    def moves(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Stages:
+        rates, stages = list[Matrix](), list[Matrix]()
+        for row, p_i, v_i in zip(rows, p, v, strict=True):
+            stages.append(plus(e, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True))))
+            rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), v_i))
+        return plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True))), stages
+
+    return Method([sum(row, Fraction(0)) for row in rows], 2 * len(weights) - 1, moves)
+
+
+def _realised(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Stages:
+    """By the bilinear rule. Raises: `NotShown`."""
+    if parts.moving:
+        raise NotShown(f"a part of its core moves, which {_BILINEAR} does not realise")
+    n, rest = len(parts.L), minus(parts.M, parts.L)
+    S = inverse(minus(unit(n), scaled(h / 2, parts.L)))
+    half, first = scaled(Fraction(1, 2), S), plus(times(rest, e), *parts.varied(p[0]))
+    ahead = plus(times(S, plus(times(parts.L, e), first)), times(half, plus(*v)))
+    after = plus(e, scaled(h, ahead))
+    return plus(ahead, times(half, minus(plus(times(rest, after), *parts.varied(p[1])), first))), [e, after]
 
 
 @dataclass(frozen=True)
@@ -75,13 +129,13 @@ class Input:
 def ends(method: Method, B: list[Fraction]) -> tuple[Input, Input]:
     """An error of the sample at the beginning of a step, and at the end, with the line between them; it enters by B
     (N)."""
-    nodes, nothing = [sum(row, Fraction(0)) for row in method[0]], [Fraction(0)] * len(B)
-    first, last = ([[w * x for x in B] for w in weights] for weights in ([1 - c for c in nodes], nodes))
+    nothing = [Fraction(0)] * len(B)
+    first, last = ([[w * x for x in B] for w in weights] for weights in ([ONE - c for c in method.nodes], method.nodes))
     return Input(first, nothing), Input(last, nothing)
 
 
 def form_of(
-    parts: tuple[Matrix, Matrix, Matrix],
+    parts: Parts,
     method: Method,
     h: Fraction,
     evidence: Mapping[str, Any],
@@ -89,8 +143,7 @@ def form_of(
 ) -> Matrix:
     """2 e'P D v + h |D v|_P^2 + sum of Q'S Q - p'S p, without alpha; P and S are shown to have their signs. Inputs
     stand at the end of v, and S goes on with them."""
-    (M, G, H), (rows, weights) = parts, method
-    n, m, s, inputs = len(M), len(H), len(weights), len(entering)
+    n, m, s, inputs = len(parts.M), len(parts.H), len(method.nodes), len(entering)
     size = n + s * m
     if size > _ROWS:
         raise NotShown(f"its inequality has more than {_ROWS} rows")
@@ -99,16 +152,12 @@ def form_of(
     if any(value < 0 for value in S):
         raise NotShown("its S has a negative number")
     one = unit(size + inputs)
-    start, rates, reads = one[:n], list[Matrix](), list[list[Fraction]]()
-    for i, row in enumerate(rows):
-        X = plus(start, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True)))
-        reads += times(H, X) if m else []
-        rates.append(plus(times(M, X), *([times(G, one[n + i * m : n + (i + 1) * m])] if m else [])))
-        for k, each in enumerate(entering, size):
-            rates[i] = plus(rates[i], _beside(each.stages[i], one[k]))
-    added = [_beside(each.beside, one[k]) for k, each in enumerate(entering, size)]
-    D = plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True)), *added)
-    PD = times(P, D)
+    start, p = one[:n], [one[n + i * m : n + (i + 1) * m] for i in range(s)]
+    nothing, last = zeros(n, size + inputs), list(enumerate(entering, size))
+    v = [plus(nothing, *(_beside(each.stages[i], one[k]) for k, each in last)) for i in range(s)]
+    D, stages = method.moves(parts, h, start, p, v)
+    D = plus(D, *(_beside(each.beside, one[k]) for k, each in last))
+    reads, PD = [row for X in stages for row in times(parts.H, X)], times(P, D)
     linear = times(transposed(start), PD)
     form = plus(linear, transposed(linear), scaled(h, times(transposed(D), PD)))
     if m:

@@ -19,6 +19,7 @@ from .cores import CORES
 from .file import Claim, Observer, part
 from .matrix import Matrix, entries, matrix, scalar, scaled, similar, transposed, zeros
 from .slope import continuous, steep
+from .stages import Parts
 from .text import Expression
 
 
@@ -58,8 +59,8 @@ class ErrorInclusion:
             raise NotShown("its scale is not of numbers")
         return [known[i] / theta**p for i, p in zip(self.index, self.power, strict=True)]
 
-    def at(self, theta: Fraction) -> tuple[Matrix, Matrix, Matrix]:
-        """M (N, N), G (N, m) and H (m, N)."""
+    def at(self, theta: Fraction) -> Parts:
+        """What the error obeys at a theta."""
         M, G, H = scaled(theta, self.N), [], []
         for slope in self.slopes:
             share = theta**-slope.degree
@@ -68,7 +69,8 @@ class ErrorInclusion:
             if slope.low < slope.high:
                 G.append([x * share * (slope.high - slope.low) / 2 for x in slope.onto])
                 H.append([Fraction(int(k == slope.of)) for k in range(len(M))])
-        return M, transposed(G) if G else [[] for _ in M], H
+        moving = any(slope.degree < 0 for slope in self.slopes)
+        return Parts(M, transposed(G) if G else [[] for _ in M], H, scaled(theta, self.N), moving)
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:

@@ -22,13 +22,13 @@ from ..matrix import (
     above_zero,
     column,
     entries,
+    inverse,
     matrix,
     plus,
     scalar,
     scaled,
     times,
     transposed,
-    unit,
 )
 from ..stages import corner, definite, ends, form_of, method_of, place, within
 from ..structure import on_chains
@@ -58,6 +58,8 @@ def throughout(context: Context, claim: Claim) -> Shown:
     if not 0 < theta <= scalar(observer.numbers, "theta"):
         raise NotShown("its theta is not between 0 and the observer's")
     parts, end = error.at(theta), Fraction(0)
+    if not method.degree:
+        raise NotShown("by its method the form is no polynomial in dt")
     pieces = part(evidence, "pieces", list)
     if not 0 < len(pieces) <= _PIECES:
         raise NotShown(f"it has no pieces, or more than {_PIECES}")
@@ -67,7 +69,7 @@ def throughout(context: Context, claim: Claim) -> Shown:
         low, high = scalar(piece, "low"), scalar(piece, "high")
         if low != end or not low < high:
             raise NotShown("its pieces do not follow each other from 0")
-        degree = 2 * len(method[1]) - 1
+        degree = method.degree
         values = [form_of(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
         for weights in _bernstein(degree):
             definite("its polynomial", plus(*(scaled(w, value) for w, value in zip(weights, values, strict=True))))
@@ -168,18 +170,8 @@ def _largest(error: ErrorInclusion, scales: list[Fraction], first: list[Fraction
 @cache
 def _bernstein(degree: int) -> list[list[Fraction]]:
     """The Bernstein coefficients of a polynomial from its values at k/degree: the inverse of the basis there."""
-    size, at = degree + 1, [Fraction(k, degree) for k in range(degree + 1)]
-    rows = [[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(size)] for t in at]
-    rows = [[*row, *one] for row, one in zip(rows, unit(size), strict=True)]
-    for k in range(size):
-        pivot = next(i for i in range(k, size) if rows[i][k])
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [x / rows[k][k] for x in rows[k]]
-        for i in range(size):
-            if i != k:
-                factor = rows[i][k]
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [row[size:] for row in rows]
+    at = [Fraction(k, degree) for k in range(degree + 1)]
+    return inverse([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
 
 
 _OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)

@@ -70,7 +70,7 @@ def _inputs(
     context: Context, error: ErrorInclusion, method: Method, h: Fraction, theta: Fraction, share: Mapping[str, Any]
 ) -> list[Input]:
     """The inputs of a share that are not 0, in its unit. Raises: `NotShown`."""
-    p, n, stages, unit = len(context.form.output), len(context.z), len(method[1]), scalar(share, "unit")
+    p, n, stages, unit = len(context.form.output), len(context.z), len(method.nodes), scalar(share, "unit")
     into = [[theta * row[j] for row in error.measured] for j in range(p)]
     nothing, scales, inputs = [Fraction(0)] * len(error.N), error.scales(context, theta), list[Input]()
     for j, size in enumerate(_sizes(share, "samples", p)):
