@@ -21,18 +21,15 @@ from hgogen.guarantees.quadratic import (
     Quadratic,
     Seen,
     Weights,
+    confirmed,
     even,
     floats,
     multipliers,
-    on_grid,
-    verified,
     weights,
     whole,
 )
 
 _WHAT = "a bound of the errors from a start"
-_MARGINS = (1e-7, 1e-6, 1e-5)  # by which the form is negative, more where a solver or rounding has taken it all
-_BITS = (34, 48)
 _NOTHING = Fraction(0)
 
 
@@ -55,12 +52,8 @@ def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array
     if W is None:
         return None
     asked = form.floats, floats(corners), floats(np.array(list(rows.values()))), W
-    for candidate in filter(None, (_sought(*asked, margin) for margin in _MARGINS)):
-        for bits in _BITS:
-            P, S = (on_grid(each, bits + _places(candidate[0])) for each in candidate)
-            if verified(form, P, S):
-                return Confined(Weights.of(P, S), _bounds(P, corners, rows))
-    return None
+    exactly = confirmed(form, lambda margin: _sought(*asked, margin))
+    return Confined(Weights.of(*exactly), _bounds(exactly[0], corners, rows)) if exactly else None
 
 
 def _bounds(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
@@ -71,11 +64,6 @@ def _bounds(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fr
         row = fmpq_mat([c.tolist()])
         bounds[place] = root(fraction((row * inverse * row.transpose())[0, 0] * begins))
     return bounds
-
-
-def _places(P: Array) -> int:
-    """The bits by which the trace of P lies below 1."""
-    return max(0, -int(np.floor(np.log2(np.trace(P)))))
 
 
 def _sought(of: Quadratic, corners: Array, rows: Array, W: Array, margin: float) -> tuple[Array, Array] | None:

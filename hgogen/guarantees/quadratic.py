@@ -8,7 +8,7 @@ that keeps to the relations (the S-procedure; Boyd, El Ghaoui, Feron, Balakrishn
 System and Control Theory", SIAM (1994), 2.6.3).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -16,12 +16,15 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from hgogen.algebra.definite import Matrix, fraction, positive
+from hgogen.algebra.definite import Matrix, fraction, number, positive
 from hgogen.algebra.threads import one_thread
 from hgogen.guarantees.lmi import solved, solver
 
 Array = np.ndarray  # of floats, or of FLINT's rationals as objects
 
+_MARGINS = (1e-7, 1e-6, 1e-5)  # by which a form is negative, so that it is when it is rounded
+_FINE = (34, 48)  # bits after the point, where P is of any size
+_NOTHING = Fraction(0)
 _GRIDS = (30, 44)  # bits after the point to which P and S are rounded, where the trace of P is its size
 _ROUNDING = 1e-8  # what rounding to a grid may take from a form
 _SMALL = 1e-6  # of the largest reading: what counts for one that is smaller
@@ -68,6 +71,21 @@ def proved(form: Quadratic, P: Array, S: Array) -> Weights | None:
         exactly = on_grid(P, bits), on_grid(S, bits)
         if verified(form, *exactly):
             return Weights.of(*exactly)
+    return None
+
+
+def confirmed(
+    form: Quadratic, by_margin: Callable[[float], tuple[Array, Array] | None], q: int = 0, most: Fraction = _NOTHING
+) -> tuple[Array, Array] | None:
+    """Weights, of FLINT's rationals, that make an exact form negative, from those in floats that are sought with a
+    margin, a larger one where a solver or rounding has taken all of it; the sum of the last q of S is at most `most`.
+    None where none are confirmed."""
+    for candidate in filter(None, map(by_margin, _MARGINS)):
+        places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # by which the trace of P lies below 1
+        for bits in _FINE:
+            P, S = (on_grid(each, bits + places) for each in candidate)
+            if (not q or sum(S[-q:]) <= number(most)) and verified(form, P, S):
+                return P, S
     return None
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from flint import fmpq_mat
 
-from hgogen.algebra.definite import fraction, number, root
+from hgogen.algebra.definite import fraction, root
 from hgogen.guarantees.contracting import Steps
 from hgogen.guarantees.lmi import solver
 from hgogen.guarantees.quadratic import (
@@ -23,11 +23,10 @@ from hgogen.guarantees.quadratic import (
     Quadratic,
     Seen,
     Weights,
+    confirmed,
     even,
     floats,
     multipliers,
-    on_grid,
-    verified,
     weights,
     whole,
 )
@@ -37,9 +36,7 @@ _WHAT = "a bound of what inputs do"
 _SEARCHED = 8  # values of alpha
 _SHARES = (math.log(1 / 32), 0.0)  # of the rate, that are searched for it; logarithms
 _LARGE = 1e30  # in the place of a bound, where none is proved
-_MARGINS = (1e-7, 1e-6, 1e-5)  # by which the form is negative, more where a solver or rounding has taken it all
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
-_BITS = (34, 48)
 
 
 @dataclass(frozen=True)
@@ -77,18 +74,11 @@ def _at(steps: Steps, h: Fraction, inputs: Inputs, c: Array, alpha: Fraction) ->
     if W is None:
         return None
     asked = form.floats, floats(c[None])[0], float(alpha), W, q
-    for candidate in filter(None, (_sought(*asked, margin) for margin in _MARGINS)):
-        for bits in _BITS:
-            P, S = (on_grid(each, bits + _places(candidate[0])) for each in candidate)
-            if sum(S[-q:]) <= number(alpha) and verified(form, P, S):
-                row, inverse = fmpq_mat([c.tolist()]), fmpq_mat(P.tolist()).inv()
-                return InputBound(alpha, Weights.of(P, S), root(fraction((row * inverse * row.transpose())[0, 0])))
-    return None
-
-
-def _places(P: Array) -> int:
-    """The bits by which the trace of P lies below 1."""
-    return max(0, -int(np.floor(np.log2(np.trace(P)))))
+    exactly = confirmed(form, lambda margin: _sought(*asked, margin), q, alpha)
+    if exactly is None:
+        return None
+    row, inverse = fmpq_mat([c.tolist()]), fmpq_mat(exactly[0].tolist()).inv()
+    return InputBound(alpha, Weights.of(*exactly), root(fraction((row * inverse * row.transpose())[0, 0])))
 
 
 def _sought(of: Quadratic, c: Array, alpha: float, W: Array, q: int, margin: float) -> tuple[Array, Array] | None:
