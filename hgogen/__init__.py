@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.model import Model, load
     from hgogen.observer import Observer
     from hgogen.reading.casadi_model import from_casadi
+    from hgogen.reading.disturbed import with_disturbance
     from hgogen.reading.table import table
     from hgogen.signal import Signal
     from hgogen.starting import Starting, starting_gains
@@ -106,6 +107,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "survey": "which_forms",
     "System": "system",
     "table": "reading.table",
+    "with_disturbance": "reading.disturbed",
     "write": "target",
 }
 
@@ -170,6 +172,7 @@ __all__ = [
     "theta",
     "trial",
     "tune",
+    "with_disturbance",
     "write",
 ]
 

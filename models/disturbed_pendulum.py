@@ -19,13 +19,17 @@ x3 = hg.Signal("x3", "1/s2", "unknown torque over inertia", low=-5, high=5)
 y = hg.Signal("y", "rad", "measured angle", low=-4, high=4)
 a, b = hg.Signal("a", "1/s2", "gravity over length", 0.5), hg.Signal("b", "1/s", "damping", 0.5)
 
-plant = hg.System(
-    "disturbed_pendulum",
-    states=(x1, x2, x3),
-    outputs=(y,),
-    parameters=(a, b),
-    flow=[x2, -a * sp.sin(x1) - b * x2 + x3, 0],
-    output=[x1],
+plant = hg.with_disturbance(
+    hg.System(
+        "disturbed_pendulum",
+        states=(x1, x2),
+        outputs=(y,),
+        parameters=(a, b),
+        flow=[x2, -a * sp.sin(x1) - b * x2],
+        output=[x1],
+    ),
+    on="x2",
+    signal=x3,
 )
 
 # of x^' = f(x^) + gain (y - x1^), poles at -2 without friction and gravity, under disturbances of all rates and of y

@@ -10,6 +10,10 @@
     value = 1.0                      # with low and high it can be tuned at run time
     [outputs.y]
     equation = "x1"
+    [disturbances.d]                 # an unknown input to a row, a state of its own: x2' = .. + d, d' = 0
+    on = "x2"                        # order = 2: d' is a state too, in the range of rates = [[-1, 1]]
+    low = -2
+    high = 2
     [tables.ocv]                     # a function by points, which expressions call: ocv(x1)
     x = [0, 0.5, 1]
     y = [3, 3.7, 4.2]
@@ -37,6 +41,7 @@ import sympy as sp
 
 from hgogen.algebra.cells import Cells
 from hgogen.errors import BadArgument, HgogenError, nearest
+from hgogen.reading.disturbed import with_disturbance
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
@@ -54,6 +59,7 @@ _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of
     "parameters": (_SIGNAL, "value"),
     "outputs": ({**_SIGNAL, "equation": EXPRESSION}, "equation"),
 }
+_DISTURBANCE = {**_SIGNAL, "rates": RANGES, "on": TEXT, "order": NUMBER}
 _POINTS = {"x": NUMBERS, "y": NUMBERS, "z": ROWS, "kind": TEXT}
 _COORDINATES = ("x", "y", "z")
 _TOP = {
@@ -62,10 +68,10 @@ _TOP = {
     "reference": TEXT,
     "time": TEXT,
     **dict.fromkeys(_KINDS, TABLE),
-    **dict.fromkeys(("tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
+    **dict.fromkeys(("disturbances", "tables", "known", "observer", "tuning", "trial", "dissipation", "bounds"), TABLE),
 }
 BESIDE = tuple(
-    key for key in _TOP if key not in ("name", "time", "tables", *_KINDS)
+    key for key in _TOP if key not in ("name", "time", "disturbances", "tables", *_KINDS)
 )  # what a file says beside its plant
 _EXAMPLES = {
     TEXT: '"..."',
@@ -169,6 +175,8 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
     plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
+    for name, entry in table.get("disturbances", {}).items():
+        plant = _disturbed(file, plant, name, entry)
     known, observer, tuning, trial, dissipation, bounds = (
         MappingProxyType(table.get(key, {}))
         for key in ("known", "observer", "tuning", "trial", "dissipation", "bounds")
@@ -238,6 +246,15 @@ def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signa
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
     signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **declared)
     return signal
+
+
+def _disturbed(file: str, plant: System, name: str, entry: Mapping[str, Any]) -> System:
+    """The plant with a disturbance that a table of the file declares. Raises: `BadModelFile`."""
+    where = f"disturbances.{name}"
+    demand_keys(file, where, entry, _DISTURBANCE, "on")
+    signal = _signal(file, where, name, entry)
+    disturbed: System = named(file, where, with_disturbance, plant, entry["on"], entry.get("order", 1), signal=signal)
+    return disturbed
 
 
 def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
