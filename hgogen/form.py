@@ -58,8 +58,9 @@ class Form:
     of the plant's states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and
     parameters (and z_1, where the form says so); `b`: n expressions of z, inputs, parameters; `output`: p expressions
     of z, inputs, parameters; `checks`: one for each hypothesis; `blocks`: the number of states of each output's chain,
-    in the order of z, one block of n unless it is given; `alignment`: how blocks may read each other, "" for one;
-    `levels`: of states in no such chains, how far each is from the outputs, 0 for the first, by default its place.
+    in the order of z, 0 for an output without one, one block of n unless it is given; `alignment`: how blocks
+    may read each other, "" for one; `levels`: of states in no such chains, how far each is from the outputs, 0 for the
+    first, by default its place.
     `jacobian`: n x n, of z, inputs and parameters, of a map to phase coordinates in which a gain acts through its
     inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
     as a function of z may have poles in the box of z, or is too large there; an observer evaluates it at from_form(z),
@@ -113,11 +114,16 @@ class Form:
         return tuple(sum(self.blocks[:i]) for i in range(len(self.blocks)))
 
     @property
+    def leads(self) -> tuple[int, ...]:
+        """The outputs, by their numbers, with which a chain begins."""
+        return tuple(k for k, size in enumerate(self.blocks) if size)
+
+    @property
     def gains(self) -> tuple[tuple[sp.Expr, ...], ...]:
         """a_(i,1), .., a_(i,n_i) of each output's chain, whatever they depend on; there is a block for each output."""
         chains = zip(self.output, self.heads, self.blocks, strict=True)
         return tuple(
-            (sp.diff(y, self.states[head]), *(self.A[i, i + 1] for i in range(head, head + size - 1)))
+            (sp.diff(y, self.states[head]), *(self.A[i, i + 1] for i in range(head, head + size - 1))) if size else ()
             for y, head, size in chains
         )
 

@@ -201,7 +201,8 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
     outputs = {y.name: _span(*ends) for y, ends in zip(form.system.outputs, readings(form), strict=True)}
     deviations = {name: noise.get(name, y / 100) for name, y in outputs.items()}
     longest = rates.longest or 1.0
-    base = Scale(theta, dt, longest, states, {}, outputs, deviations, form.blocks)
+    chains = tuple(filter(None, form.blocks))
+    base = Scale(theta, dt, longest, states, {}, outputs, deviations, chains)
     return replace(base, process=_process(form, base))
 
 

@@ -337,11 +337,11 @@ def test_chains_of_several_outputs(align: str, others: list[str]) -> None:
 
 def test_lies_about_several_outputs() -> None:
     content = several("top")
-    for blocks in (["1", "3"], ["4"], ["3", "1"]):
+    for blocks in (["1", "3"], ["4"], ["3", "1"], ["0", "4"], ["4", "0"]):
         forged = copy.deepcopy(content)
         forged["form"]["blocks"] = blocks
         assert not verified(sealed(forged))
-    for blocks in (["0", "4"], ["2", "3"], ["5/2", "3/2"], [2, 2], ["-1", "5"]):
+    for blocks in (["2", "3"], ["5/2", "3/2"], [2, 2], ["-1", "5"]):
         forged = copy.deepcopy(content)
         forged["form"]["blocks"] = blocks
         with pytest.raises((NoCertificate, Unreadable)):

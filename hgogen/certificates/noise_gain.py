@@ -37,8 +37,8 @@ class NoiseGain:
 
 
 def noise_gain(step: Step) -> NoiseGain | None:
-    """What noise does to the estimate of a step that is proved to contract; None of one that is not, or whose chain has
-    gains that are no numbers.
+    """What noise does to the estimate of a step that is proved to contract; None of one that is not, whose chain has
+    gains that are no numbers, or whose outputs share a chain.
 
     From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
     alpha dt of itself at each call.
@@ -55,7 +55,7 @@ def noise_gain(step: Step) -> NoiseGain | None:
 def _noise_gain(step: Step, steps: Steps, proof: Contracts) -> NoiseGain | None:
     error, form = steps.error, step.observer.form
     scales = error.scales(steps.theta)
-    if scales is None:
+    if scales is None or not error.B.size:
         return None
     bounds: dict[tuple[int, int], InputBound] = {}
     for i, field in enumerate(error.layout.picks):

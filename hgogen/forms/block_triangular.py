@@ -9,6 +9,8 @@ What b_(i,j) may read is the alignment of the chains:
     end       z_(k,l) for l <= j + n_k - n_i      Delta_i = diag(theta^-(n* - n_i), .., theta^-(n* - 1)), n* = max n_i
     cascade   z_(i,l) for l <= j, and all states of the chains before
 
+An output that adds nothing, as a second sensor of the same state, has a chain of length 0: those of the others hold all
+states. One that is a multiple of the first output of a chain enters the mean of its readings (`structure.spare`).
 z is the plant's state in another order, some with the other sign, chain by chain in the order of the outputs.
 
 N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5, for the ends;
@@ -17,6 +19,7 @@ N. Boizot, E. Busvelle, J.-P. Gauthier, Automatica 46 (2010), form (3), for one 
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import sympy as sp
 
@@ -24,7 +27,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Asking, Form
-from hgogen.sentence import Reason
+from hgogen.sentence import Reason, because
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.connected import cut_off
@@ -35,6 +38,7 @@ from hgogen.structure.positive import positive, sign
 from hgogen.structure.several import cascade, end_aligned
 from hgogen.system import System
 
+_MANY = 6  # outputs: of more it is not asked which are enough, for there are too many choices
 _REFERENCE = "Boizot, thesis (2010), chapter 5"
 # Alignment to the search for its chains and what a row may read.
 _ALIGNMENTS: Mapping[str, tuple[Callable[[Rows], Chains], str]] = {
@@ -92,6 +96,8 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     rows = of_plant(plant)
     name, chains = _chosen(rows, align)
     answer, why = chains.answer(Shape.CONSTANT)
+    spare = [y for y, links in zip(plant.outputs, chains.links, strict=False) if not links]
+    why = because("{why}; {outputs: and } without a chain", why=why, outputs=spare) if answer and spare else why
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
     structure = _structure(name, verdict, why)
     if chains.broken or answer is False:
@@ -107,6 +113,22 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
 
 
 def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
+    """The alignment, with a chain for each output, else of the most outputs that are enough."""
+    name, chains = best = _of_all(rows, align)
+    if chains.answer(Shape.CONSTANT)[0]:
+        return best
+    count = len(rows.output)
+    sizes = range(count - 1, 0, -1) if count <= _MANY else ()
+    for left in (left for size in sizes for left in combinations(range(count), size)):
+        few = replace(rows, names=tuple(rows.names[j] for j in left), output=tuple(rows.output[j] for j in left))
+        name, chains = _of_all(few, align)
+        if chains.answer(Shape.CONSTANT)[0]:
+            links = dict(zip(left, chains.links, strict=True))
+            return name, replace(chains, links=tuple(links.get(j, ()) for j in range(count)))
+    return best
+
+
+def _of_all(rows: Rows, align: str | None) -> tuple[str, Chains]:
     tried = {name: search(rows) for name, (search, _) in _ALIGNMENTS.items() if align in (None, name)}
     answers = {name: chains.answer(Shape.CONSTANT)[0] for name, chains in tried.items()}
     best = next((name for wanted in (True, None, False) for name, is_so in answers.items() if is_so is wanted))
@@ -137,7 +159,10 @@ def _parts(z: Coordinates, chains: list[_Chain]) -> Parts:
     """A, b and the output, in z."""
     n = len(z.states)
     A, b, output, head = sp.zeros(n, n), list(z.flow), [], 0
-    for chain in chains:
+    for chain, row in zip(chains, z.output, strict=True):
+        if not chain.links:
+            output.append(row)
+            continue
         gains, rests = chain.gains, [z.carry(rest) for rest in chain.rests]
         output.append(gains[0] * z.states[head] + rests[0])
         for i, (gain, rest) in enumerate(zip(gains[1:], rests[1:], strict=True), head):
@@ -150,7 +175,7 @@ def _claims(chains: list[_Chain], plant: System) -> Iterator[Check]:
     for i, chain in enumerate(chains, 1):
         for j, gain in enumerate(chain.gains, 1):
             yield positive(ClaimId("block_triangular", "a", i, j), f"a_({i},{j})", gain, plant)
-    for i, chain in enumerate(chains, 1):
+    for i, chain in ((i, chain) for i, chain in enumerate(chains, 1) if chain.links):
         offset = chain.rests[0]
         if offset != 0 and offset.free_symbols.isdisjoint(plant.states):
             yield defined(ClaimId("block_triangular", "offset", i), f"c_{i}", offset, plant)

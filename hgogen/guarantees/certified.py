@@ -210,7 +210,8 @@ def obstacle(form: Form) -> Reason:
                 return because(pattern, i=i + 1, j=j + 1, entry=form.A[i, j])
         if not form.b[i].free_symbols <= {z for z, k in zip(form.states, power, strict=True) if k <= power[i]} | known:
             return because("b_{i} = {row} reads more than z_1..z_{i}", i=i + 1, row=form.b[i])
-    for head, (first, *_), output in zip(heads, chains(form), form.output, strict=True):
+    for k, first in ((k, chain[0]) for k, chain in enumerate(chains(form)) if chain):
+        output, head = form.output[k], heads[k]
         offset = output - sp.diff(output, form.states[head]) * form.states[head]
         if (sp.expand(offset).free_symbols | first.free_symbols) & {*form.states}:
             return because("the output {output} is not a_1 z_1 + c(u)", output=output)

@@ -78,7 +78,7 @@ class ConstantGain:
         return ca.vertcat(*powered)
 
     def onto(self, e: Any) -> Any:
-        """The place derived.K (n) times the error (p) of each chain's output."""
+        """The place derived.K (n) times the error (q) of each chain's output."""
         K = sym("derived", "K", len(self.K))
         chain = [i for i, size in enumerate(self.sizes) for _ in range(size)]
         return ca.vertcat(*(K[row] * e[i] for row, i in enumerate(chain)))
@@ -103,7 +103,7 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
                     f"{name} = {a}", "depends on the input, poles want it constant; give gains, or use riccati"
                 )
             demand_divisor(name, a, form)
-    sizes = tuple(map(len, each))
+    sizes = tuple(len(chain) for chain in each if chain)
     per_chain = zip(_split("poles", poles, sizes), sizes, strict=True)
     p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
@@ -123,8 +123,8 @@ def _polynomial(poles: Any, n: int) -> np.ndarray:
 def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -> ConstantGain:
     if isinstance(gains, Nothing):
         raise BadGain("gains", f"were not found: {gains.reason}")
-    sizes, K, ends = tuple(map(len, each)), [], []
-    for chain_gains, chain in zip(_split("gains", gains, sizes), each, strict=True):
+    sizes, K, ends = tuple(len(chain) for chain in each if chain), [], []
+    for chain_gains, chain in zip(_split("gains", gains, sizes), filter(None, each), strict=True):
         k = reals("gains", chain_gains)
         if k.shape != (len(chain),) or not np.isfinite(k).all():
             raise BadGain(f"gains = {gains!r}", f"must be {' and '.join(map(str, sizes))} finite numbers")
@@ -165,12 +165,12 @@ def _stacked(ends: list[np.ndarray]) -> np.ndarray:
 
 
 def _split(what: str, values: Any, sizes: tuple[int, ...]) -> Sequence[Any]:
-    """The values for each chain. Raises: `BadGain` where they are not one sequence for each output."""
+    """The values for each chain. Raises: `BadGain` where they are not one sequence for each."""
     if len(sizes) == 1:
         return (values,)
     count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0
     if count != len(sizes) or any(np.ndim(each) != 1 for each in values):
-        raise BadGain(f"{what} = {values!r}", f"must be {len(sizes)} sequences, one for each output")
+        raise BadGain(f"{what} = {values!r}", f"must be {len(sizes)} sequences, one for each output with a chain")
     return tuple(values)
 
 

@@ -212,7 +212,10 @@ def of_state(scales: Sequence[Fraction], field: int) -> Array:
 
 
 def by_chain(form: Form, gains: Sequence[Any]) -> Array:
-    """The gains (n) as a matrix (n, p), each in the column of its chain's output."""
+    """The gains (n) as a matrix (n, p), each in the column of its chain's output; where outputs share a chain (n, 0)
+    entries, as noise enters by their weights."""
+    if len(form.leads) < len(form.blocks):
+        return np.zeros((form.n, 0), dtype=object)
     chain = [i for i, size in enumerate(form.blocks) for _ in range(size)]
     return np.array([[k if i == j else 0 for j in range(len(form.blocks))] for i, k in zip(chain, gains, strict=True)])
 

@@ -113,7 +113,7 @@ class Tuning:
                 gains = {key: value for key, value in gains.items() if key not in STARTS}
                 gains |= {"initial": start(base)}
         if "poles" in gains:
-            gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "blocks", ())))}
+            gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "leads", ())))}
         observer: Observer = self._refusals(where, lambda: make(base, **gains))
         return observer
 

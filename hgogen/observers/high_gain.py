@@ -13,7 +13,7 @@ Hammouri, Othman 1992; in the form of Astolfi, Jungers, Zaccarian 2018, (3). To 
 1, an A(u) is beyond a constant gain; with one quadratic function for the range of its a_i it is not (`certified`).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -32,6 +32,7 @@ from hgogen.reading.given import BadGain, real
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.spare import mean, shown, unused, weighted
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
@@ -79,6 +80,7 @@ def high_gain(
     gains: Sequence[Any] | np.ndarray | None = None,
     initial: Mapping[str, float] | Sequence[float] | None = None,
     singular: float = 1e-3,
+    weights: Mapping[str, float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The standard high-gain observer on a form in chains z_i' = a_i z_(i+1) + b_i, one for each output, or in the
@@ -89,9 +91,10 @@ def high_gain(
 
     Args: `theta` >= 1; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta,
     for a_i free of inputs; or `gains` K (n), for any a_i in ranges, such as hg.design.constant_gain(form); of several
-    outputs either is a sequence of such, one for each; `initial` the plant's state; `singular` (0..1) switches the
-    correction off near a zero of det dPhi/dx, where that is not proved to have none; `accept` ids of refuted checks to
-    build on all the same.
+    chains either is a sequence of such, one for each; `initial` the plant's state; `singular` (0..1) switches the
+    correction off near a zero of det dPhi/dx, where that is not proved to have none; `weights` of outputs that show the
+    same state in the mean of their errors, by name (1 for one that is not named): of noise that is 1/v_j, v_j its
+    variance in the unit of the first; `accept` ids of refuted checks to build on all the same.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz` for gains that do not decay at the ends of the ranges of the a_i;
     `BadGain` for theta < 1, gains of another length, a form that has no chains, or poles on an A(u).
@@ -102,7 +105,7 @@ def high_gain(
     chosen = constant_gain("high_gain", form, poles, gains)
     z, least = state_field(form, initial, theta), _least(dynamics, singular)
     part = replace(
-        _part(dynamics, chosen, theta, least),
+        _part(dynamics, chosen, theta, least, weighted(form, weights)),
         fields=(z,),
         derived=(Field("K", (0.0,) * form.n, labels=chosen.labels, meaning="observer gain"),),
         tune=(Block("observer gain", {Place("derived", "K"): chosen.scaled(form)}),),
@@ -117,7 +120,7 @@ def high_gain(
         checks=(*form.checks, *clamped("high_gain", form), *checks("high_gain", theta, chosen.bound)),
         accepted=accept,
         theorem=_theorem(form, chosen),
-        equations=(_equation(form), f"K = {chosen}"),
+        equations=(_equation(form), f"K = {chosen}", *_means(form, weights)),
         reference=REFERENCE,
         notices=() if least is None else _notices(dynamics, least),
         error=chosen.error,
@@ -128,25 +131,36 @@ def _equation(form: Form) -> str:
     return _ORIGINAL if form.jacobian is not None else _SEVERAL if len(form.blocks) > 1 else _STANDARD
 
 
+def _means(form: Form, weights: Any) -> Iterator[str]:
+    """How outputs that show one state enter, and which enter nowhere."""
+    names, numbers = [y.name for y in form.system.outputs], weighted(form, weights)
+    for chain in (chain for chain in shown(form) if len(chain) > 1):
+        weighed = (f"{numbers[each.output]:g} {names[each.output]}" for each in chain)
+        lead = names[chain[0].output]
+        yield f"y - C z of {lead}: the mean of {', '.join(weighed)}, by weight, of the samples that are there"
+    if rest := [names[j] for j in unused(form)]:
+        yield f"{', '.join(rest)} {'has' if len(rest) == 1 else 'have'} no chain, and no part in the correction"
+
+
 def _theorem(form: Form, chosen: ConstantGain) -> Theorem:
     theorem = THEOREM if form.jacobian is None else THEOREM.under(INSIDE)
     theorem = theorem.under(DRIVEN) if chosen.driven else theorem
     return theorem.with_chains() if len(form.blocks) > 1 else theorem
 
 
-def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None) -> Ode:
+def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None, weights: Sequence[float]) -> Ode:
     if dynamics.form.jacobian is not None:
         return _in_original(dynamics, least, theta, np.array(chosen.K, dtype=float))
-    return _driven(dynamics, chosen, theta) if chosen.driven else _in_chains(dynamics, chosen)
+    return _driven(dynamics, chosen, theta, weights) if chosen.driven else _in_chains(dynamics, chosen, weights)
 
 
-def _in_chains(dynamics: Dynamics, chosen: ConstantGain) -> Ode:
+def _in_chains(dynamics: Dynamics, chosen: ConstantGain, weights: Sequence[float]) -> Ode:
     """z' = A z + K (y - C z - offset), and b."""
     n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
-        return {"z": A @ values["z"] + chosen.onto(valid * (y - C @ values["z"]))}
+        return {"z": A @ values["z"] + chosen.onto(mean(dynamics.form, weights, y - C @ values["z"], valid))}
 
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": dynamics.nonlinear(values["z"], u)}
@@ -154,12 +168,13 @@ def _in_chains(dynamics: Dynamics, chosen: ConstantGain) -> Ode:
     return Ode((), rest, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))
 
 
-def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float) -> Ode:
+def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Sequence[float]) -> Ode:
     """z' = A(u) z + b + K (y - C(u) z - offset): the core moves with the input."""
 
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
-        return {"z": dynamics.flow(z, u) + chosen.onto(valid * (y - dynamics.output(z, u)))}
+        e = mean(dynamics.form, weights, y - dynamics.output(z, u), valid)
+        return {"z": dynamics.flow(z, u) + chosen.onto(e)}
 
     return Ode((), rest, core=theta * chosen.vertices)
 

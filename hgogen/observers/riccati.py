@@ -27,6 +27,7 @@ from hgogen.sentence import because
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.scaling import ALIGNED, noise_equation
+from hgogen.structure.spare import unused
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
 EQUATIONS = (
@@ -68,13 +69,7 @@ def riccati(
     """
     accept = founded("riccati", form, accept, takes=linearised)
     theta = theta if isinstance(theta, Theta) else constant(theta)
-    outputs = len(form.output)
-    if outputs > 1 and theta.peak != 1 and form.alignment not in ALIGNED:
-        raise BadGain(
-            f"theta up to {theta.peak:g}",
-            f"wants a chain for each of the {outputs} outputs of {form.system.name}, aligned at the tops or the ends; "
-            'take the form block_triangular, align "top" or "end", or theta = 1',
-        )
+    _demand_scaled(form, theta)
     filter = extended(form, Q, R, covariance, initial, theta)
     dynamics, z = filter.part.dynamics, filter.part.z
     return Observer(
@@ -96,6 +91,26 @@ def riccati(
         reference=REFERENCE,
         traces=theta.traces,
     )
+
+
+def _demand_scaled(form: Form, theta: Theta) -> None:
+    """Raises: `BadGain` for a theta that moves a filter on a form for which no high gain is defined."""
+    what, outputs = f"theta up to {theta.peak:g}", form.system.outputs
+    if theta.peak == 1 or len(form.output) == 1:
+        return
+    if form.alignment not in ALIGNED:
+        raise BadGain(
+            what,
+            f"wants a chain for each of the {len(outputs)} outputs of {form.system.name}, aligned at the tops or the "
+            'ends; take the form block_triangular, align "top" or "end", or theta = 1',
+        )
+    if rest := unused(form):
+        names = ", ".join(outputs[j].name for j in rest)
+        raise BadGain(
+            what,
+            f"wants outputs that show the first state of a chain, {names} of {form.system.name} shows another; leave "
+            "it out of the plant, or take theta = 1",
+        )
 
 
 def _theorem(theta: Theta) -> Check:

@@ -162,9 +162,9 @@ class Context:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """The first state of each chain."""
+        """The first state of each chain, "" of one without states."""
         blocks = self.form.blocks
-        return tuple(self.z[sum(blocks[:i])] for i in range(len(blocks)))
+        return tuple(self.z[sum(blocks[:i])] if size else "" for i, size in enumerate(blocks))
 
     def slope(self, text: Expression, name: str) -> Quotient:
         """The partial derivative of an expression in a name, in closed form."""

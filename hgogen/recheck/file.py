@@ -254,7 +254,7 @@ def _parts(what: str, holder: Mapping[str, Any], known: Iterable[str]) -> None:
 
 def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
     sizes = [number(size) for size in part(form, "blocks", list)]
-    if any(size.denominator > 1 or size < 1 for size in sizes) or sum(sizes) != count:
+    if any(size.denominator > 1 or size < 0 for size in sizes) or sum(sizes) != count:
         raise NoCertificate("its blocks are not the sizes of chains of the form's states")
     return tuple(map(int, sizes))
 

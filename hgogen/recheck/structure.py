@@ -17,7 +17,10 @@ CHAINS = ("triangular", "block_triangular")
 
 def structure(context: Context, claim: Claim) -> Shown:
     """Shows that A has a superdiagonal within each chain only, which reads no state (but z_1 where there is one chain),
-    that b reads what the alignment lets it, and that y_i = a_1 z_1 + c of its chain, where a_1 and c read no state."""
+    that b reads what the alignment lets it, and that y_i = a_1 z_1 + c of its chain, where a_1 and c read no state.
+
+    Of an output whose chain has no states nothing is asked: an observer takes it for a measurement of the first state
+    of a chain where it is a constant multiple of that one's output, and a gain acts on no other."""
     form, z = context.form, context.z
     several = form.kind == "block_triangular"
     if len(form.blocks) != len(form.output) or not (several or len(form.blocks) == 1):
@@ -36,7 +39,7 @@ def structure(context: Context, claim: Claim) -> Shown:
         allowed = [z[j] for j in range(len(z)) if _readable(form, places[i], places[j])]
         only(rest.names & set(z), allowed, f"b_{i + 1}")
     _in_order(context, places)
-    for chain, output in enumerate(form.output):
+    for chain, output in ((k, output) for k, output in enumerate(form.output) if form.blocks[k]):
         only(output.names & set(z), (context.heads[chain],), f"output {chain + 1}")
         _ = context.first_gain(chain)
     ranges_kept(context)
@@ -45,6 +48,7 @@ def structure(context: Context, claim: Claim) -> Shown:
     chains = "; ".join(
         " -> ".join((f"y_{k + 1}" if several else "y", *(s for s, (at, _) in zip(z, places, strict=True) if at == k)))
         for k in range(len(form.blocks))
+        if form.blocks[k]
     )
     return Shown(
         f"{chains}{varies}{f' ({form.alignment})' if several else ''}, and the form's equations are the plant's"

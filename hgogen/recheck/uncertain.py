@@ -116,8 +116,11 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
-    """S K, each gain in the column of its chain's output; empty where they are no numbers."""
+    """S K, each gain in the column of its chain's output; empty where they are no numbers, or where outputs without a
+    chain may share the one of another, so that the file does not tell how noise enters."""
     blocks = context.form.blocks
+    if 0 in blocks:
+        return []
     chain = [k for k, size in enumerate(blocks) for _ in range(size)]
     values = [(context.value(s) * context.value(k)).number for s, k in zip(scale, observer.gains, strict=True)]
     known = [value for value in values if value is not None]

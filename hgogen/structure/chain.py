@@ -170,7 +170,11 @@ class Chains:
                 doubt = doubt or (NONE if answer else why)
         if self.broken:
             return (False if self.certain else None), self.broken
-        return (None, doubt) if doubt else (True, because("{chains: and }", chains=map(self._named, self.links)))
+        return (
+            (None, doubt)
+            if doubt
+            else (True, because("{chains: and }", chains=map(self._named, filter(None, self.links))))
+        )
 
     def _named(self, links: Sequence[Link]) -> Reason:
         return because("{names: -> }", names=[links[0].name, *(link.state.name for link in links)])

@@ -23,6 +23,7 @@ import numpy as np
 
 from hgogen.form import Form
 from hgogen.graph import Graph
+from hgogen.structure.spare import shown
 
 Scaled = Literal["both", "process"]
 SCALED: dict[str, int] = {"both": 0, "process": 1}
@@ -73,6 +74,9 @@ def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
     longest, late = max(form.blocks), [0] * len(form.output)
     if form.alignment == "end":
         late = [longest - size for size in form.blocks]
+        for chain in shown(form):
+            for each in chain:
+                late[each.output] = late[chain[0].output]
     return Scaling(exponents(form), tuple(late), SCALED[scaled])
 
 
