@@ -4,6 +4,8 @@
     adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
     verified         what holds of K and P, whoever designed them
 
+and what papers give by formula, which asks for no solver: `formulas` lists it.
+
 For the second `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
 D P + P D >= 0 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is
 computed and proved of them, by `convergence.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
@@ -27,10 +29,22 @@ from hgogen.chains.integrators import integrators
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.guarantees.adaptive_gain import Disturbance, attenuation, candidate, facts, judged, share_of, steepness
+from hgogen.guarantees.adaptive_gain import Disturbance, candidate, facts, judged, share_of, steepness
+from hgogen.guarantees.adaptive_gain import attenuation as block_of
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.certified import obstacle
+from hgogen.guarantees.formulas import (
+    DisturbedError,
+    attenuation,
+    core_eigenvalues,
+    disturbed_error,
+    error_bounds,
+    gain_in_time,
+    gain_of_poles,
+    inside_parabola,
+    least_gamma,
+)
 from hgogen.guarantees.gain_programs import Optimum, Task, best
 from hgogen.guarantees.lmi import gains, solver
 from hgogen.intervals.digits import down, up
@@ -38,6 +52,25 @@ from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive, real, reals
 from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import chains, corners
+
+__all__ = [
+    "Checks",
+    "Design",
+    "DisturbedError",
+    "Infeasible",
+    "adaptive_gain",
+    "attenuation",
+    "constant_gain",
+    "core_eigenvalues",
+    "disturbed_error",
+    "error_bounds",
+    "gain_in_time",
+    "gain_of_poles",
+    "inside_parabola",
+    "least_gamma",
+    "slope",
+    "verified",
+]
 
 _FORM = "a form: hg.forms.triangular(plant)"
 _MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
@@ -125,7 +158,7 @@ def verified(
         first, second = map(Fraction, alphas)
         if min(first, second) <= 0:
             raise BadGain(f"alphas = {alphas}", "must be positive")
-        block = attenuation(known, Fraction(0 if decay is None else decay), first, second)
+        block = block_of(known, Fraction(0 if decay is None else decay), first, second)
         level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
         claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
         checks.append(judged(ClaimId("adaptive_gain", "attenuation"), claim, block, sign=-1))
