@@ -65,7 +65,9 @@ class Form:
     inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
     as a function of z may have poles in the box of z, or is too large there; an observer evaluates it at from_form(z),
     its denominators kept at the side that they have on the image of the plant's ranges, clamped to these ranges.
-    `clamped`: whether an observer clamps these arguments, on which what is proved of it rests.
+    `clamped`: whether an observer clamps these arguments, on which what is proved of it rests. `limits`: of each row of
+    b, the range that its value is limited to by an observer, () without; `free`: whether its argument is then taken as
+    it is, in the place of a clamped one.
     """
 
     system: System
@@ -84,6 +86,8 @@ class Form:
     jacobian: sp.ImmutableDenseMatrix | None = None
     behind: tuple[sp.Expr, ...] | None = None
     clamped: bool = True
+    limits: tuple[tuple[float, float], ...] = ()
+    free: bool = False
 
     def __post_init__(self) -> None:
         """One block of n, each state at its place."""

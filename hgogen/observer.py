@@ -16,7 +16,7 @@ from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
-from hgogen.reading.given import BadGain, real, reals
+from hgogen.reading.given import BadGain, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
 from hgogen.structure.dynamics import Dynamics, Singular
@@ -334,6 +334,15 @@ def high_gain_parameter(theta: Any) -> Field:
     if not 1 <= value < np.inf:
         raise BadGain(f"theta = {value!r}", "must be a finite number, at least 1")
     return gain("theta", value, 1.0, value, "high-gain parameter")
+
+
+def any_theta(theta: Any) -> Field:
+    """The gain `theta` > 0 of a constant injection, which may be below 1, then fixed; no theorem covers it there.
+
+    Raises: `BadGain`.
+    """
+    value = positive("theta", theta)
+    return high_gain_parameter(value) if value >= 1 else gain("theta", value, value, value, "high-gain parameter")
 
 
 def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:

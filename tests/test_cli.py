@@ -738,10 +738,10 @@ def test_an_observer_without_a_tuning_is_a_sentence(here: Path, command: str):
 
 def test_a_theory_that_refuses_says_why(here: Path):
     """The observer's own sentence, with file and key."""
-    text = PENDULUM.read_text().replace('"low_power": {"theta": 20}', '"low_power": {"theta": 0.5}')
+    text = PENDULUM.read_text().replace('"low_power": {"theta": 20}', '"low_power": {"theta": -0.5}')
     (here / "low.py").write_text(text)
     _, err = hgogen("simulate", "low.py", "--observer", "low_power", status=2)
-    assert err == "hgogen: low.py, tuning.low_power: theta = 0.5 must be a finite number, at least 1\n"
+    assert err == "hgogen: low.py, tuning.low_power: theta = -0.5 must be a positive finite number\n"
 
 
 # --- names --------------------------------------------------------------------------------------------------------

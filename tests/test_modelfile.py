@@ -407,7 +407,7 @@ RECIPES: list[tuple[str, Any, str, str]] = [
     ("observer.dt", -1, "observer", "dt"),
     ("observer.thet", 3, "observer.thet", "high_gain has no argument 'thet'; did you mean theta?"),
     ("observer.theta", MISSING, "observer", "the key 'theta' is missing; high_gain needs it"),
-    ("observer.theta", 0.5, "observer", "must be a finite number, at least 1"),
+    ("observer.theta", -0.5, "observer", "must be a positive finite number"),
     ("observer.theta", "big", "observer", "theta"),
     ("observer.poles", [-1], "observer", "pole"),
     ("observer.poles", ["a", "b"], "observer", "pole"),

@@ -495,7 +495,7 @@ def test_numbers_of_any_kind_are_numbers(number: Any) -> None:
         (lambda: adaptive(rate=0), r"rate = 0 must be a positive"),
         (lambda: adaptive(mu=0.3), r"mu = 0\.3 must be thresholds"),
         (lambda: adaptive(innovation=1.0), r"innovation = 1\.0 must be innovation\.staggered"),
-        (lambda: pendulum(theta=0.5), r"theta = 0\.5 must be a finite number, at least 1"),
+        (lambda: pendulum(theta=0), r"theta = 0 must be a positive finite number"),
         (lambda: fitzhugh_nagumo_high_gain(), r"a_2 = -u depends on the input, .* use riccati"),
         (lambda: pendulum(initial={"q": 9}), r"initial q = 9\.0 must be finite and in \[-4, 4\]"),
     ],

@@ -27,10 +27,12 @@ from hgogen.reading.given import BadGain
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.polytope import fixed, span
+from hgogen.structure.saturation import described
 from hgogen.theorem import Theorem
 
 T = TypeVar("T")
-PLANT = "in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges"
+_PLANT = "in chains of integrators the plant is w' = A w + c(w, u), A the shift"
+_CLAMPED = f"{_PLANT}; c takes w clamped to its ranges"
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,7 @@ def observer_on(
         checks=(*form.checks, *clamped(name, form), *checks),
         accepted=accepted,
         theorem=theorem,
-        equations=(*equations, PLANT),
+        equations=(*equations, *described(form), _PLANT if form.free else _CLAMPED),
         reference=reference,
         practical=practical,
         traces=traces,

@@ -45,6 +45,7 @@ from hgogen.intervals.proof import Proof
 from hgogen.reading.door import Misfit
 from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import Corner, chains, corners, extents, fixed, signals, span
+from hgogen.structure.saturation import cut
 from hgogen.structure.scaling import ALIGNED, exponents
 
 GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # of scales from state to state
@@ -193,6 +194,8 @@ def obstacle(form: Form) -> Reason:
     """Why the theorem does not apply as it stands, or `NONE`."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
+    if limited := cut(form):
+        return limited
     if form.jacobian is not None:
         return because("the bound is for an observer in the coordinates of the form, this one stays in the plant's")
     if form.behind is not None:

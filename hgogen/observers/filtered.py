@@ -31,11 +31,12 @@ from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.guarantees.inclusion import on_integrators
 from hgogen.intervals.digits import same
-from hgogen.observer import Observer, founded, high_gain_parameter
+from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, Place, sym
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.starting import starts, two, whole
+from hgogen.structure.saturation import Limits, saturated
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
@@ -75,22 +76,25 @@ def filtered(
     poles: Sequence[complex] | None = None,
     gains: Sequence[float] | np.ndarray | None = None,
     initial: Mapping[str, float] | Sequence[float] | None = None,
+    saturate: Limits = None,
+    arguments: bool = True,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The observer with filtered output injection on a form of one output with constant a_i.
 
     Checks: `filtered.convergence` (a bound on theta is proved), `filtered.theta` (theta is above it).
 
-    Args: `theta` >= 1, the paper's k; `alpha`, `beta` > 0 of the filters, which decay at theta alpha; `poles` (n) of
-    A - L C inside the parabola, or `gains` L (n) in their place; `initial` the plant's state; `accept` ids of refuted
-    checks to build on all the same.
+    Args: `theta` > 0, the paper's k; `alpha`, `beta` > 0 of the filters, which decay at theta alpha; `poles` (n) of
+    A - L C inside the parabola, or `gains` L (n) in their place; `initial` the plant's state; `saturate`
+    limits of b in value, by the state whose row it is in, and `arguments` whether its argument is clamped as well;
+    `accept` ids of refuted checks to build on all the same.
 
     Raises: `Refuted`; `BadPoles`; `OutsideParabola` with the ratio alpha^2/beta that admits the poles; `NotHurwitz` for
     gains whose core does not decay; `BadGain` for other numbers that do not fit, or a form that is no chain of
     integrators.
     """
     accept = founded("filtered", form, accept, takes=integrators)
-    high, chain = high_gain_parameter(theta), integrators("filtered", form)
+    high, chain = any_theta(theta), integrators("filtered", saturated(form, saturate, arguments))
     n, level = chain.n, sym("gain", "theta")
     a, b = positive("alpha", alpha), positive("beta", beta)
     L = _gains(poles, gains, n, a, b)

@@ -27,11 +27,12 @@ from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.guarantees.inclusion import on_integrators
-from hgogen.observer import Observer, founded, high_gain_parameter
+from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.starting import Gains, Scale, starts, two, whole
+from hgogen.structure.saturation import Limits, saturated
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
@@ -78,6 +79,8 @@ def filtered_injection(
     H: Matrix,
     N: Matrix | None = None,
     initial: Mapping[str, float] | Sequence[float] | None = None,
+    saturate: Limits = None,
+    arguments: bool = True,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The observer with a filter of the user's in its output injection, on a form of one output with constant a_i.
@@ -85,14 +88,15 @@ def filtered_injection(
     Checks: `filtered_injection.convergence` (a bound on theta is proved), `filtered_injection.theta` (theta is above
     it).
 
-    Args: `theta` >= 1, the paper's k; `F` (m, m), `G` (m), `H` (n, m) of the filter, `N` (n, n), by default the unit
-    matrix; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+    Args: `theta` > 0, the paper's k; `F` (m, m), `G` (m), `H` (n, m) of the filter, `N` (n, n), by default the unit
+    matrix; `initial` the plant's state; `saturate` limits of b in value, by the state whose row it is in, and
+    `arguments` whether its argument is clamped as well; `accept` ids of refuted checks to build on all the same.
 
-    Raises: `Refuted`; `NotHurwitz` where Q is not; `BadGain` for theta < 1, matrices that do not fit, or a form that is
-    no chain of integrators.
+    Raises: `Refuted`; `NotHurwitz` where Q is not; `BadGain` for theta <= 0, matrices that do not fit, or a form that
+    is no chain of integrators.
     """
     accept = founded("filtered_injection", form, accept, takes=integrators)
-    high, chain = high_gain_parameter(theta), integrators("filtered_injection", form)
+    high, chain = any_theta(theta), integrators("filtered_injection", saturated(form, saturate, arguments))
     n, level, source = chain.n, sym("gain", "theta"), reals("G", G)
     m = source.size
     source, filter_ = _matrix("G", source, (m,)), _matrix("F", F, (m, m))

@@ -25,13 +25,14 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
-from hgogen.observer import Observer, founded, high_gain_parameter, state_field
+from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.saturation import Limits, described, saturated
 from hgogen.structure.spare import mean, shown, unused, weighted
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -79,6 +80,8 @@ def high_gain(
     poles: Sequence[Any] | None = None,
     gains: Sequence[Any] | np.ndarray | None = None,
     initial: Mapping[str, float] | Sequence[float] | None = None,
+    saturate: Limits = None,
+    arguments: bool = True,
     singular: float = 1e-3,
     weights: Mapping[str, float] | None = None,
     accept: Iterable[str] = (),
@@ -89,18 +92,20 @@ def high_gain(
     Checks: `high_gain.convergence` (a bound on theta is proved), `high_gain.theta` (theta is above it);
     `high_gain.lipschitz` in coordinates other than the plant's states (b on the whole box of z).
 
-    Args: `theta` >= 1; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta,
+    Args: `theta` > 0; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta,
     for a_i free of inputs; or `gains` K (n), for any a_i in ranges, such as hg.design.constant_gain(form); of several
-    chains either is a sequence of such, one for each; `initial` the plant's state; `singular` (0..1) switches the
-    correction off near a zero of det dPhi/dx, where that is not proved to have none; `weights` of outputs that show the
-    same state in the mean of their errors, by name (1 for one that is not named): of noise that is 1/v_j, v_j its
+    chains either is a sequence of such, one for each; `initial` the plant's state; `saturate` limits of b in value, by
+    the state whose row it is in, and `arguments` whether its argument is clamped as well; `singular` (0..1) switches
+    the correction off near a zero of det dPhi/dx, where that is not proved to have none; `weights` of outputs that show
+    the same state in the mean of their errors, by name (1 for one that is not named): of noise that is 1/v_j, v_j its
     variance in the unit of the first; `accept` ids of refuted checks to build on all the same.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz` for gains that do not decay at the ends of the ranges of the a_i;
-    `BadGain` for theta < 1, gains of another length, a form that has no chains, or poles on an A(u).
+    `BadGain` for theta <= 0, gains of another length, a form that has no chains, or poles on an A(u).
     """
     accept = founded("high_gain", form, accept)
-    high, dynamics = high_gain_parameter(theta), Dynamics(form)
+    form = saturated(form, saturate, arguments)
+    high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]
     chosen = constant_gain("high_gain", form, poles, gains)
     z, least = state_field(form, initial, theta), _least(dynamics, singular)
@@ -120,7 +125,7 @@ def high_gain(
         checks=(*form.checks, *clamped("high_gain", form), *checks("high_gain", theta, chosen.bound)),
         accepted=accept,
         theorem=_theorem(form, chosen),
-        equations=(_equation(form), f"K = {chosen}", *_means(form, weights)),
+        equations=(_equation(form), f"K = {chosen}", *_means(form, weights), *described(form)),
         reference=REFERENCE,
         notices=() if least is None else _notices(dynamics, least),
         error=chosen.error,

@@ -29,11 +29,12 @@ from hgogen.graph import Graph
 from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.guarantees.inclusion import on_integrators
-from hgogen.observer import Observer, founded, high_gain_parameter
+from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Place, sym
 from hgogen.reading.given import BadGain
 from hgogen.starting import starts
+from hgogen.structure.saturation import Limits, saturated
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, A high-gain nonlinear observer with limited gain power, IEEE TAC 60 (2015)"
@@ -66,20 +67,23 @@ def low_power(
     gains: Sequence[Sequence[float]] | np.ndarray | None = None,
     poles: Sequence[complex] | None = None,
     initial: Mapping[str, float] | Sequence[float] | None = None,
+    saturate: Limits = None,
+    arguments: bool = True,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The low-power observer on a form of one output with constant a_i, at least two states.
 
     Checks: `low_power.convergence` (a bound on theta is proved), `low_power.theta` (theta is above it).
 
-    Args: `theta` >= 1; `gains` k (n - 1, 2), or the 2n - 2 `poles` of the linear error core at theta = 1, by default
-    all at -1; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+    Args: `theta` > 0; `gains` k (n - 1, 2), or the 2n - 2 `poles` of the linear error core at theta = 1, by default
+    all at -1; `initial` the plant's state; `saturate` limits of b in value, by the state whose row it is in, and
+    `arguments` whether its argument is clamped as well; `accept` ids of refuted checks to build on all the same.
 
-    Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta < 1, gains of
+    Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta <= 0, gains of
     another shape, or a form that is no chain of at least two integrators.
     """
     accept = founded("low_power", form, accept, takes=integrators)
-    high, chain = high_gain_parameter(theta), integrators("low_power", form)
+    high, chain = any_theta(theta), integrators("low_power", saturated(form, saturate, arguments))
     n, pairs = chain.n, chain.n - 1
     if n < 2:
         raise BadGain("low_power", f"wants at least two states, {form.system.name} has {n}; use high_gain")

@@ -32,7 +32,7 @@ from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.guarantees.inclusion import on_integrators
 from hgogen.intervals.digits import same
-from hgogen.observer import Observer, founded, high_gain_parameter
+from hgogen.observer import Observer, any_theta, founded
 from hgogen.program import Place, sym
 from hgogen.reading.given import BadGain, positive
 from hgogen.starting import starts
@@ -85,14 +85,14 @@ def peaking_free(
     Checks: `peaking_free.convergence` (a bound on theta is proved, saturations and all; it takes cvxpy, and up to five
     states), `peaking_free.theta` (theta is above it).
 
-    Args: `theta` >= 1; `gains` (alpha_i, beta_i) (n - 1, 2), or 2n - 2 `poles` at theta = 1, by default (2, (n - i)/i):
+    Args: `theta` > 0; `gains` (alpha_i, beta_i) (n - 1, 2), or 2n - 2 `poles` at theta = 1, by default (2, (n - i)/i):
     all at -1; `last` alpha_n > 0; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
 
-    Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta < 1, gains of
+    Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta <= 0, gains of
     another shape or not positive, a state without a range, or a form that is no chain of at least two integrators.
     """
     accept = founded("peaking_free", form, accept, takes=integrators)
-    high, chain = high_gain_parameter(theta), integrators("peaking_free", form)
+    high, chain = any_theta(theta), integrators("peaking_free", form)
     n, pairs, alpha = chain.n, chain.n - 1, positive("last", last)
     if n < 2:
         raise BadGain("peaking_free", f"wants at least two states, {form.system.name} has {n}; use high_gain")

@@ -32,8 +32,10 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
     """
     if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
-    verdict, reason, *proofs = _bounded_slope(form, boxes)
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
+    if form.free:
+        return (Check(ClaimId(observer, "lipschitz"), claim, Verdict.UNKNOWN, because("it is not clamped")),)
+    verdict, reason, *proofs = _bounded_slope(form, boxes)
     return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(map(Slopes, proofs))),)
 
 

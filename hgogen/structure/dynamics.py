@@ -26,6 +26,7 @@ from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
+from hgogen.structure.matrices import filled, regular_at
 from hgogen.structure.sided import Sided, sided
 
 # A value beyond this is absurd in any unit; its square still is a float.
@@ -112,17 +113,26 @@ class Dynamics:
         return column(clamp(values[i], *end) for i, end in enumerate(ends)) if self.form.clamped else values
 
     def flow(self, z: Graph, u: Graph) -> Graph:
-        """The rate z' (n), with the argument of b clamped."""
-        linear, nonlinear = self._graphs(self.saturated(z), u)
-        return linear @ z + nonlinear
+        """The rate z' (n), with the argument of b clamped, or its value limited."""
+        linear, nonlinear = self._graphs(self._argument(z), u)
+        return linear @ z + self._limited(nonlinear)
 
     def linear(self, u: Graph) -> Graph:
         """A(u), sparse (n, n), of a form whose A is free of states."""
         return self._graphs(self._z, u)[0]
 
     def nonlinear(self, z: Graph, u: Graph) -> Graph:
-        """The nonlinear part b (n), with its argument clamped."""
-        return self._graphs(self.saturated(z), u)[1]
+        """The nonlinear part b (n), with its argument clamped, or its value limited."""
+        return self._limited(self._graphs(self._argument(z), u)[1])
+
+    def _argument(self, z: Graph) -> Graph:
+        """What b takes: z clamped to the box, or as it is where values alone are limited."""
+        return z if self.form.free else self.saturated(z)
+
+    def _limited(self, b: Graph) -> Graph:
+        """b (n), each row in its limits, where it has some."""
+        ends = self.form.limits
+        return column(clamp(b[i], *end) for i, end in enumerate(ends)) if ends else b
 
     def affine(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A (n, n), sparse, and b (n), both at sat(z)."""
@@ -215,7 +225,7 @@ class Dynamics:
         if least is None:
             return ca.solve(map_, vector)
         regular = ca.fabs(self.determinant(place, u)) > least
-        solved = ca.solve(_regular(map_, regular), vector)
+        solved = ca.solve(regular_at(map_, regular), vector)
         return column(ca.if_else(regular, solved[i], 0) for i in range(n))
 
     def determinant(self, z: Graph, u: Graph) -> Graph:
@@ -281,11 +291,11 @@ class Dynamics:
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A and b at z, which its callers have clamped."""
         entries = self.form.A.todok()
-        linear = _filled(entries.keys(), self._convert(entries.values(), z, u), self.n)
+        linear = filled(entries.keys(), self._convert(entries.values(), z, u), self.n)
         if self.form.behind is not None:
             states = self._behind(z, u)
             return linear, column(self._convert(self.form.behind, states, u, self.form.system.states))
-        return linear, column(self._convert(self.form.b, z, u))
+        return linear, column(self._convert(self.form.b, z, u, boxed=not self.form.free))
 
     def _behind(self, z: Graph, u: Graph) -> Graph:
         """Psi(z), each state in its range, at z, which its callers have clamped."""
@@ -333,13 +343,21 @@ class Dynamics:
         """The parameters that have no range, with their values."""
         return tuple((p, value) for p, value in self.form.system.nominal.items() if not p.bounded)
 
-    def _convert(self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None) -> list[Graph]:
+    def _convert(
+        self,
+        expressions: Any,
+        z: Graph,
+        u: Graph,
+        states: Sequence[sp.Symbol] | None = None,
+        boxed: bool = True,
+    ) -> list[Graph]:
+        """The expressions as graphs; `boxed`: of arguments that are clamped, by a form that clamps."""
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
         rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
-        if self.form.clamped:
+        if self.form.clamped and boxed:
             around = self._around(states or self.form.states)
             rows = (computed(e, around) for e in rows)
         return to_casadi([_with_constants(e, self._constants) for e in rows], symbols)
@@ -349,30 +367,6 @@ class Dynamics:
 def _with_constants(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ...]) -> sp.Expr:
     """The expression with the values of the parameters that have no range."""
     return expression.subs(dict(constants))
-
-
-def _filled(places: Iterable[tuple[int, int]], values: Sequence[Graph], n: int) -> Graph:
-    """The SX matrix (n, n), sparse, with these values at (row, column)."""
-    matrix = ca.SX(n, n)
-    for place, value in zip(places, values, strict=True):
-        matrix[place] = value
-    return ca.sparsify(matrix)
-
-
-def _regular(matrix: Graph, test: Graph) -> Graph:
-    """The matrix where the test holds, elsewhere one that has an inverse as well: nothing is divided by 0.
-
-    Its pivots are 1 there, and what is off them 0 but for one that is triangular in an order.
-    """
-    blocks, rows, columns, *_ = matrix.sparsity().btf()
-    pivots = set(zip(rows, columns, strict=True))
-    regular = ca.SX(matrix)
-    for i, j in zip(*matrix.sparsity().get_triplet(), strict=True):
-        pivot = (i, j) in pivots
-        moves = not matrix[i, j].is_constant() if pivot else blocks < len(rows)
-        if moves:
-            regular[i, j] = ca.if_else(test, matrix[i, j], float(pivot))
-    return regular
 
 
 def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
