@@ -84,7 +84,7 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     scale, n = integrators(context, evidence), len(context.z)
     core = CORES[observer.name](observer.numbers, n)
     t = [scale.units[i] for i in core.index]
-    slopes, boxes = _slopes(context, evidence, scale.expressions, [*range(n)], core.fed, core.index, core.picks)
+    slopes, boxes = bounded_slopes(context, evidence, scale.expressions, [*range(n)], core.fed, core.index, core.picks)
     for of, onto in core.gates:
         moved = [x * t[k] / t[of] for k, x in enumerate(onto)]
         slopes.append(Slope(of, moved, Fraction(0), Fraction(1), -1))
@@ -102,7 +102,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     boxes, longest = steady(context, observer.gains) + invertible(context, scale), max(form.blocks)
     shift = [longest - size if form.alignment == "end" else 0 for size in form.blocks]
     powers = [late + level for late, size in zip(shift, form.blocks, strict=True) for level in range(size)]
-    slopes, more = _slopes(context, evidence, scale, powers, [True] * n, [*range(n)], [*range(n)])
+    slopes, more = bounded_slopes(context, evidence, scale, powers, [True] * n, [*range(n)], [*range(n)])
     if ("core" in evidence) is ("ranges" in evidence):
         raise NotShown("its evidence has not one of a core and ranges")
     seen, N = 0, zeros(n, n)
@@ -162,7 +162,7 @@ def _number(context: Context, text: Expression) -> Fraction:
     return value
 
 
-def _slopes(
+def bounded_slopes(
     context: Context,
     evidence: Mapping[str, Any],
     scale: list[Expression],
@@ -170,9 +170,10 @@ def _slopes(
     fed: list[bool],
     index: list[int],
     picks: list[int],
+    least: int = 0,
 ) -> tuple[list[Slope], int]:
     """The slopes of b in the coordinates `scale` z, each with 0 in its range, of every b_i in every z_j that it reads,
-    and with how many boxes they are shown. Raises: `NotShown`."""
+    and with how many boxes they are shown. A degree may be as low as `least`. Raises: `NotShown`."""
     form, listed, boxes, slopes = context.form, _listed(evidence), 0, list[Slope]()
     names = {name for text in (*form.b, *scale) for name in text.names}
     where = narrowed(form.box, names)
@@ -187,7 +188,7 @@ def _slopes(
             boxes += covered(where, tree, steep(form.b, context.z, Fraction(0), scale, _entry(i, j, low, high)))
             onto = [Fraction(int(enters and at == i)) for enters, at in zip(fed, index, strict=True)]
             degree = powers[i] - powers[j]
-            if degree < 0:
+            if degree < least:
                 raise NotShown(f"b_{i + 1} reads {z}, of a higher power of theta")
             slopes.append(Slope(picks[j], onto, min(low, Fraction(0)), max(high, Fraction(0)), degree))
     if listed:

@@ -1,0 +1,145 @@
+"""High-gain observer on the uniform form, whose slopes from state to state vary.
+
+    z' = F(z, u) + Lambda(z, u)^-1 diag(theta, .., theta^n) K (y - h(z_1, u))
+    Lambda = a diag(1, F_1', F_1' F_2', ..),   F_k' = dF_k/dz_(k+1),   y = a z_1 + c
+
+on z_i' = F_i(z_1, .., z_(i+1), u). F and Lambda take z clamped to the declared box; beyond it F_k goes on in z_(k+1) on
+a line, whose slope s_k is one of those that F_k' has: it is s_k z_(k+1) + b_k(sat z, u). Source: Hammouri, Farza,
+"Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003). Its proof takes e in Lambda(z, u),
+whose derivative holds theta^i e_1, so that it bounds theta for small errors alone. What is proved here is a constant P
+in which the error decays from everywhere, all slopes and gains anywhere in their ranges (`uniform_error`): with K
+binomial, and no other slopes, while the largest F_k' is below 5.8 times the smallest for n = 2, and 2 times for n = 3.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import sympy as sp
+
+from hgogen.chains.injection import companion, injection_gains, listed, scaled
+from hgogen.check import Claims
+from hgogen.form import Form
+from hgogen.graph import Graph
+from hgogen.guarantees.bounded_theta import checks
+from hgogen.guarantees.uniform_error import certified, middles, slopes_on
+from hgogen.observer import Observer, any_theta, founded, state_field
+from hgogen.part import Ode
+from hgogen.program import Block, Field, Place, sym
+from hgogen.reading.given import BadGain
+from hgogen.sentence import Reason
+from hgogen.starting import starts
+from hgogen.structure.dynamics import Dynamics
+from hgogen.theorem import LIPSCHITZ, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Hammouri, Farza, Nonlinear observers for locally uniformly observable systems, ESAIM: COCV 9 (2003)"
+EQUATION = "z' = F(z, u) + Lambda^-1 diag(theta, .., theta^n) K (y - h), Lambda = a diag(1, F_1', F_1' F_2', ..)"
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state",
+    (
+        Hypothesis("z_i' = F_i(z_1, .., z_(i+1), u), y = h(z_1, u)", (Claims("uniform", "structure"),)),
+        Hypothesis("every dF_i/dz_(i+1) keeps off zero", (Claims("uniform", "slope"),)),
+        LIPSCHITZ,
+        Hypothesis(
+            "one P > 0 has (J - g a C)'P + P (J - g a C) < 0 for all slopes and gains in their ranges",
+            (Claims("uniform_injection", "convergence"),),
+            reason="in the place of the paper's Lyapunov function, which is of small errors",
+        ),
+        Hypothesis("theta is large enough", (Claims("uniform_injection", "theta"),), reason="of its declared value"),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+@starts(
+    "the slope of a row in its next state varies, and keeps off zero",
+    "`hg.forms.uniform`; proved where the slopes vary little, as 1 to 5.8 for n = 2",
+    "n",
+    lambda s: s.high,
+    quick=3,
+    costly=True,
+)
+def uniform_injection(
+    form: Form,
+    *,
+    theta: float,
+    poles: Sequence[complex] | None = None,
+    gains: Sequence[float] | np.ndarray | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The high-gain observer on a uniform form whose output is linear in its state, up to a known offset.
+
+    Checks: `uniform_injection.convergence` (every theta above a bound converges; it takes cvxpy, and up to six states),
+    `uniform_injection.theta` (theta is above it).
+
+    Args: `theta` > 0; `poles` (n) of A - K C, A the shift, or `gains` K (n) in their place; `initial` the plant's
+    state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz` for gains that do not decay; `BadGain` for theta <= 0, gains of another
+    length, another form, an output that bends, or a slope that is not shown to keep off zero.
+    """
+    accept = founded("uniform_injection", form, accept, takes=_split)
+    high, form = any_theta(theta), _split("uniform_injection", form)
+    K = injection_gains("uniform_injection", poles, gains, form.n)
+    dynamics, z = Dynamics(form), state_field(form, initial, high.initial[0])
+    inverse = Dynamics(replace(form, jacobian=_diagonal(form)))
+    labels = tuple(f"theta{f'^{i}' if i > 1 else ''} K_{i}" for i in range(1, form.n + 1))
+
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+        push = inverse.pulled(sym("derived", "K", form.n), values["z"], u, None)
+        return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
+
+    part = Ode(
+        (z,),
+        rest,
+        core=high.initial[0] * companion(K),
+        derived=(Field("K", (0.0,) * form.n, labels=labels, meaning="observer gain"),),
+        tune=(Block("observer gain", {Place("derived", "K"): scaled(K, sym("gain", "theta"))}),),
+    )
+    bound = certified(form, tuple(K.tolist()), high.initial[0])
+    beyond = (f"{float(s):g} in {z}" for z, s in zip(form.states[1:], _above(form), strict=True))
+    return Observer(
+        form=form,
+        name="uniform_injection",
+        parts=(part,),
+        gains=(high,),
+        z=sym("state", "z", form.n),
+        dynamics=dynamics,
+        checks=(*form.checks, *checks("uniform_injection", high.initial[0], bound)),
+        accepted=accept,
+        theorem=THEOREM,
+        equations=(EQUATION, f"K = {listed(K)}", f"beyond the ranges F goes on with the slopes {', '.join(beyond)}"),
+        reference=REFERENCE,
+    )
+
+
+def _split(observer: str, form: Form) -> Form:
+    """The form with A = s_k above its diagonal, and b the rest. Raises: `BadGain`."""
+    if form.kind != "uniform" or not form.structured:
+        raise BadGain(observer, f"takes a uniform form, this one is {form.kind}; use hg.forms.uniform, or high_gain")
+    head, output = form.states[0], form.output[0]
+    a = sp.diff(output, head)
+    if sp.expand(output - a * head).has(head) or a.has(head):
+        raise BadGain(observer, f"wants an output that is linear in its state, not {output}; recast the state as it")
+    numbers = middles(form)
+    if isinstance(numbers, Reason):
+        raise BadGain(observer, f"divides by the slopes: {numbers}; declare or narrow the ranges, or use riccati")
+    A = sp.zeros(form.n, form.n)
+    for k, s in enumerate(numbers):
+        A[k, k + 1] = s
+    rest = form.flow if not numbers else tuple(sp.Matrix(form.flow) - A * sp.Matrix(form.states))
+    return replace(form, A=sp.ImmutableDenseMatrix(A), b=tuple(rest))
+
+
+def _above(form: Form) -> list[sp.Expr]:
+    return [form.A[k, k + 1] for k in range(form.n - 1)]
+
+
+def _diagonal(form: Form) -> sp.ImmutableDenseMatrix:
+    """Lambda."""
+    entries = [sp.diff(form.output[0], form.states[0])]
+    for each in slopes_on(form):
+        entries.append(entries[-1] * each)
+    return sp.ImmutableDenseMatrix(sp.diag(*entries))

@@ -1,0 +1,193 @@
+"""The convergence of a high gain on the uniform form, verified again.
+
+    z' = F(z, u) + diag(g_1, .., g_n) (y - h),   F_k = s_k z_(k+1) + b_k(sat z, u),   y = a z_1 + c
+    g_i = theta^i K_i/(a F_1' .. F_(i-1)') at (sat z, u),   F_k' = dF_k/dz_(k+1)
+
+    e' = (theta (N - diag(K_1, K_2 q_1, K_3 q_1 q_2, ..) 1 C) + slopes) e,   q_k in the range of s_k/F_k'
+
+for e_i = s_1 .. s_(i-1) (z_i - x_i)/theta^(i-1), x the plant's state in its ranges, N the shift, the slopes those of b,
+each with 0 in its range, as a clamp lets a share of an error pass. A slope of F_k in z_(k+1) grows as theta does, and
+the others do not grow: what decays in |e|_P at the claim's theta decays at every larger one. The matrix is affine in
+each slope and in each q_k. So P > 0 with -M'P - P M > alpha P at all combinations of ends shows |e|_P^2 to fall like
+exp(-alpha t); else multipliers S >= 0 of the slopes do, each K_i q_1 .. q_(i-1) taken for a slope of its own.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from fractions import Fraction
+from itertools import product
+from math import prod
+from typing import Any
+
+from ..box import NotShown
+from ..chain import built, constants
+from ..context import RANGE, Context, Shown, enclosed, only, short
+from ..file import Built, Claim, Observer, part
+from ..matrix import (
+    Matrix,
+    column,
+    demand_positive,
+    entries,
+    matrix,
+    minus,
+    plus,
+    scalar,
+    scaled,
+    times,
+    transposed,
+    twice,
+    zeros,
+)
+from ..rule import Rule, of_observer
+from ..slope import at_kinks, continuous
+from ..text import Expression
+from ..threshold import above
+from ..uncertain import ErrorInclusion, Slope, bounded_slopes
+
+_CORNERS = 1024  # of slopes and shares
+Shares = list[tuple[Fraction, Fraction]]
+
+
+def convergence(context: Context, claim: Claim) -> Shown:
+    """Every theta above the claim's converges; the structure of the form is another claim."""
+    _ = context.equations
+    observer, evidence, n = built(context, claim), claim.evidence, len(context.z)
+    K, s = column(observer.numbers, "gains", n), _above(context)
+    only(context.form.output[0].names & set(context.z), context.z[:1], "the output")
+    _ = context.first_gain(0)
+    slopes, boxes = _slopes(context, evidence, s)
+    shares, more = _shares(context, evidence, s)
+    theta, alpha, P = scalar(evidence, "level"), scalar(evidence, "alpha"), matrix(evidence, "P", n, n)
+    if not (theta > 0 and alpha > 0):
+        raise NotShown("its theta or its rate is not positive")
+    demand_positive({"P": P})
+    if part(evidence, "S", list):
+        error = _inclusion(n, [*slopes, *_of_products(K, shares)])
+        _by_multipliers(error.at(theta), P, alpha, evidence)
+    else:
+        for M in _corners(_inclusion(n, slopes).at(theta), K, shares, theta):
+            demand_positive({"-M'P - P M - alpha P": minus(scaled(Fraction(-1), twice(P, M)), scaled(alpha, P))})
+    above_ = f"the error against the plant converges exponentially for every theta above {short(theta, 1)}"
+    return Shown(f"in continuous time, without noise, {above_}", boxes + more)
+
+
+def _above(context: Context) -> list[Fraction]:
+    """The numbers s_k above the diagonal of A, where it has nothing else. Raises: `NotShown`."""
+    numbers = []
+    for i, row in enumerate(context.form.A):
+        for j, text in enumerate(row):
+            entry = context.value(text)
+            if j != i + 1:
+                if not context.algebra.is_zero(entry):
+                    raise NotShown(f"A[{i + 1},{j + 1}] is not zero")
+                continue
+            if not entry.number:
+                raise NotShown(f"A[{i + 1},{j + 1}] is no number, or zero")
+            numbers.append(entry.number)
+    return numbers
+
+
+def _slopes(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[list[Slope], int]:
+    """The slopes of b, and with how many boxes they are shown. Raises: `NotShown`."""
+    n = len(context.z)
+    scale = constants(context, entries(evidence, "scale", n))
+    if [context.value(text).number for text in scale] != [prod(s[:i], start=Fraction(1)) for i in range(n)]:
+        raise NotShown("its scale is not that of the slopes above the diagonal of A")
+    every = [*range(n)]
+    return bounded_slopes(context, evidence, scale, every, [True] * n, every, every, least=-1)
+
+
+def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) -> tuple[Shares, int]:
+    """The range of each s_k/F_k', and with how many boxes these are shown. Raises: `NotShown`."""
+    shares, boxes, one = Shares(), 0, context.algebra.number(Fraction(1))
+    for k, (number, range_) in enumerate(zip(s, entries(evidence, "shares", len(s)), strict=True)):
+        if not isinstance(range_, Mapping) or range_.keys() != set(RANGE):
+            raise NotShown(f"a range of a slope is no object with {', '.join(RANGE)}")
+        rate, z = context.rates[k], context.z[k + 1]
+
+        def read(text: Expression, rate: Expression = rate) -> Expression:
+            return at_kinks(text, rate, context)
+
+        stated = Claim("", "proved", range_, "", "", "", ())
+        low, high, shown = enclosed(context, stated, one / context.slope(rate, z), rate, read)
+        if low <= 0 <= high:
+            raise NotShown("the bounds of a slope do not keep clear of zero")
+        continuous((rate,), (z,), context.form.box)
+        shares.append((min(number * low, number * high), max(number * low, number * high)))
+        boxes += shown.boxes
+    return shares, boxes
+
+
+def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
+    """The shift and the slopes."""
+    shift = zeros(n, n)
+    for k in range(n - 1):
+        shift[k][k + 1] = Fraction(1)
+    return ErrorInclusion(shift, slopes, 0, [], [*range(n)], [*range(n)], [])
+
+
+def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
+    """K_1, K_2 q_1, K_3 q_1 q_2, .."""
+    return [k * prod(q[:i], start=Fraction(1)) for i, k in enumerate(K)]
+
+
+def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
+    """Each K_i q_1 .. q_(i-1) as a slope of its own."""
+    every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
+    for i in n:
+        ends = [each[i] for each in every]
+        yield Slope(0, [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
+
+
+def _corners(
+    parts: tuple[Matrix, Matrix, Matrix], K: list[Fraction], shares: Shares, theta: Fraction
+) -> Iterator[Matrix]:
+    """The matrix of the error at all combinations of ends. Raises: `NotShown`."""
+    M, G, H = parts
+    ends = [sorted(set(pair)) for pair in shares]
+    if 2 ** len(H) * prod(map(len, ends)) > _CORNERS:
+        raise NotShown(f"its slopes have more than {_CORNERS} combinations of ends")
+    for d in product((-1, 1), repeat=len(H)):
+        moved = plus(M, times(G, [[x * value for value in row] for x, row in zip(d, H, strict=True)])) if d else M
+        for q in product(*ends):
+            push = _injected(K, q)
+            yield [[x - theta * push[i] * (j == 0) for j, x in enumerate(row)] for i, row in enumerate(moved)]
+
+
+def _by_multipliers(
+    parts: tuple[Matrix, Matrix, Matrix], P: Matrix, alpha: Fraction, evidence: Mapping[str, Any]
+) -> None:
+    """-[M'P + P M + alpha P + H'S H, P G; G'P, -S] > 0, S >= 0 diagonal. Raises: `NotShown`."""
+    M, G, H = parts
+    S, n = column(evidence, "S", len(H)), len(M)
+    if any(value < 0 for value in S):
+        raise NotShown("its S has a negative number")
+    weighed = times(transposed(H), [[value * x for x in row] for value, row in zip(S, H, strict=True)])
+    corner, side = plus(twice(P, M), scaled(alpha, P), weighed), times(P, G)
+    whole = zeros(n + len(S), n + len(S))
+    for i in range(n):
+        for j in range(n):
+            whole[i][j] = -corner[i][j]
+        for j in range(len(S)):
+            whole[i][n + j] = whole[n + j][i] = -side[i][j]
+    for j, value in enumerate(S):
+        whole[n + j][n + j] = value
+    demand_positive({"its inequality, negated,": whole})
+
+
+def threshold(observer: Observer, claim: Claim) -> Fraction:
+    """The theta of a claim of convergence."""
+    return scalar(claim.evidence, "level")
+
+
+def _rule(rule: Rule, *rests: str) -> Rule:
+    return replace(rule, kinds=("uniform",), rests=rests)
+
+
+_NAME = "uniform_injection"
+_KEYS = ("scale", "slopes", "shares", "level", "alpha", "P", "S")
+OBSERVERS = {_NAME: Built(("theta", "gains"))}
+RULES = (
+    _rule(of_observer(_NAME, "convergence", convergence, _KEYS), "uniform.structure", "uniform.slope_1"),
+    _rule(of_observer(_NAME, "theta", above(threshold)), f"{_NAME}.convergence"),
+)
