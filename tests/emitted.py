@@ -167,6 +167,24 @@ def tables() -> hg.Step:
     return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[0.1] * 3, R=0.01), dt=0.01)
 
 
+def redundant() -> hg.Step:
+    """Two sensors of one state, and b limited in value in the place of its argument."""
+    a, b, u, y, v = signals("a b u y v", -3, 3)
+    flow = [b, -(a**3) - b + u]
+    plant = hg.System("redundant", states=(a, b), inputs=(u,), outputs=(y, v), flow=flow, output=[a, 1 - 2 * a])
+    form, gains = hg.forms.block_triangular(plant), {"weights": {"v": 3}, "saturate": 20, "arguments": False}
+    return hg.sample(hg.observers.high_gain(form, theta=5, poles=(-1, -1), **gains), hg.methods.rk4, dt=0.01)
+
+
+def bent() -> hg.Step:
+    """The uniform form: a division by a slope, and a row that goes on along a line."""
+    a, b, u, y = signals("a b u y", -1, 1)
+    flow = [b + b**3 / 3, -sp.sin(a) + u]
+    plant = hg.System("bent", states=(a, b), inputs=(u,), outputs=(y,), flow=flow, output=[a])
+    observer = hg.observers.uniform_injection(hg.forms.uniform(plant), theta=5, poles=(-1, -1))
+    return hg.sample(observer, hg.methods.rk4, dt=0.01)
+
+
 def wide() -> hg.Step:
     """More status bits than a 16-bit int has."""
     x, y = signals(" ".join(f"x{i}" for i in range(7))), signals(" ".join(f"y{i}" for i in range(7)))
@@ -195,6 +213,8 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "functions": functions,
     "tables": tables,
     "wide": wide,
+    "redundant": redundant,
+    "bent": bent,
 }
 
 
