@@ -22,6 +22,7 @@ from hgogen.which_forms import of
 x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)
 y1, y2, y3 = hg.Signal("y1"), hg.Signal("y2"), hg.Signal("y3")
 k, u = hg.Signal("k", nominal=2, low=1, high=3), hg.Signal("u", low=1, high=2)
+c = hg.Signal("c", nominal=2.5)
 GAINS: dict[str, Any] = {"theta": 10, "poles": (-1, -1)}
 
 
@@ -32,7 +33,7 @@ def swing(*output: Any) -> hg.System:
         states=(x1, x2),
         inputs=(u,),
         outputs=(y1, y2, y3)[: len(output)],
-        parameters=(k,),
+        parameters=(k, c),
         flow=[x2, -sp.sin(x1) + u],
         output=output,
     )
@@ -57,6 +58,7 @@ def verdicts(checks: Any) -> dict[str, str]:
         ((x1, x1 + u), (2, 0), ((0, 1), (1, 1))),
         ((k * x1, 3 * k * x1), (2, 0), ((0, 1), (1, 3))),
         ((x1, x1, x1 / 2), (2, 0, 0), ((0, 1), (1, 1), (2, sp.Rational(1, 2)))),
+        ((x1, c * x1), (2, 0), ((0, 1), (1, sp.Rational(5, 2)))),  # a constant has its value
         ((x1, k * x1), (2, 0), ((0, 1),)),  # a multiple that can be tuned is no number
         ((x1, u * x1), (2, 0), ((0, 1),)),
         ((x1, x1 + x2), (2, 0), ((0, 1),)),
@@ -140,7 +142,7 @@ def test_sensors_that_agree_are_one(method: Any) -> None:
 
 @pytest.mark.parametrize("method", [hg.methods.rk4, hg.methods.exponential])
 def test_a_sensor_that_is_silent_leaves_the_other(method: Any) -> None:
-    """The mean is of the samples that are there: the first sensor stops, later the second, then comes back."""
+    """The mean is of the samples that are there: the first sensor stops, and later the second."""
     y, silent = samples(), np.full(200, np.nan)
     a, b = np.where(np.arange(200) < 50, y, silent), np.where(np.arange(200) < 150, y, silent)
     one = ran(stepped(x1, method=method), b)
@@ -183,6 +185,29 @@ def test_the_certificate_is_verified() -> None:
     rows = recheck(json.dumps(content)).rows
     assert {row.found for row in rows} == {"verified"}
     assert len(rows) > 7
+
+
+def test_gains_for_an_input_in_the_chain_are_proved_too() -> None:
+    """x1' = u x2, measured twice: one P for the ends of u, and its certificate."""
+    pytest.importorskip("clarabel")
+    plant = hg.System(
+        "driven", states=(x1, x2), inputs=(u,), outputs=(y1, y2), flow=[u * x2, -sp.sin(x1)], output=[x1, -x1]
+    )
+    observer = hg.observers.high_gain(hg.forms.block_triangular(plant), theta=20, gains=(2, 1))
+    assert verdicts(observer.checks)["high_gain.theta"] == "proved"
+    rows = recheck(json.dumps(hg.certificate(observer.form, observer.checks, "high_gain"))).rows
+    assert {row.found for row in rows} == {"verified"}
+    step = hg.sample(observer, hg.methods.rk4, dt=0.01, engine="python")
+    alone = hg.observers.high_gain(
+        hg.forms.triangular(
+            hg.System("driven", states=(x1, x2), inputs=(u,), outputs=(y1,), flow=plant.flow, output=[x1])
+        ),
+        theta=20,
+        gains=(2, 1),
+    )
+    y = np.sin(np.arange(200) / 30)
+    one = ran(hg.sample(alone, hg.methods.rk4, dt=0.01, engine="python"), y)
+    assert np.abs(ran(step, np.where(np.arange(200) > 70, np.nan, y), -y) - one).max() < 1e-12
 
 
 @pytest.mark.parametrize(

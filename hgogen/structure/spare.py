@@ -19,6 +19,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.reading.given import BadGain, positive
 from hgogen.reading.named import in_order
+from hgogen.structure.polytope import fixed
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ def unused(form: Form) -> tuple[int, ...]:
 
 def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
     """dy_j/dz over dy_i/dz where y_j reads no other state and it is a number, not 0; else None."""
-    one, other = (sp.diff(exact(form.output[k]), z) for k in (i, j))
+    known = dict(fixed(form))
+    one, other = (sp.diff(exact(sp.sympify(form.output[k]).xreplace(known)), z) for k in (i, j))
     if form.output[j].free_symbols & {*form.states} != {z}:
         return None
     ratio = sp.cancel(other / one)
