@@ -67,6 +67,22 @@ def test_the_paper_in_continuous_time() -> None:
     assert simulation.last == pytest.approx((0.4829, 0.5814), abs=1e-4)
 
 
+def test_the_law_as_printed_locks_itself_up() -> None:
+    """(90) as printed has the rate 0 at both ends: from gamma_inf, where the paper begins, gamma never rises, however
+    large the residual is; from gamma_sup it never falls, however small. Projected it does both."""
+    low, high, printed, projected = oracle.LOW, oracle.HIGH, oracle.printed, oracle.projected
+    assert printed(low, 1.0) == 0 < projected(low, 1.0)
+    assert printed(high, 0.0) == 0 > projected(high, 0.0)
+    stuck, slow = oracle.under(printed, low, 1.0)
+    free, fast = oracle.under(projected, low, 1.0)
+    assert stuck == low
+    assert free == pytest.approx(low, abs=0.05)  # it rose, and is back
+    assert fast == pytest.approx(0.4829, abs=6e-3)  # in continuous time; the steps are Euler's
+    assert slow > 1.1 * fast
+    assert oracle.under(printed, high, 1.0)[0] == high
+    assert oracle.under(projected, high, 1.0)[0] < 30
+
+
 def test_the_step_converges_to_continuous_time_as_its_switches_do() -> None:
     """A switch is seen within a step, so that gamma errs by rise gamma dt at each of three switches at most; between
     switches the order is four, and nothing else is left at these dt."""

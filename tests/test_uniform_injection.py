@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from oracle.uniform_injection import uniform_injection
 
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
@@ -58,30 +59,29 @@ def certificate(observer: hg.Observer) -> dict[str, Any]:
 # --- the equation -------------------------------------------------------------------------------------------
 
 
-def oracle(z: np.ndarray, force: float, sample: float, theta: float, s: float) -> np.ndarray:
-    """The estimate's rate for bent(2, 3, "-x1 + u"): F' = 1 + 2 x2^2, K = (2, 1), the line s x2 beyond |x2| = 1."""
-    held = np.clip(z, -1, 1)
-    e = sample - z[0]
-    F1 = held[1] + 2 * held[1] ** 3 / 3 + s * (z[1] - held[1])
-    return np.array([F1 + 2 * theta * e, -held[0] + force + theta**2 * e / (1 + 2 * held[1] ** 2)])
-
-
 def test_it_is_the_equation() -> None:
     """By RK4 against plain numpy, with an estimate that leaves the ranges on its way."""
     observer = made(bent(2, 3.0, "-x1 + u"), theta=6, initial={"x1": -1, "x2": 1})
     s = float(observer.form.A[0, 1])
     assert 1 <= s <= 3
     step = hg.sample(observer, hg.methods.rk4, dt=0.01, engine="python", between="hold")
+    rate = uniform_injection(
+        np.array([2.0, 1.0]),
+        6,
+        lambda x, u: np.array([x[1] + 2 * x[1] ** 3 / 3, u - x[0]]),
+        lambda x: [1 + 2 * x[1] ** 2],
+        [s],
+    )
     ys, us = 1.2 * np.cos(np.arange(120) / 20), np.sin(np.arange(120) / 9)
     run = step.run(u=us[:, None], y=ys[:, None]).x
     z, states = np.array([-1.0, 1.0]), []
     for k, sample in enumerate(ys):
         if k:
             h, mid = 0.01, (ys[k - 1] + sample) / 2
-            k1 = oracle(z, us[k], ys[k - 1], 6, s)
-            k2 = oracle(z + h / 2 * k1, us[k], mid, 6, s)
-            k3 = oracle(z + h / 2 * k2, us[k], mid, 6, s)
-            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + oracle(z + h * k3, us[k], sample, 6, s))
+            k1 = rate(z, us[k], ys[k - 1])
+            k2 = rate(z + h / 2 * k1, us[k], mid)
+            k3 = rate(z + h / 2 * k2, us[k], mid)
+            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(z + h * k3, us[k], sample))
         states.append(z)
     reported = np.array(states)
     inside = np.abs(reported).max(axis=1) < 1

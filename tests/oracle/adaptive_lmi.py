@@ -116,3 +116,27 @@ def continuous(end: float = 1.0) -> Continuous:
         errors=np.abs(e).max(axis=1),
         last=(float(at[size > 1e-2][-1]), float(at[size > 1e-3][-1])),
     )
+
+
+def projected(gamma: float, r: float) -> float:
+    """gamma' of the law (90), projected: it leaves an end of its range inwards."""
+    if r > LEVEL:
+        return ALPHA * gamma if gamma < HIGH else 0.0
+    return -SIGMA * gamma**2 if gamma > LOW else 0.0
+
+
+def printed(gamma: float, r: float) -> float:
+    """gamma' of the law (90) as it is printed: 0 at both ends of its range, whatever the residual."""
+    return projected(gamma, r) if LOW < gamma < HIGH else 0.0
+
+
+def under(law: Callable[[float, float], float], gamma: float, end: float, dt: float = 1e-4) -> tuple[float, float]:
+    """gamma at the end, and when |e| is last above 1e-2, by small Euler steps of the quiet pendulum."""
+    x, estimate, late = PLANT.astype(float), ESTIMATE.astype(float), 0.0
+    for k in range(round(end / dt)):
+        e = x[0] - estimate[0]
+        change = law(gamma, abs(e))
+        x, estimate = x + dt * pendulum(x), estimate + dt * corrected(estimate, gamma, e)
+        gamma = min(max(gamma + dt * change, LOW), HIGH)
+        late = k * dt if np.linalg.norm(x - estimate) > 1e-2 else late
+    return gamma, late
