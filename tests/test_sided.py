@@ -12,7 +12,8 @@ import sympy as sp
 import hgogen as hg
 from hgogen.observers.high_gain import high_gain
 from hgogen.program import Place
-from hgogen.structure.dynamics import Dynamics, _regular
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.matrices import regular_at
 from hgogen.structure.sided import sided
 
 
@@ -133,7 +134,7 @@ X = ca.SX.sym("x")
 def test_a_matrix_without_an_inverse_gives_way_to_one_with(rows: list[list[Any]]) -> None:
     """Dense ones, with constants off the pivots too, and triangular ones in orders of their own."""
     matrix, test = ca.sparsify(ca.vertcat(*(ca.horzcat(*row) for row in rows))), ca.SX.sym("test")
-    at = ca.Function("A", [X, test], [_regular(matrix, test), matrix])
+    at = ca.Function("A", [X, test], [regular_at(matrix, test), matrix])
     for x in (-1.0, 0.0, 1.0, 6.0):
         assert abs(np.linalg.det(np.array(at(x, 0)[0]))) >= 1
         assert np.array(at(x, 1)[0]).tolist() == np.array(at(x, 1)[1]).tolist()
