@@ -54,7 +54,8 @@ def test_each_says_where_to_take_it_and_what_it_asks_for(name: str) -> None:
 @pytest.mark.parametrize("n", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 5))])
 @pytest.mark.parametrize("name", RULED)
 def test_each_is_built_with_its_starting_gains_on_a_chain(name: str, n: int) -> None:
-    form = (hg.forms.state_affine if name == "kalman_like" else hg.forms.triangular)(chain(n))
+    own = {"kalman_like": hg.forms.state_affine, "uniform_injection": hg.forms.uniform}
+    form = own.get(name, hg.forms.triangular)(chain(n))
     start = hg.starting_gains(form, getattr(hg.observers, name))
     step = hg.sample(getattr(hg.observers, name)(form, **start.gains), dt=start.dt)
     assert step.observer.name == name
