@@ -151,8 +151,8 @@ def _entering(plant: PlantStep, sizes: Mapping[str, Sequence[Fraction]]) -> dict
 
 def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, entering: Mapping[str, Sizes]) -> ErrorBound:
     error, form = steps.error, step.observer.form
-    scales, shown = error.scales(steps.theta), _shown(form)
-    if scales is None or shown is None or not error.B.size:
+    scales, shown = error.scales(steps.theta), _shown(form) if error.B.size else None
+    if scales is None or shown is None:
         return _unknown(step, because("the gains of its chain are no numbers"))
     fields = sorted({k for k, fed in enumerate(error.layout.fed) if fed})
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound]]()
