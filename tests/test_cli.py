@@ -500,17 +500,18 @@ def test_what_is_accepted_or_said_in_another_way_is_not_gathered() -> None:
 
 
 def test_check_says_alike_once(here: Path):
-    rows = "".join(f'states.x{k} = {{low = -1, high = 1, flow = "x{k + 1}"}}\n' for k in range(1, 8))
-    (here / "chain.toml").write_text(
-        f'name = "chain"\n{rows}states.x8 = {{low = -1, high = 1, flow = "-x1"}}\noutputs.y = {{equation = "2*x1"}}\n'
-    )
-    shown = hgogen("check", "chain.toml")[0]
+    for n, output in ((3, "x1"), (4, "x1"), (8, "2*x1")):
+        rows = [f'states.x{k} = {{low = -1, high = 1, flow = "x{k + 1}"}}' for k in range(1, n)]
+        last = f'states.x{n} = {{low = -1, high = 1, flow = "-x1"}}\noutputs.y = {{equation = "{output}"}}\n'
+        (here / f"chain{n}.toml").write_text("\n".join([f'name = "chain{n}"', *rows, last]))
+    shown = hgogen("check", "chain8.toml")[0]
     assert shown.count("triangular.a_") == 2
     assert "triangular.a_1  " in shown
     assert "triangular.a_2..a_8 " in shown
     assert "a_2 = 1 <= a_M on the box, and so for each up to a_8" in " ".join(shown.split())
-    assert "triangular.a_1..a_4 " in hgogen("check", str(MODELS / "hyperjerk.py"))[0]  # from four on
-    assert len([check for check in as_json("check", "chain.toml")["checks"] if ".a_" in check["id"]]) == 8
+    assert "triangular.a_1..a_4 " in hgogen("check", "chain4.toml")[0]  # from four on
+    assert "triangular.a_3 " in hgogen("check", "chain3.toml")[0]
+    assert len([check for check in as_json("check", "chain8.toml")["checks"] if ".a_" in check["id"]]) == 8
 
 
 def test_what_is_folded_away_is_said_first(here: Path):

@@ -14,6 +14,7 @@ from hgogen.guarantees.step_evidence import UnderNoise
 from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
+from hgogen.observer import Observer
 from hgogen.sentence import Sentence, because
 from hgogen.step import Step
 
@@ -48,12 +49,12 @@ def noise_gain(step: Step) -> NoiseGain | None:
     known = contraction(step)
     if known.steps is None or known.proof is None or not known.proof.alpha:
         return None
-    return _noise_gain(step, known.steps, known.proof)
+    return _noise_gain(step.observer, step.rule, step.dt, known.steps, known.proof)
 
 
 @lru_cache(maxsize=32)
-def _noise_gain(step: Step, steps: Steps, proof: Contracts) -> NoiseGain | None:
-    error, form = steps.error, step.observer.form
+def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> NoiseGain | None:
+    error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     if scales is None or not error.B.size:
         return None
@@ -68,18 +69,17 @@ def _noise_gain(step: Step, steps: Steps, proof: Contracts) -> NoiseGain | None:
             bounds[i, j] = one
     outputs = [output.name for output in form.system.outputs]
     gains = {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
-    return NoiseGain(gains, _check(step, error, bounds, gains))
+    known = UnderNoise(error, rule, Fraction(dt), bounds)
+    return NoiseGain(gains, _check(observer, running(observer, rule, dt), error, known, gains))
 
 
 def _check(
-    step: Step, error: Inclusion, bounds: Mapping[tuple[int, int], InputBound], gains: Mapping[tuple[str, str], float]
+    observer: Observer, at: str, error: Inclusion, known: UnderNoise, gains: Mapping[tuple[str, str], float]
 ) -> Check:
-    at = running(step.observer, step.rule, step.dt)
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
     said = [
         Sentence.of("{state} by at most {gain} for 1 of {output}", state=state, gain=Up(gain, 3), output=output)
         for (state, output), gain in gains.items()
     ]
-    fact = UnderNoise(error, step.rule, Fraction(step.dt), bounds)
     reason = because("{said}, in rational arithmetic", said=said)
-    return claimed(step.observer, "noise", claim, reason, error, fact)
+    return claimed(observer, "noise", claim, reason, error, known)

@@ -131,10 +131,8 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
 def solver(what: str) -> Any:
     """cvxpy, with Clarabel installed. Raises: `NoSolver`, of `what` needs it."""
     try:
+        import clarabel  # noqa: F401  # which cvxpy calls
         import cvxpy  # here, because it is slow to import and seldom needed
-
-        if "CLARABEL" not in cvxpy.installed_solvers():
-            raise ImportError
     except ImportError:
         raise NoSolver(what) from None
     return cvxpy

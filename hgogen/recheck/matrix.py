@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import reduce
+from math import lcm
+from operator import add
 from typing import Any
 
 from .box import NotShown
@@ -73,7 +76,7 @@ def scaled(factor: Fraction, M: Matrix) -> Matrix:
 
 def plus(*terms: Matrix) -> Matrix:
     """The sum."""
-    return [[sum(values, Fraction(0)) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+    return [[reduce(add, values) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
 
 
 def minus(first: Matrix, *others: Matrix) -> Matrix:
@@ -82,9 +85,15 @@ def minus(first: Matrix, *others: Matrix) -> Matrix:
 
 
 def times(A: Matrix, B: Matrix) -> Matrix:
-    """A B."""
-    columns = transposed(B)
-    return [[sum((a * b for a, b in zip(row, each, strict=True)), Fraction(0)) for each in columns] for row in A]
+    """A B, each row and column of whole numbers over one denominator: each entry is brought to lowest terms once."""
+    rows, columns = map(_whole, A), list(map(_whole, transposed(B)))
+    return [[Fraction(sum(x * y for x, y in zip(a, b, strict=True)), p * q) for b, q in columns] for a, p in rows]
+
+
+def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:
+    """Numbers times their least common denominator, and that."""
+    common = lcm(*(value.denominator for value in values))
+    return [value.numerator * (common // value.denominator) for value in values], common
 
 
 def transposed(M: Matrix) -> Matrix:

@@ -228,6 +228,7 @@ def positive(M: list[list[Interval]]) -> bool:
         if M[k][k].sign <= 0:
             return False
         for i in range(k + 1, n):
+            factor = M[k][i] / M[k][k]
             for j in range(i, n):
-                M[i][j] = M[j][i] = M[i][j] - M[k][i] * M[k][j] / M[k][k]
+                M[i][j] = M[i][j] - factor * M[k][j]
     return True

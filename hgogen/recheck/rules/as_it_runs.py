@@ -8,7 +8,7 @@ but for smaller slopes of b.
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import cache
-from itertools import product
+from itertools import chain, product
 from math import comb
 from typing import Any
 
@@ -71,8 +71,9 @@ def throughout(context: Context, claim: Claim) -> Shown:
             raise NotShown("its pieces do not follow each other from 0")
         degree = method.degree
         values = [form_of(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
-        for weights in _bernstein(degree):
-            definite("its polynomial", plus(*(scaled(w, value) for w, value in zip(weights, values, strict=True))))
+        size = len(values[0])
+        for each in times(_bernstein(degree), [list(chain(*value)) for value in values]):
+            definite("its polynomial", [each[i : i + size] for i in range(0, len(each), size)])
         end = high
     at = f"theta = {short(theta)} and every dt up to {short(end, -1)}"
     beyond = f"at each larger theta while theta dt is at most {short(theta * end, -1)}"
