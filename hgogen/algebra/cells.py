@@ -11,7 +11,7 @@ its slope is not 0. A derivative by t jumps at breakpoints of t alone: across th
 what jumps, and where, is told axis by axis. A cell, and the order of a derivative, has a number for each axis.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -149,10 +149,10 @@ class Cells:
 
     def _range(self, box: Sequence[Ends], spans: Spans, order: Index) -> Ends:
         """Of a derivative on a box that meets the cells of `spans`."""
-        whole, pieces = _whole(self, order)
+        whole, level, pieces = _whole(self, order)
         ends = [
             whole[cell]
-            if all(a < k < b for k, (a, b) in zip(cell, spans, strict=True))
+            if cell in level or all(a < k < b for k, (a, b) in zip(cell, spans, strict=True))
             else self._over(pieces[cell], cell, spans, box)
             for cell in over(spans)
         ]
@@ -199,15 +199,18 @@ def _of_order(cells: Cells, order: Index) -> Pieces:
 
 
 @lru_cache(maxsize=256)
-def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, tuple[Any, Any]], Pieces]:
-    """The range of a derivative on each cell between breakpoints, and the polynomials, in numbers of FLINT."""
+def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, tuple[Any, Any]], Set[Index], Pieces]:
+    """The range of a derivative on each cell between breakpoints, and on those where it is level, which are named;
+    and the polynomials, in numbers of FLINT."""
     widths = [[rational(b - a) for a, b in zip(axis.starts, axis.x, strict=False)] for axis in cells.axes]
     inner = [range(1, len(axis.x)) for axis in cells.axes]
     pieces = {cell: rational(piece) for cell, piece in cells.of_order(order).items()}
-    return {
-        cell: extremes(pieces[cell], [(_NOTHING, width[k]) for width, k in zip(widths, cell, strict=True)])
-        for cell in product(*inner)
-    }, pieces
+    level = {cell for cell, piece in pieces.items() if all(_constant(piece, k) for k in range(len(order)))}
+    whole = {cell: extremes(pieces[cell], [(_NOTHING, _NOTHING)] * len(order)) for cell in level}
+    for cell in set(product(*inner)) - level:
+        sides = [(_NOTHING, width[k]) for width, k in zip(widths, cell, strict=True)]
+        whole[cell] = extremes(pieces[cell], sides)
+    return whole, level, pieces
 
 
 def _fraction(end: Any) -> Fraction:
