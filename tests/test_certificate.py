@@ -20,6 +20,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy as sp
+from oracle.text import read as as_sympy
 from plants import van_der_pol
 from typer.testing import CliRunner
 
@@ -532,31 +533,43 @@ def test_a_forger_gets_only_true_statements_through(case: str, how: str, bent: d
     assert failed > passed
 
 
+@cache
+def parsed(text: str, names: tuple[str, ...]) -> sp.Expr:
+    return as_sympy(text, {name: sp.Symbol(name) for name in names})
+
+
+@cache
+def graph(texts: tuple[str, ...], names: tuple[str, ...]) -> Callable[..., Any]:
+    return sp.lambdify(list(map(sp.Symbol, names)), [parsed(text, names) for text in texts], "math")
+
+
+@cache
+def functions(text: str) -> tuple[Callable[..., Any], ...]:
+    """Of [plant, form]: the states of the plant, and its flow and output at them; the same by the form's equations; the
+    slopes of b."""
+    plant, form = json.loads(text)
+    common = tuple(s["name"] for s in plant["inputs"] + plant["parameters"])
+    z, x = (tuple(s["name"] for s in part["states"]) for part in (form, plant))
+    inner = (*z, *common)
+    back, flow = graph(tuple(form["from_form"]), inner), graph((*plant["flow"], *plant["output"]), (*x, *common))
+    X, b = (sp.Matrix([parsed(text, inner) for text in form[part]]) for part in ("from_form", "b"))
+    A = sp.Matrix([[parsed(text, inner) for text in row] for row in form["A"]])
+    v = sp.Matrix(list(map(sp.Symbol, z)))
+    rates, output = X.jacobian(v) * (A * v + b), [parsed(text, inner) for text in form["output"]]
+    inside, slopes = (sp.lambdify(inner, rows, "math") for rows in ([*rates, *output], b.jacobian(v).tolist()))
+    return back, flow, inside, slopes
+
+
 def falsehood(content: dict[str, Any]) -> str:
     """What sampling says against a certificate, or ""; written without the package."""
     plant, form = content["plant"], content["form"]
     common = plant["inputs"] + plant["parameters"]
     ranges = {s["name"]: (float(Fraction(s["low"])), float(Fraction(s["high"]))) for s in form["states"] + common}
     outer = {s["name"]: (float(Fraction(s["low"])), float(Fraction(s["high"]))) for s in plant["states"]}
-    symbols = {name: sp.Symbol(name) for name in (*ranges, *outer)}
-
-    def graph(texts: list[str], names: list[str]) -> Any:
-        return sp.lambdify([symbols[name] for name in names], [sp.sympify(text, symbols) for text in texts], "math")
-
-    z, x = [s["name"] for s in form["states"]], list(outer)
-    inner, plain = list(ranges), [*x, *(s["name"] for s in common)]
-    back, flow = graph(form["from_form"], inner), graph(plant["flow"] + plant["output"], plain)
-    X = sp.Matrix([sp.sympify(text, symbols) for text in form["from_form"]])
-    b = sp.Matrix([sp.sympify(text, symbols) for text in form["b"]])
-    A = sp.Matrix([[sp.sympify(text, symbols) for text in row] for row in form["A"]])
-    v = sp.Matrix([symbols[name] for name in z])
-    rates = X.jacobian(v) * (A * v + b)
-    inside = sp.lambdify(
-        [symbols[n] for n in inner], [*rates, *(sp.sympify(t, symbols) for t in form["output"])], "math"
-    )
-    slopes = sp.lambdify([symbols[n] for n in inner], b.jacobian(v).tolist(), "math")
+    inner, symbols = list(ranges), {name: sp.Symbol(name) for name in (*ranges, *outer)}
+    back, flow, inside, slopes = functions(json.dumps([plant, form]))
     ranged = [claim for claim in content["claims"] if "low" in claim["evidence"]]
-    texts = graph([claim["evidence"]["expression"] for claim in ranged], inner)
+    texts = graph(tuple(claim["evidence"]["expression"] for claim in ranged), tuple(inner))
     draw = random.Random(1)
     for sample in range(SAMPLES):
         at = {name: draw.choice([low, high, draw.uniform(low, high)]) for name, (low, high) in ranges.items()}
@@ -583,7 +596,7 @@ def falsehood(content: dict[str, Any]) -> str:
     for claim in content["claims"]:
         if "witness" in claim["evidence"]:
             at = {name: Fraction(value) for name, value in claim["evidence"]["witness"].items()}
-            value = sp.sympify(claim["evidence"]["expression"], symbols).subs(
+            value = parsed(claim["evidence"]["expression"], tuple(symbols)).subs(
                 {symbols[n]: sp.Rational(t.numerator, t.denominator) for n, t in at.items()}
             )
             if value > 0 or any(not ranges[n][0] <= t <= ranges[n][1] for n, t in at.items()):
@@ -594,15 +607,14 @@ def falsehood(content: dict[str, Any]) -> str:
 def no_convergence(content: dict[str, Any], evidence: dict[str, Any], symbols: Any, at: Any, J: np.ndarray) -> str:
     """What floats say against the bound on theta at one point, or ""."""
     form, observer = content["form"], content["observer"]
-    point = {symbols[name]: value for name, value in at.items()}
+    point, names = {symbols[name]: value for name, value in at.items()}, tuple(symbols)
 
     def numbers(value: Any) -> np.ndarray:
-        return np.array(sp.Matrix(value).applyfunc(lambda t: sp.sympify(t, symbols).subs(point)), dtype=float)
+        of_all = [numbers(each) if isinstance(each, list) else parsed(each, names).subs(point) for each in value]
+        return np.array(of_all, dtype=float)
 
-    A, K, S = numbers(form["A"]), numbers(observer["gains"]), np.diag(numbers(evidence["scale"]).ravel())
-    C = np.array(
-        [[sp.sympify(form["output"][0], symbols).diff(symbols[s["name"]]).subs(point) for s in form["states"]]]
-    )
+    A, K, S = numbers(form["A"]), numbers(observer["gains"])[:, None], np.diag(numbers(evidence["scale"]))
+    C = np.array([[parsed(form["output"][0], names).diff(symbols[s["name"]]).subs(point) for s in form["states"]]])
     N, P = numbers(evidence["core"]), numbers(evidence["P"])
     one, peak, steep = np.eye(len(P)), float(Fraction(evidence["peak"])), float(Fraction(evidence["bound"]))
     if not np.allclose(S @ (A - K @ C.astype(float)) @ np.linalg.inv(S), N):

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 import sympy as sp
+from oracle.text import read as as_sympy
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
@@ -89,15 +90,15 @@ def falsehood(content: dict[str, Any]) -> str:
         symbols = {s["name"]: sp.Symbol(s["name"]) for s in every}
         states, errors = ([symbols[s["name"]] for s in part] for part in (plant["states"], system["errors"]))
         behind = {x: x - e for x, e in zip(states, errors, strict=True)}
-        f, h = (sp.Matrix([sp.sympify(row, symbols) for row in plant[part]]) for part in ("flow", "output"))
+        f, h = (sp.Matrix([as_sympy(row, symbols) for row in plant[part]]) for part in ("flow", "output"))
         gain, G1, G2 = (
-            sp.Matrix([[sp.sympify(cell, symbols) for cell in row] for row in system[part]])
+            sp.Matrix([[as_sympy(cell, symbols) for cell in row] for row in system[part]])
             for part in ("gain", "G1", "G2")
         )
         assert gain.shape == (len(f), p)
         F = f - f.xreplace(behind) - gain.xreplace(behind) * (h - h.xreplace(behind))
         G = G1 - gain.xreplace(behind) * G2
-        V, mu = sp.sympify(system["V"], symbols), sp.Rational(system["mu"])
+        V, mu = as_sympy(system["V"], symbols), sp.Rational(system["mu"])
         slope = sp.Matrix([[V.diff(each) for each in errors]])
         left = (slope * F)[0] + (slope * G * G.T * slope.T)[0] / (2 * mu**2) + sum(x**2 for x in errors) / 2
         graph = sp.lambdify(list(symbols.values()), [V, left], "math")

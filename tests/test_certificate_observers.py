@@ -15,6 +15,7 @@ import pytest
 import sympy as sp
 from falsehood import TABLES
 from mpmath import mpf
+from oracle.text import read as as_sympy
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
@@ -480,8 +481,8 @@ def sampled(text: str) -> list[tuple[dict[str, float], np.ndarray, np.ndarray, n
     symbols = {s["name"]: sp.Symbol(s["name"]) for s in every}
     known = {**symbols, "Linear": Linear, "Monotone": Monotone, "Bilinear": Bilinear}
     z = [symbols[s["name"]] for s in form["states"]]
-    b, h = (sp.Matrix([sp.sympify(row, known) for row in form[part]]) for part in ("b", "output"))
-    A = sp.Matrix([[sp.sympify(entry, known) for entry in row] for row in form["A"]])
+    b, h = (sp.Matrix([as_sympy(row, known) for row in form[part]]) for part in ("b", "output"))
+    A = sp.Matrix([[as_sympy(entry, known) for entry in row] for row in form["A"]])
     read = {name: lambda *numbers, at=at: float(at(*map(mpf, numbers))) for name, at in TABLES.items()}
     matrices = [A.tolist(), h.jacobian(z).tolist(), b.jacobian(z).tolist()]
     graph = sp.lambdify(list(symbols.values()), matrices, [read, "math"])
@@ -515,7 +516,7 @@ def _constant(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], the
         [[float(i == k) for i in range(len(blocks))] for k, size in enumerate(blocks) for _ in range(size)]
     )
     P = floats(evidence["P"])
-    parsed = [[sp.sympify(text) for text in texts] for texts in (content["observer"]["gains"], evidence["scale"])]
+    parsed = [[as_sympy(text) for text in texts] for texts in (content["observer"]["gains"], evidence["scale"])]
     for at, A, C, J in samples(content):
         K, S = (np.array([float(entry.subs(at)) for entry in entries]) for entries in parsed)
         T = S * theta ** -power_of_error.astype(float)
@@ -549,7 +550,7 @@ def _linear(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], theta
     index, power, fed, read = layout(n)
     P, units, draw = floats(evidence["P"]), floats(evidence["units"]), np.random.default_rng(5)
     T = units[index] / theta ** np.array(power, dtype=float)
-    parsed = [sp.sympify(text) for text in evidence["scale"]]
+    parsed = [as_sympy(text) for text in evidence["scale"]]
     for J, scale in slopes(content):
         for stated, s, u in zip(parsed, scale, units, strict=True):
             if not stated.free_symbols and not np.isclose(float(stated), s * u):

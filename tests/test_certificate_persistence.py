@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from oracle.text import read as as_sympy
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
@@ -85,12 +86,12 @@ def least(content: dict[str, Any]) -> float:
     """The smallest eigenvalue of the Gramian over two periods, by Runge and Kutta's steps, at corners of a."""
     evidence, form = evidence_of(content), content["form"]
     names = {name: sp.Symbol(name) for name in ("t", "a", "u", "v", *(s["name"] for s in form["states"]))}
-    inputs = {names[name]: sp.sympify(text, names) for name, text in evidence["inputs"].items()}
+    inputs = {names[name]: as_sympy(text, names) for name, text in evidence["inputs"].items()}
     z = [names[s["name"]] for s in form["states"]]
-    A = sp.Matrix([[sp.sympify(entry, names) for entry in row] for row in form["A"]]).subs(inputs)
-    C = sp.Matrix([sp.sympify(row, names) for row in form["output"]]).jacobian(z).subs(inputs)
+    A = sp.Matrix([[as_sympy(entry, names) for entry in row] for row in form["A"]]).subs(inputs)
+    C = sp.Matrix([as_sympy(row, names) for row in form["output"]]).jacobian(z).subs(inputs)
     graph = sp.lambdify((names["t"], names["a"]), [A, C])
-    T, count, n = 2 * float(sp.sympify(evidence.get("period", "1"))), 2000, len(z)
+    T, count, n = 2 * float(as_sympy(evidence.get("period", "1"))), 2000, len(z)
     worst = np.inf
     for at in (0.5, 1.0, 2.0):
         Phi, W, h = np.eye(n), np.zeros((n, n)), T / count
