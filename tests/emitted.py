@@ -249,10 +249,15 @@ def run(command: list[str], folder: Path, timeout: float = 300) -> str:
 
 def compiled(compiler: str, texts: Mapping[str, str], folder: Path, *flags: str) -> Path:
     """An executable of the C files, every warning an error; a self-check among them is its program."""
+    parsed(compiler, texts, folder, *flags, "-o", "program", "-lm")
+    return folder / "program"
+
+
+def parsed(compiler: str, texts: Mapping[str, str], folder: Path, *flags: str) -> None:
+    """The C files as a compiler takes them with these flags, every warning an error."""
     hg.write(texts, folder)
     sources = [name for name in texts if name.endswith(".c")]
-    run([compiler, "-std=c99", *WARNINGS, *with_main(texts), *flags, *sources, "-o", "program", "-lm"], folder)
-    return folder / "program"
+    run([compiler, "-std=c99", *WARNINGS, *with_main(texts), *sources, *flags], folder)
 
 
 @dataclass(frozen=True)

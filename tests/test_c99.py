@@ -19,7 +19,7 @@ import emitted
 import plants
 import pytest
 import sympy as sp
-from emitted import compiled, files, run, step, tool
+from emitted import compiled, files, parsed, run, step, tool
 
 import hgogen as hg
 from hgogen.emit.body import body
@@ -103,7 +103,7 @@ def test_where_bits_differ_by_a_wider_format_it_is_said(name: str, real: str, tm
     said = (
         f"{step(name).name}: 64 samples within the tolerance, for FLT_EVAL_METHOD is not 0 here and bits may differ\n"
     )
-    assert check("gcc", name, real, tmp_path, "-O2", "-mfpmath=387", exact(name)) == said
+    assert check("gcc", name, real, tmp_path, "-O1", "-mfpmath=387", exact(name)) == said
 
 
 # CMSIS-DSP's sine: linear interpolation between 512 values
@@ -351,7 +351,7 @@ def test_clang_without_nan_is_found_out_by_the_self_check(name: str, tmp_path: P
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "two", "functions", "tables", "bank"])
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_no_comparison_of_floats_is_warned_of(compiler: str, name: str, real: str, tmp_path: Path) -> None:
-    compiled(tool(compiler), files(name, real), tmp_path, "-Wfloat-equal")
+    parsed(tool(compiler), files(name, real), tmp_path, "-Wfloat-equal", "-fsyntax-only")
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])

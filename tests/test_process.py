@@ -21,7 +21,9 @@ from hgogen.commands.command import json_text
 from hgogen.reading.content import Unread, content_of
 
 COMMAND = [sys.executable, "-c", "from hgogen.cli import main; main()"]
-PENDULUM = Path(__file__).resolve().parents[1] / "models" / "pendulum.py"
+PENDULUM, NEURON = (
+    Path(__file__).resolve().parents[1] / "models" / f"{name}.py" for name in ("pendulum", "fitzhugh_nagumo")
+)
 posix = pytest.mark.skipif(os.name != "posix", reason="pipes and signals of POSIX")
 
 
@@ -97,9 +99,9 @@ def test_nothing_but_results_reaches_the_standard_output(here: Path) -> None:
 os.write(1, b"by descriptor\\n"); ctypes.CDLL(None).puts(b"by C"); os.system("echo by a process")
 sys.__stdout__.write("by Python\\n"); print("by print"); warnings.warn("be\\ncareful")
 """
-    (here / "loud.py").write_text(loud + PENDULUM.read_text())
+    (here / "loud.py").write_text(loud + NEURON.read_text())  # of which nothing is proved that takes a solver
     done = subprocess.run([*COMMAND, "check", "loud.py", "--json"], capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout)["plant"] == "pendulum"
+    assert json.loads(done.stdout)["plant"] == "fitzhugh_nagumo"
     for how in ("by descriptor", "by C", "by a process", "by Python", "by print", "hgogen: be careful"):
         assert f"{how}\n" in done.stderr
     assert "Warning" not in done.stderr

@@ -1,5 +1,6 @@
 """A reader that computes the bits of the emitted C: operation by operation, in its precision, with its functions."""
 
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -23,10 +24,12 @@ def machine(step: Step, real: Real) -> Machine:
 
     def bind(block: Block, arguments: list[np.ndarray]) -> Bound:
         results = [np.zeros(block.graph.numel_out(i), DTYPE[real]) for i in range(len(block.writes))]
+        values_at = cache(lambda: evaluated(block.graph, real))  # a block that never runs is no text
 
         def run() -> None:
+            operands = [array.tolist() for array in arguments] if real == "double" else arguments
             with np.errstate(all="ignore"):
-                values = evaluate(block.graph, arguments, real)
+                values = values_at()(operands)
             for array, numbers in zip(results, values, strict=False):
                 array[:] = numbers
 
