@@ -132,12 +132,16 @@ class Adaptation:
     r: Fraction
 
     def form(self, N: Any, K: Any, P: Any, mu: Any, tau: Any) -> Any:
-        """The symmetric matrix (n + 1, n + 1) of the form, of N, P (n, n), K (n); of floats or of rationals."""
-        n, (decay, r) = len(K), (type(mu)(self.decay), type(mu)(self.r))
-        C = np.array([mu * 0 + 1, *[mu * 0] * (n - 1)])
+        """The symmetric matrix (n + 1, n + 1) of the form, of N, P (n, n), K (n); of floats or of rationals. Of several
+        mu and tau (k) as many matrices (k, n + 1, n + 1)."""
+        number = Fraction if isinstance(mu, Fraction) else float
+        n, (decay, r) = len(K), (number(self.decay), number(self.r))
+        C = np.array([number(1), *[number(0)] * (n - 1)])
         block, column, corner = self.shape.drift(N, K, C, decay, r)
-        top, side = N.T @ P + P @ N + mu * block, P @ K + tau * C + mu * column
-        return np.vstack([np.column_stack([top, side]), [*side, mu * corner - 2 * tau]])
+        of = np.multiply.outer
+        top, side = N.T @ P + P @ N + of(mu, block), P @ K + of(tau, C) + of(mu, column)
+        last = np.concatenate([side, np.asarray(mu * corner - 2 * tau)[..., None]], -1)
+        return np.concatenate([np.concatenate([top, side[..., None]], -1), last[..., None, :]], -2)
 
 
 @dataclass(frozen=True)
@@ -252,9 +256,9 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
         return None
     P = np.array(solution.P)
     N_, K_, P_ = (array.astype(float) for array in (N, gain, P))
-    forms = np.array([adaptation.form(N_, K_, P_, mu, tau) for mu, tau in _PAIRS])
-    margins = -np.linalg.eigvalsh(forms)[:, -1]
-    added = adaptation.shape.share * np.array([mu for mu, _ in _PAIRS])
+    mus, taus = np.array(_PAIRS).T
+    margins = -np.linalg.eigvalsh(adaptation.form(N_, K_, P_, mus, taus))[:, -1]
+    added = adaptation.shape.share * mus
     mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / (float(solution.peak) + added)))])
     margin = smallest(exact(-adaptation.form(N, gain, P, mu, tau)))[0]
     return Decay(adaptation, growth, solution.P, solution.peak, margin, mu, tau) if margin > 0 else None
