@@ -50,8 +50,8 @@ def test_the_command_of_a_wheel_knows_the_models(unpacked: Path, tmp_path: Path)
     listed = hgogen(unpacked, tmp_path, "list")
     names = {path.stem for path in (ROOT / "models").iterdir() if path.suffix in (".py", ".toml")}
     assert names <= set(listed.split())
-    headline = hgogen(unpacked, tmp_path, "check", "pendulum").splitlines()[0]
-    assert headline.startswith("pendulum: locally observable; triangular")
+    headline = hgogen(unpacked, tmp_path, "check", "fitzhugh_nagumo").splitlines()[0]
+    assert headline.startswith("fitzhugh_nagumo: locally observable; state_affine, proved")
     code = "import hgogen as hg; print(hg.load('pendulum').path)"
     path = {**os.environ, "PYTHONPATH": str(unpacked)}
     done = subprocess.run(
