@@ -113,10 +113,11 @@ ARGUMENTS = {  # of a kernel, after L and D: vectors, numbers that are passed al
     "renew": ("cc", "", ""),
 }
 LENGTHS = (2, 5, 6)
+AT_ONCE = (1, 2, 4, 8)  # numbers that an instruction takes
 
 
 @cache
-def loops() -> ctypes.CDLL:
+def loops(at_once: int = 1) -> ctypes.CDLL:
     """The kernels for matrices of these sizes, as C."""
     if (compiler := native.compiler()) is None:
         pytest.skip("no C compiler")
@@ -134,6 +135,7 @@ def loops() -> ctypes.CDLL:
     folder = Path(tempfile.mkdtemp())
     (folder / "kernels.c").write_text(text)
     command = [compiler, "-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "kernels.c", "-o", "kernels.so"]
+    command += [f"-DP{n}_VECTOR={at_once}u" for n in LENGTHS]
     subprocess.run(command, cwd=folder, check=True)
     return ctypes.CDLL(str(folder / "kernels.so"))
 
@@ -160,7 +162,8 @@ def test_the_loops_of_c_have_the_bits_of_python(name: str, n: int, seed: int, da
     result = kernels.KERNELS[name](*mine, *last) or 0
     ends = [ctypes.c_double(r[0])] * len(numbers) + [pointer(gain)] * (name == "correct")
     ends += [ctypes.c_uint(band)] * len(counts)
-    assert getattr(loops(), f"{name}{n}")(*map(pointer, theirs), *ends) == result
+    compiled = loops(data.draw(st.sampled_from(AT_ONCE)))
+    assert getattr(compiled, f"{name}{n}")(*map(pointer, theirs), *ends) == result
     assert all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True))
     assert name != "correct" or np.array_equal(last[1], gain)
 
@@ -180,3 +183,15 @@ def test_a_cap_leaves_no_entry_of_d_that_is_none(n: int, lost: float) -> None:
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(mine, theirs, strict=True))
         assert (mine[1] >= 0).all()
         assert (mine[1] <= caps).all()
+
+
+@pytest.mark.parametrize("at_once", AT_ONCE)
+def test_what_is_lost_is_restarted_alike_whatever_an_instruction_takes(at_once: int) -> None:
+    """A diagonal that is spoiled with it is one again."""
+    ends = []
+    for compiled in (loops(), loops(at_once)):
+        columns, d, w, caps = np.eye(6), np.ones(6), np.full(6, np.inf), np.full(6, 9.0)
+        compiled.add6(*map(pointer, (columns, d, w)))
+        assert compiled.cap6(*map(pointer, (columns, d, caps))) == 1
+        ends += [(np.nan_to_num(columns), d)]
+    assert all(np.array_equal(a, b) for a, b in zip(*ends, strict=True))

@@ -64,6 +64,20 @@ def test_its_loops_have_the_bits_of_python_in_c(name: str, real: str) -> None:
 
 
 @pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("flags", [("-O3", "-march=native"), ("-O2",), ("-O2", "-D__clang__")])
+def test_loops_over_whole_vectors_have_the_same_bits(real: str, flags: tuple[str, ...]) -> None:
+    """GCC makes them; of what says that it is another compiler they are as for a board."""
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+    made = STEPS["many_states"]()
+    files, upper = hg.targets.c99(made, real=real), made.name.upper()
+    assert f"{upper}_VECTOR*{upper}_VECTOR" in files[f"{made.name}.c"]
+    assert f"static {upper}_OFTEN {real} {made.name}_abs" in files[f"{made.name}.c"]
+    exact = ("-ffp-contract=off", f"-D{upper}_EXACT")
+    assert "samples as recorded" in native.run_check(files, (*flags, *exact))
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("name", ["forgetting", "bilinear"])
 def test_its_loops_have_the_bits_of_python_in_rust(name: str, real: str) -> None:
     try:
@@ -152,7 +166,7 @@ def test_an_operation_is_rounded_where_the_language_lacks_the_precision() -> Non
 def test_what_is_rounded_has_the_same_bits_where_the_precision_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     if native.compiler() is None:
         pytest.skip("no C compiler")
-    for module in ("hgogen.targets.c99", "hgogen.emit.cmath"):
+    for module in ("hgogen.targets.c99", "hgogen.emit.cvector"):
         monkeypatch.setattr(sys.modules[module], "C", replace(C, rounded={"float": "((float)({}))"}))
     files = hg.targets.c99(forgetting())
     assert "(float)(" in "".join(files.values())

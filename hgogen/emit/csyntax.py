@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from hgogen.emit.cnames import c_name
 from hgogen.emit.interface import Entry
-from hgogen.emit.syntax import ATOM, OR, UNARY, Rows, Syntax
+from hgogen.emit.syntax import ATOM, OR, PRODUCT, UNARY, Rows, Syntax
 
 
 def comment(text: str) -> str:
@@ -129,6 +129,7 @@ C = Syntax(
     limited=_limited,
     around={"equal": _QUIET, "within": _QUIET},
     analysed=True,
+    aligned=("{}/{upper}_VECTOR*{upper}_VECTOR", PRODUCT),
     instead={
         "acts": ("defined(__FRAMAC__)", "(void)flag;", "return true;"),
         "abs": (_BUILT_IN, "return __builtin_fabs{suffix}(v);"),

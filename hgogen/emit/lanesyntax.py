@@ -8,16 +8,14 @@ An operation is that of each lane by itself, so its bits are those of the scalar
 branches; what a lane does not take is computed and dropped.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 
 from hgogen.emit.csyntax import C
-from hgogen.emit.syntax import ATOM, SELECT, Number, Real, Syntax
+from hgogen.emit.syntax import ATOM, BYTES, SELECT, Number, Real, Syntax
 
 _WRAPPED = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*"}
-BYTES: Mapping[Real, int] = {"float": 4, "double": 8}
 
 
 @dataclass(frozen=True)
@@ -76,6 +74,7 @@ def lanes(prefix: str, real: Real) -> Lanes:
         limited=None,
         fixed=C.gathered,
         around={},
+        aligned=("{}", SELECT),
         instead={
             "abs": ("", f"return {absolute};"),
             "within": ("", f"return {absolute} <= limit;"),

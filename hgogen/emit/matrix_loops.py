@@ -1,4 +1,8 @@
-"""The kernels of `discretisation.kernels` as loops, in the same order of operations; see `emit.notation`."""
+"""The kernels of `discretisation.kernels` as loops, in the same order of operations; see `emit.notation`.
+
+A loop that begins at an `aligned` row may pass the diagonal of L and zeros above it, which it leaves as they are: what
+it would subtract from a row it has made 0 before. A column that is no number is lost with its diagonal.
+"""
 
 from hgogen.emit.notation import (
     DEGREE,
@@ -9,6 +13,7 @@ from hgogen.emit.notation import (
     FixedVector,
     Matrix,
     Vector,
+    aligned,
     array,
     half,
     line,
@@ -41,7 +46,7 @@ def triangularise(L: Columns, D: Vector, band: int) -> None:
                 g = b / sum
                 D[k] = D[i] * (D[k] / sum)
                 D[i] = sum
-                for m in range(i + 1, n):
+                for m in range(aligned(i + 1), n):
                     x = L[i].v[m]
                     y = L[k].v[m]
                     L[i].v[m] = f * x + g * y
@@ -56,6 +61,8 @@ def add(L: Columns, D: Vector, w: FixedVector) -> None:
     """L, D of L D L' + diag(w), by rank-one updates, two at a time"""
     first = array(n)
     second = array(n)
+    first[0] = 0.0
+    second[0] = 0.0
     for pair in range(half):
         k = 2 * pair
         pivot = D[k] + w[k]
@@ -78,7 +85,7 @@ def add(L: Columns, D: Vector, w: FixedVector) -> None:
             g = other * b / sum
             other = other * grown / sum
             D[j] = sum
-            for i in range(j + 1, n):
+            for i in range(aligned(j + 1), n):
                 first[i] = first[i] - a * L[j].v[i]
                 x = L[j].v[i] + f * first[i]
                 second[i] = second[i] - b * x
@@ -125,6 +132,7 @@ def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
         for k in range(n):
             for i in range(k + 1, n):
                 L[k].v[i] = L[k].v[i] * scale[i] / scale[k]
+            L[k].v[k] = 1.0
             d = D[k] * scale[k] * scale[k]
             D[k] = d if d >= 0.0 and d <= caps[k] else caps[k]
     return capped

@@ -35,3 +35,8 @@ def array(size: int) -> list[float]:
 def real(count: int) -> float:
     """A count as a real number."""
     return float(count)
+
+
+def aligned(first: int) -> int:
+    """Where a loop begins that may begin earlier, at a multiple of the numbers that an instruction takes at once."""
+    return first

@@ -364,6 +364,9 @@ class _Function:
 
     def _call(self, name: str, arguments: list[ast.expr]) -> Text:
         kinds = {"real": self.words.type("real"), **self.words.types}
+        if name == "aligned":
+            text, level = self.syntax.aligned
+            return text.format(self._value(arguments[0], level), upper=self.words.prefix.upper()), level
         if name in kinds:
             value = self._value(arguments[0], UNARY)
             return self.syntax.cast.format(type=kinds[name], value=value), self.syntax.casted

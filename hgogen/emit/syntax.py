@@ -20,6 +20,7 @@ from hgogen.step import Step
 Real = Literal["float", "double"]
 Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
 
+BYTES: Mapping[Real, int] = {"float": 4, "double": 8}
 SUM, PRODUCT, UNARY, ATOM = 4.0, 5.0, 6.0, 7.0  # how tightly an operation binds, loosest first
 SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
 
@@ -147,6 +148,7 @@ class Syntax:
       {type}, {suffix}, {word}, an unsigned number of as many bits, and numbers of `emit.primitives`, stand in the
       place of its body; where the first is empty, always.
     - Proofs: `analysed`, whether analysers read the language: of a `When` that is `idle` the test is a call of `acts`.
+    - Vectors: `aligned`: {}, {upper}, where a loop of a kernel begins that may begin earlier, and how that binds.
     - Equality: `equal`, whether real numbers are compared by a function of ours in the place of ==.
     - Tables: `limited`, lines that keep numbers in their ranges by a loop over `Rows`; None where each is written out.
     """
@@ -195,6 +197,7 @@ class Syntax:
     equal: bool = False
     limited: "Callable[[Rows], Sequence[str]] | None" = None
     rounded: Mapping[str, str] = field(default_factory=dict)
+    aligned: tuple[str, float] = ("{}", SELECT)
 
     def literal(self, value: float, kind: Number) -> str:
         """A number as the language writes it."""

@@ -15,6 +15,7 @@ from hgogen.emit.cnames import demand_names, renamed, says
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
+from hgogen.emit.cvector import vectors
 from hgogen.emit.fold import folded
 from hgogen.emit.interface import of_section
 from hgogen.emit.looping import LEAST, NEVER
@@ -71,7 +72,8 @@ def _source(step: Step, real: Real) -> list[str]:
     interface = spaced(_functions(writer))
     interface = routines(writer, interface.uses.routines) + interface
     helpers, matrices = interface.uses.helpers, interface.uses.kernels
-    shared = functions(name, real, helpers) + tables(C, name, real, interface.uses.lookups)
+    syntax, macros = vectors(name, real, matrices)
+    shared = functions(syntax, name, real, helpers) + tables(C, name, real, interface.uses.lookups)
     text = shared + kernels(C, name, real, matrices) + interface
     return [
         f"/* {name}: see {name}.h, which is the manual. */",
@@ -80,6 +82,7 @@ def _source(step: Step, real: Real) -> list[str]:
         *_includes(step, includes(name, real, helpers), text.uses),
         *_IEEE,
         *(line.format(upper=name.upper()) for line in _RARELY),
+        *macros,
         *text.lines,
     ]
 
