@@ -16,6 +16,7 @@ from hgogen.board import qemu
 from hgogen.board.texts import ROWS, counting, driver, harness, head, literal
 
 X86 = {"O2": ("-O2",), "O3": ("-O3", "-mavx2", "-mfma", "-ffp-contract=fast")}
+CPP = ("-std=c++17", f"-I{EIGEN}", "-DNDEBUG", "-fno-exceptions")  # no test of an index, nothing that unwinds
 M4F = ("-O2", *qemu.M4F, "-ffp-contract=fast")
 Parts = tuple[Mapping[str, str], str, tuple[str, ...]]  # files, what drives the step, the step's own sources
 
@@ -152,7 +153,7 @@ def built(
     objects, begin = [], time.perf_counter()
     for file in sources:
         objects.append(f"{Path(file).stem}.o")
-        compiler = ["gcc", "-std=c99"] if file.endswith(".c") else ["g++", "-std=c++17", f"-I{EIGEN}"]
+        compiler = ["gcc", "-std=c99"] if file.endswith(".c") else ["g++", *CPP]
         said([f"{prefix}{compiler[0]}", *compiler[1:], *flags, "-w", "-c", file, "-o", objects[-1]], folder)
     seconds = time.perf_counter() - begin
     size = int(said([f"{prefix}size", *objects], folder).splitlines()[1].split()[0])
