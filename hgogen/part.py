@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
-from hgogen.program import Bit, Field, Group, Program, sym
+from hgogen.program import Bit, Field, Group, Program, Section, sym
 
 
 def on_line(c: float, last: Graph, now: Graph) -> Graph:
@@ -87,7 +87,7 @@ class Pieces:
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
     the measurement; `bits`: its own, or its words for the step's; `rule`: what carries the part out, where the method
-    leaves that to another; `choice`: of two programs, which one was taken, and why.
+    leaves that to another; `choice`: of two programs, which one was taken, and why; `inner`: sections that they call.
     """
 
     fields: tuple[Field, ...] = ()
@@ -101,6 +101,7 @@ class Pieces:
     uses_output: bool = False
     rule: str = ""
     choice: str = ""
+    inner: tuple[Section, ...] = ()
 
 
 class Part:

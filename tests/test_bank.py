@@ -310,6 +310,25 @@ def test_a_member_beyond_the_last_is_the_first() -> None:
     assert estimates[0] == estimates[2] != estimates[1]
 
 
+@pytest.mark.parametrize(("value", "bit", "now"), [(1e31, "RESTARTED", 0.0), (900.0, "STATE_LIMITED", 512.0)])
+def test_a_member_that_leaves_its_box_is_kept_in_it_alone(value: float, bit: str, now: float) -> None:
+    """By a sample that is missing, so that nothing else moves it; the first value is lost, and all of the member."""
+    made = step(count=3, period=0.4)
+    made.run(**waves(made, 100))
+    saved, ends = made.save(), []
+    for worn in (None, value):
+        made.restore(saved)
+        memory = made._kept.places
+        if worn is not None:
+            memory[Place("member", "z")][1, 2] = worn
+        said = {"RESTARTED", "STATE_LIMITED"}.intersection(made.flags(made(0.1, NAN).status))
+        ends.append((said, {place: np.array(memory[place]) for place in memory if place.struct == "member"}))
+    (said, usual), (worse, spoiled) = ends
+    assert (said, worse) == (set(), {bit})
+    assert spoiled[Place("member", "z")][1, 2] == now
+    assert all(np.array_equal(usual[place][k], spoiled[place][k]) for place in usual for k in (0, 2))
+
+
 # --- its C --------------------------------------------------------------------------------------------------
 
 
@@ -326,8 +345,7 @@ def test_the_members_are_in_a_loop() -> None:
 
 @pytest.mark.slow
 def test_a_bank_costs_the_flash_of_one_member(tmp_path: Any) -> None:
-    """Cortex-M4F, -O2, bytes: 7792, 7752, 7836 for 2, 5, 20 members; one filter with such predictors takes 6832. What
-    keeps a member in its box stands in predict and in the update, where one filter calls a function of both."""
+    """Cortex-M4F, -O2, bytes: 7476, 7372, 7408 for 2, 5, 20 members; one filter with such predictors takes 6832."""
     sizes = {}
     for count in (2, 5, 20):
         made = hg.sample(hg.observers.bank(member(), count=count, period=10.0, innovation=WINDOW), dt=0.01)
@@ -336,7 +354,7 @@ def test_a_bank_costs_the_flash_of_one_member(tmp_path: Any) -> None:
     one = text_of(hg.sample(neuron.observer(alone), dt=0.01), tmp_path / "1")
     print(one, sizes)
     assert max(sizes.values()) < 1.05 * min(sizes.values())
-    assert max(sizes.values()) < 1.16 * one
+    assert max(sizes.values()) < 1.1 * one
 
 
 def text_of(made: Any, folder: Any) -> int:

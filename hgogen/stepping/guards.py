@@ -267,8 +267,11 @@ def guarded(program: Program, state: tuple[Field, ...]) -> list[Field]:
     return [f for f in state if Place("state", f.name) in written and f.kind == "real"]
 
 
-def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = ()) -> Program:
-    """These fields of the state in their boxes, or where one of their values is lost, all of it anew."""
+def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), each: bool = False) -> Program:
+    """These fields of the state in their boxes, or where one of their values is lost, all of it anew.
+
+    `each`: every value is asked once more whether it is a number, which a proof cannot know of a loop through many.
+    """
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
     usable = inside(values, [(-LOST, LOST)] * values.numel())
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(usable)})
@@ -276,7 +279,7 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = ()) -
     by_others = _written(others)
     fresh = {place: value for place, value in real.items() if place not in by_others}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
-    return (lost, When(Place("work", "lost"), (restart, *others)), *map(_in_its_box, fields))
+    return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(field, each) for field in fields))
 
 
 def _places(fields: Iterable[Field]) -> list[tuple[Place, int]]:
@@ -302,9 +305,12 @@ def _of_member(block: Block, place: Place) -> bool:
     return place in block.copies and all(source.struct not in STRUCTS for source in block.copies[place])
 
 
-def _in_its_box(field: Field) -> Block:
+def _in_its_box(field: Field, each: bool) -> Block:
     value, ends = sym("state", field.name, field.size), field.box_within(LOST)
-    writes = {Place("state", field.name): column(clamp(value[i], *end) for i, end in enumerate(ends))}
+    values = [clamp(value[i], *end) for i, end in enumerate(ends)]
+    if each:
+        values = [ca.if_else(_within(value[i], LOST), v, field.initial[i]) for i, v in enumerate(values)]
+    writes = {Place("state", field.name): column(values)}
     if field.outer:
         writes[Place("status", "STATE_LIMITED")] = any_of(
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(ends)

@@ -126,6 +126,7 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         predict=every(lambda piece: piece.predict),
         update=tuple(tuple(s for piece in correcting for s in piece.update[j]) for j in outputs),
         adapt=every(lambda piece: piece.adapt),
+        inner=every(lambda piece: piece.inner),
         uses_output=any(piece.uses_output for piece in pieces),
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
     )

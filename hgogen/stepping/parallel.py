@@ -17,9 +17,9 @@ from hgogen.graph import Graph
 from hgogen.kalman.innovation import Innovation, staggered
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
-from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Place, Program, When, scalar, sym
+from hgogen.program import Bit, Block, Call, Copy, Field, Group, Loop, Place, Program, Section, When, scalar, sym
 from hgogen.reading.given import BadGain
-from hgogen.stepping.guards import guard_state
+from hgogen.stepping.guards import boxed, guard_state, guarded
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.structure.dynamics import HUGE
 
@@ -28,6 +28,7 @@ RESTARTED = Bit(
     "a value of a member was lost (not finite, or beyond 1e30), and all of that member restarted",
     "treat the estimate as new; check parameters (tune was called?) and ranges",
 )
+_LEFT = Place("work", "left")
 SHARE, PREDICTORS = 0.3, 4  # of the restart period the window where none is given, and its predictors
 
 
@@ -87,20 +88,37 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     show = _show(shown)
     moved = Moved({Place("state", f.name): Place("member", f.name) for f in every.fields}, {})
 
-    def loop(program: Program, before: Program = ()) -> Program:
-        guarded = (*program, *guard_state(program, every.fields, before=before))
-        return (Loop("member", part.count, moved.program(guarded)),)
+    both = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
+    updates = [_update(part, clock, j, *each) for j, each in enumerate(both)]
+    keep = _keep(part.count, every, moved, (every.predict, *updates, every.adapt))
 
-    updates = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
+    def loop(program: Program, before: Program = ()) -> Program:
+        note = Block("a member has left its box", {_LEFT: ca.SX(1)})
+        asked = moved.program((*program, *guard_state(program, every.fields, before=before, keep=(note,))))
+        members = Loop("member", part.count, asked)
+        if not guarded(program, every.fields):
+            return (members,)
+        none = Block("no member has left its box yet", {_LEFT: ca.SX(0)})
+        return (none, members, When(_LEFT, (Call(keep),), idle=True))
+
     return replace(
         every,
         fields=(*map(_copy, shown), *_counters(part, period)),
         bits=(*every.bits, RESTARTED),
         groups=(Group("member", part.count, every.fields, "the observers in parallel", every.groups),),
         predict=(*loop(every.predict), show),
-        update=tuple((*loop(_update(part, clock, j, *both), every.predict), show) for j, both in enumerate(updates)),
+        update=tuple((*loop(update, every.predict), show) for update in updates),
         adapt=(*(loop(every.adapt) if every.adapt else ()), *_choose(part, period), *_restart(part, alone), show),
+        inner=(keep,),
     )
+
+
+def _keep(count: int, every: Pieces, moved: Moved, programs: Iterable[Program]) -> Section:
+    """What keeps each member in its box, or makes it anew, whichever program spoiled it."""
+    names = {field.name for program in programs for field in guarded(program, every.fields)}
+    boxes = boxed([field for field in every.fields if field.name in names], every.fields, each=True)
+    loop = Loop("member", count, moved.program(boxes))
+    return Section("keep_members", "keep each member in its box, or make it anew", (loop,))
 
 
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:

@@ -158,11 +158,16 @@ class Assembly:
         was guarded before it."""
         if not self.clock.guarded:
             return program
-        keep = tuple(map(Call, self.inner))
+        keep = tuple(map(Call, self._keep))
         return (*program, *guard_state(program, self.state, self._fresh, before, keep))
 
-    @cached_property
+    @property
     def inner(self) -> tuple[Section, ...]:
+        """The sections that others call."""
+        return (*self.whole.inner, *self._keep)
+
+    @cached_property
+    def _keep(self) -> tuple[Section, ...]:
         """The section that keeps the state in its box, where several ask for it."""
         programs = (self.whole.predict, *map(self._correct, self.correcting), self.adapt)
         fields = [guarded(program, self.state) for program in programs]
