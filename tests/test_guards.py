@@ -9,7 +9,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.emit.exact import machine
-from hgogen.program import Place
+from hgogen.program import Block, Place, address, walk
 
 
 def pendulum(**output: float) -> hg.Step:
@@ -193,3 +193,18 @@ def test_the_outer_box_holds_the_plant_at_any_parameters(name: str) -> None:
     run = step.run(y=9.5 * np.cos(t))
     assert set(step.flags(int(np.bitwise_or.reduce(run.status[-100:])))) <= {"OUTSIDE_BOX"}
     assert run["q"][-1] == pytest.approx(0.95 * np.cos(t[-1]), abs=1e-2)  # held at 3, w_1 would be an estimate of 0.3
+
+
+def test_a_predictor_is_asked_only_for_what_it_moves() -> None:
+    """Its third state rests, as does the plant's. A value there that no step makes is gone with the predictor."""
+    made = emitted.step("fitzhugh_nagumo")
+    title = "is it beyond its box, or lost?"
+    (asked,) = (s for s in walk(made.program) if isinstance(s, Block) and s.title == title)
+    (question,) = asked.writes.values()
+    assert {address(symbol)[1] for symbol in ca.symvar(question)} == {0, 1}
+    made.reset()
+    made.run(u=np.zeros(10), y=np.ones(10), engine="python")
+    made._kept.places[Place("predictor", "z")][:, 2] = np.nan
+    run = made.run(u=np.zeros(200), y=np.ones(200), engine="python")
+    assert np.isfinite(run.x).all()
+    assert np.isfinite(made._kept.places[Place("predictor", "z")]).all()

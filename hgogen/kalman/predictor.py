@@ -1,6 +1,6 @@
 """What every innovation shares: the model without correction over one step, samples of a window, outputs' weights."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias, runtime_checkable
 
@@ -98,18 +98,22 @@ class Predictors(Part):
     build: Callable[[Predictor, Clock], Pieces]
 
 
-def clamped(field: Field, value: Graph) -> Graph:
-    """Each element clamped to the field's box; its initial value where it is not a number or absurd."""
+def clamped(field: Field, value: Graph, still: Collection[int] = ()) -> Graph:
+    """Each element clamped to the field's box, but for those that are `still`, which are in it; its initial value where
+    it is not a number or absurd."""
     elements = []
     for i, end in enumerate(field.box_within(HUGE)):
         inside = clamp(value[i], *end)
-        elements.append(ca.if_else(ca.fabs(value[i]) <= HUGE, inside, field.initial[i]))
+        kept_in = ca.if_else(ca.fabs(value[i]) <= HUGE, inside, field.initial[i])
+        elements.append(value[i] if i in still else kept_in)
     return ca.vertcat(*elements)
 
 
-def beyond(field: Field, value: Graph) -> Graph:
-    """Whether an element is beyond the field's box, or lost."""
-    return ca.logic_not(inside(value, field.box_within(HUGE)))
+def beyond(field: Field, value: Graph, still: Collection[int]) -> Graph:
+    """Whether an element that is not `still` is beyond the field's box, or lost."""
+    moving = [i for i in range(value.numel()) if i not in still]
+    ends = field.box_within(HUGE)
+    return ca.logic_not(inside(value[moving], [ends[i] for i in moving]))
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:

@@ -118,14 +118,15 @@ class _Copies:
 
     def _move(self) -> Program:
         z, field = sym("predictor", "z", self.n), self.predictor.z
-        moved = {_Z: self.predictor.moved(z, self.clock.u, self.clock.dt)}
-        advance = Block(f"each predictor by {self.predictor.tableau.name}, without correction", moved)
-        if not self.clock.guarded:
+        moved = self.predictor.moved(z, self.clock.u, self.clock.dt)
+        advance = Block(f"each predictor by {self.predictor.tableau.name}, without correction", {_Z: moved})
+        still = [k for k in range(self.n) if ca.is_equal(moved[k], z[k], 1)]
+        if not self.clock.guarded or len(still) == self.n:
             return (advance,)
         return (
             advance,
-            Block("is it beyond its box, or lost?", {_BEYOND: beyond(field, z)}),
-            When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z)}),), idle=True),
+            Block("is it beyond its box, or lost?", {_BEYOND: beyond(field, z, still)}),
+            When(_BEYOND, (Block("keep it in its box", {_Z: clamped(field, z, still)}),), idle=True),
         )
 
     def _accumulate(self, output: int) -> Program:
