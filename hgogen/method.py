@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal, Protocol, runtime_checkable
 
+import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import core, nominal, numbers
@@ -13,7 +14,7 @@ from hgogen.chains.transient import lengths
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.routine import Values, routine
-from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, one_by_one
+from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, rounds
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
@@ -24,11 +25,11 @@ from hgogen.kalman.prior import prior_status_of_view
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
-from hgogen.program import INF, Block, Place, sym
+from hgogen.program import INF, Block, Place, Repeat, address, sym
 from hgogen.sentence import NONE, Reason
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
-Rate = Callable[[Values, float], Values]
+Rate = Callable[[Values, float | Graph], Values]
 FACTORED = "the method continuous_discrete keeps it definite at any dt"
 
 
@@ -167,7 +168,7 @@ class Explicit:
 
         rhs = routine("rate", {name: value.numel() for name, value in start.items()} | clock.sizes, equations)
 
-        def rate(values: Mapping[str, Graph], c: float) -> Mapping[str, Graph]:
+        def rate(values: Mapping[str, Graph], c: float | Graph) -> Mapping[str, Graph]:
             slopes = rhs({**values, **clock.signals(c)})
             return {name: slopes[f"d{name}"] for name in start}
 
@@ -180,26 +181,31 @@ class Explicit:
             rule=self.tableau.name,
         )
 
-    def _blocks(self, rate: Rate, start: Values, clock: Clock) -> Iterator[Block]:
-        """The step as one block, or where a stage needs little of those before it a block for each, whose slopes then
-        need not stay in memory."""
+    def _blocks(self, rate: Rate, start: Values, clock: Clock) -> Iterator[Block | Repeat]:
+        """The step as one block, or where a stage needs little of those before it a loop over the stages, whose slopes
+        then need not stay in memory."""
         title = f"{', '.join(start)}: one step of {self.tableau.name}"
-        middle = {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)}
         if not self.tableau.chained:
             stages = advance(self.tableau, rate, start, clock.dt)
             writes = {Place("state", name): value for name, value in stages.result.items()}
-            yield Block(title, writes, middle | stages.names)
+            yield Block(title, writes, {"u_mid": clock.u(0.5), "y_mid": clock.y(0.5)} | stages.names)
             return
 
-        def held(kind: str, key: str) -> Graph:
-            return sym("work", f"{key}_{kind}", start[key].numel())
-
-        for k, stage in enumerate(one_by_one(self.tableau, rate, start, clock.dt, held), 1):
-            left = {Place("work", f"{key}_{kind}"): value for (kind, key), value in stage.remembered.items()}
-            new = {Place("state", key): value for key, value in stage.values.items()}
-            slopes = {f"k{k}_{key}": slope for key, slope in stage.slopes.items()}
-            read = middle if self.tableau.c[k - 1] == 0.5 else {}  # before the slopes, which a call computes of them
-            yield Block(f"{title}, stage {k} of {len(self.tableau.b)}", left | new, read | slopes)
+        plan = rounds(self.tableau, clock.dt)
+        fraction, share, ahead = numbers = [sym("work", name) for name in ("fraction", "share", "ahead")]
+        at, total = ({n: sym("work", f"{n}_{kind}", v.numel()) for n, v in start.items()} for kind in ("at", "sum"))
+        slopes = rate(at, fraction)
+        left = {f"{key}_sum": total[key] + share * slopes[key] for key in start}
+        left |= {f"{key}_at": start[key] + ahead * slopes[key] for key in start}
+        names = {f"k_{key}": slope for key, slope in slopes.items()}
+        stage = Block("a stage", {Place("work", key): value for key, value in left.items()}, names)
+        rows = zip(numbers, (plan.fractions, plan.shares, plan.ahead), strict=True)
+        read = {place for place, _ in stage.reads}
+        first = {Place("work", f"{key}_sum"): ca.SX.zeros(value.numel()) for key, value in start.items()}
+        yield Block(title, first | {Place("work", f"{key}_at"): value for key, value in start.items()})
+        yield Repeat({place: row for number, row in rows if (place := address(number)[0]) in read}, (stage,))
+        ends = {Place("state", key): value + plan.last * total[key] for key, value in start.items()}
+        yield Block("the slopes of all stages", ends)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """z and S, or z and P, as one differential equation."""

@@ -15,8 +15,11 @@ from hgogen.graph import Graph
 from hgogen.program import Bit, Field, Group, Program, Section, sym
 
 
-def on_line(c: float, last: Graph, now: Graph) -> Graph:
-    """What runs on the line from `last` to `now`, at the fraction c of the step; the ends as they are."""
+def on_line(c: float | Graph, last: Graph, now: Graph) -> Graph:
+    """What runs on the line from `last` to `now`, at the fraction c of the step; the ends as they are, where c is a
+    number."""
+    if isinstance(c, ca.SX):
+        return last + c * (now - last)
     return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
 
 
@@ -38,15 +41,15 @@ class Clock:
         """The time (s) between two samples of an output: dt, or `every` so many of them."""
         return self.dt * self.every[output] if self.every else self.dt
 
-    def u(self, c: float) -> Graph:
+    def u(self, c: float | Graph) -> Graph:
         """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
-    def between_samples(self, c: float, last: Graph, now: Graph) -> Graph:
+    def between_samples(self, c: float | Graph, last: Graph, now: Graph) -> Graph:
         """The input (m) at the fraction c of a step between two samples of it."""
         return now if self.between == "hold" else on_line(c, last, now)
 
-    def signals(self, c: float) -> dict[str, Graph]:
+    def signals(self, c: float | Graph) -> dict[str, Graph]:
         """What an equation is given at the fraction c of the step: the input, the measurement, its validity."""
         return {"u": self.u(c), "y": self.y(c), "valid": self.valid}
 
@@ -65,7 +68,7 @@ class Clock:
         """The input (m) that `predict` has just stored, for the sections after it."""
         return sym("state", "u", self.inputs)
 
-    def y(self, c: float) -> Graph:
+    def y(self, c: float | Graph) -> Graph:
         """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
         return on_line(c, sym("work", "y_last", self.outputs), sym("work", "y", self.outputs))
 

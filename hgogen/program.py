@@ -251,6 +251,26 @@ class When:
 
 
 @dataclass(frozen=True, eq=False)
+class Repeat:
+    """Run `body` once for each row of numbers, which the places of `given`, scalars of work, take in turn."""
+
+    given: Mapping[Place, tuple[float, ...]]
+    body: tuple["Statement", ...]
+
+    @cached_property
+    def count(self) -> int:
+        """How often it runs."""
+        return len(next(iter(self.given.values())))
+
+    @cached_property
+    def unrolled(self) -> tuple["Statement", ...]:
+        """The same without a loop."""
+        rows = zip(*self.given.values(), strict=True)
+        starts = (Block("its numbers", dict(zip(self.given, map(ca.SX, row), strict=True))) for row in rows)
+        return tuple(statement for start in starts for statement in (start, *self.body))
+
+
+@dataclass(frozen=True, eq=False)
 class Copy:
     """Member number `target` of `group`, all of it, becomes what member number `source` is; both name index places."""
 
@@ -282,7 +302,7 @@ class Call:
     section: "Section"
 
 
-Statement = Block | Loop | When | Copy | Kernel | Call
+Statement = Block | Loop | Repeat | When | Copy | Kernel | Call
 Program = tuple[Statement, ...]
 
 
@@ -300,7 +320,7 @@ def walk(program: Sequence[Statement]) -> Iterator[Statement]:
     """Every statement, outer ones first."""
     for statement in program:
         yield statement
-        if isinstance(statement, Loop | When):
+        if isinstance(statement, Loop | Repeat | When):
             yield from walk(statement.body)
         if isinstance(statement, When):
             yield from walk(statement.otherwise)
@@ -318,6 +338,8 @@ def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
             accessed.update((place, 1) for place in (statement.result,) if place)
         elif isinstance(statement, Loop):
             accessed.update((place, 1) for place in (statement.start, statement.active, statement.index) if place)
+        elif isinstance(statement, Repeat):
+            accessed.update((place, 1) for place in statement.given)
         elif isinstance(statement, Copy):
             accessed.update((place, 1) for place in (statement.source, statement.target))
         elif isinstance(statement, When):
@@ -348,6 +370,7 @@ def dangling(program: Sequence[Statement]) -> set[Place]:
     written |= {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
     written |= {s.result for s in walk(program) if isinstance(s, Kernel) and s.result}
     written |= {s.index for s in walk(program) if isinstance(s, Loop) and s.index}
+    written |= {place for s in walk(program) if isinstance(s, Repeat) for place in s.given}
     return {place for place in read(program) if place.struct == "work"} - written
 
 
@@ -361,7 +384,7 @@ def pruned(program: Sequence[Statement]) -> Program:
             if len(writes) == len(statement.writes):
                 return statement
             return replace(statement, writes=writes) if writes else None
-        if isinstance(statement, Loop):
+        if isinstance(statement, Loop | Repeat):
             return replace(statement, body=below(statement.body))
         if isinstance(statement, When):
             return replace(statement, body=below(statement.body), otherwise=below(statement.otherwise))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import cache
 
 import casadi as ca
+import neuron
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,13 +15,13 @@ from plants import chain, fitzhugh_nagumo, pendulum
 
 import hgogen as hg
 from hgogen.discretisation import kernels
-from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, advance, one_by_one, repeated
+from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, advance, repeated, rounds
 from hgogen.discretisation.stability import Limit, core_limit
 from hgogen.emit.exact import evaluate, machine
 from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import NoCovariance
-from hgogen.program import Place, sym
+from hgogen.program import Place, Repeat, sym, walk
 from hgogen.step import BadStep, CannotUpdate, StepMayFail, StepTooLong
 
 EPS = np.finfo(float).eps
@@ -146,17 +147,35 @@ THIRD = Tableau("Ralston", ((), (1 / 2,), (0, 3 / 4)), (2 / 9, 1 / 3, 4 / 9), (0
 
 
 @pytest.mark.parametrize("tableau", [RK4, THIRD])
-def test_a_step_by_stages_has_the_bits_of_one_at_once(tableau: Tableau) -> None:
+def test_a_step_in_rounds_has_the_bits_of_one_at_once(tableau: Tableau) -> None:
     """Each stage reads what the one before has left, no other."""
-    start, left = {"z": np.array([0.3, -1.7])}, dict[tuple[str, str], np.ndarray]()
+    z = np.array([0.3, -1.7])
     rate = lambda values, c: {"z": np.sin(3 * values["z"]) + c}  # noqa: E731
-    at_once = advance(tableau, rate, start, 0.1)
-    stages = one_by_one(tableau, rate, start, 0.1, lambda kind, key: left[kind, key])
-    for stage, slopes in zip(stages, at_once.slopes, strict=True):
-        np.testing.assert_array_equal(stage.slopes["z"], slopes["z"])
-        left |= stage.remembered
-    np.testing.assert_array_equal(stage.values["z"], at_once.result["z"])
+    at_once, plan = advance(tableau, rate, {"z": z}, 0.1), rounds(tableau, 0.1)
+    at, total = z, np.zeros(2)
+    for c, share, ahead, expected in zip(plan.fractions, plan.shares, plan.ahead, at_once.slopes, strict=True):
+        slope = rate({"z": at}, c)["z"]
+        np.testing.assert_array_equal(slope, expected["z"])
+        at, total = z + ahead * slope, total + share * slope
+    np.testing.assert_array_equal(z + plan.last * total, at_once.result["z"])
     assert tableau.chained
+
+
+def test_the_stages_are_a_loop_with_one_call_of_the_equations() -> None:
+    """In Python's reading they are one after the other, and compute the same."""
+    made = neuron.step(1.0, hg.methods.rk4_covariance)
+    text = hg.targets.c99(made, check=False)["fitzhugh_nagumo.c"]
+    assert text.count("fitzhugh_nagumo_rate(") == 2
+    (stages,) = (s for s in walk(made.program) if isinstance(s, Repeat))
+    assert stages.count == 4
+    assert len(stages.unrolled) == 8
+    rng = np.random.default_rng(0)
+    u, y = rng.uniform(-1, 1, (50, 1)), rng.uniform(-2, 2, (50, 1))
+    ends = []
+    for engine in ("c", "python"):
+        made.reset()
+        ends.append(made.run(u=u, y=y, engine=engine).x)
+    assert np.array_equal(*ends)
 
 
 @pytest.mark.parametrize("tableau", [EULER, HEUN, repeated(RK4, 2)])

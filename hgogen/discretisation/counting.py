@@ -14,7 +14,7 @@ import numpy as np
 
 from hgogen.algebra.lookup import called, instructions
 from hgogen.discretisation.kernels import KERNELS
-from hgogen.program import Block, Call, Kernel, Loop, Statement, When, walk
+from hgogen.program import Block, Call, Kernel, Loop, Repeat, Statement, When, walk
 
 _FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
 OPERATION, FUNCTION = -1, -2  # of a kernel: an instruction, a root
@@ -39,6 +39,8 @@ def _statement(statement: Statement) -> Counter[int]:
         return instructions_of(statement.graph)
     if isinstance(statement, Loop):
         return Counter({op: statement.count * times for op, times in carried_out(statement.body).items()})
+    if isinstance(statement, Repeat):
+        return carried_out(statement.unrolled)
     if isinstance(statement, When):
         return max(carried_out(statement.body), carried_out(statement.otherwise), key=Counter.total)
     if isinstance(statement, Call):

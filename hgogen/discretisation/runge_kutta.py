@@ -1,6 +1,6 @@
 """Explicit Runge-Kutta methods as data: k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -105,36 +105,20 @@ def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Va
 
 
 @dataclass(frozen=True)
-class Stage:
-    """One stage of a step: its slopes, and what is remembered for the next, by what stands for it there and name; of
-    the last stage the new `values`."""
+class Rounds:
+    """The stages of a `chained` tableau as one that is done again and again: its fraction c of the step, what its slope
+    weighs in the sum of slopes, which ends by `last`, and how far ahead the next stage lies along its slope."""
 
-    slopes: dict[str, Graph]
-    remembered: dict[tuple[str, str], Graph]
-    values: dict[str, Graph]
+    fractions: tuple[float, ...]
+    shares: tuple[float, ...]
+    ahead: tuple[float, ...]
+    last: float
 
 
-def one_by_one(
-    tableau: Tableau,
-    rate: Callable[[Values, float], Values],
-    start: Values,
-    h: float,
-    held: Callable[[str, str], Graph],
-) -> Iterator[Stage]:
-    """The same step of a `chained` tableau, stage by stage. `held` is what stands for what the stage before has left:
-    of each value that with which the step began, "from", the sum of slopes, "sum", and the argument, "at"."""
-    keys, ratios = list(start), _ratios(tableau.b)
-    for i, (ratio, c) in enumerate(zip(ratios, tableau.c, strict=True)):
-        begun = {key: held("from", key) for key in keys} if i else start
-        slopes = rate({key: held("at", key) for key in keys} if i else start, c)
-        sums = {key: _added(held("sum", key) if i else None, ratio, slopes[key]) for key in keys}
-        if i + 1 == len(ratios):
-            yield Stage(dict(slopes), {}, {key: begun[key] + h * tableau.b[0] * sums[key] for key in keys})
-            return
-        weight = h * tableau.a[i + 1][-1]
-        left = {} if i else {("from", key): start[key] for key in keys}
-        left |= {("sum", key): sums[key] for key in keys}
-        yield Stage(dict(slopes), left | {("at", key): begun[key] + weight * slopes[key] for key in keys}, {})
+def rounds(tableau: Tableau, h: float) -> Rounds:
+    """The rounds of one step of length h: k = f(at, c), sum <- sum + share k, at <- z + ahead k; z+ = z + last sum."""
+    ahead = (*(h * row[-1] for row in tableau.a[1:]), 0.0)
+    return Rounds(tuple(tableau.c), tuple(_ratios(tableau.b)), ahead, h * tableau.b[0])
 
 
 def _combined(start: Values, slopes: list[dict[str, Graph]], weights: list[float]) -> dict[str, Graph]:

@@ -23,7 +23,7 @@ from hgogen.emit.portable import functions_of, writes
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real
 from hgogen.errors import HgogenError
-from hgogen.program import Call, Copy, Kernel, Loop, Place, Program, Statement, When, places, walk
+from hgogen.program import Call, Copy, Kernel, Loop, Place, Program, Repeat, Statement, When, places, walk
 
 # kernels whose way depends on counts alone, but for a scaling by ones in lanes that need none
 TOGETHER = frozenset({"expand", "triangularise", "add", "correct", "cap", "renew"})
@@ -76,6 +76,8 @@ class LaneWriter(Writer):
     def _statement(self, statement: Statement, taken: frozenset[str]) -> Code:
         if isinstance(statement, Call):
             return braced("{", self.function(statement.section.program))
+        if isinstance(statement, Repeat):
+            return self.statements(statement.unrolled, taken)
         return super()._statement(statement, taken)
 
     # --- where lanes part ways
@@ -248,6 +250,8 @@ def _alone(statement: Statement) -> Statement:
     """A statement without those in it."""
     if isinstance(statement, When):
         return When(statement.flag, ())
+    if isinstance(statement, Repeat):
+        return Repeat(statement.given, ())
     if isinstance(statement, Loop):
         return Loop(statement.group, statement.count, (), statement.start, statement.active, statement.index)
     return statement

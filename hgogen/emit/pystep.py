@@ -27,6 +27,7 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
+    Repeat,
     Section,
     Statement,
     When,
@@ -130,6 +131,8 @@ class _Writer:
                 return self._block(statement)
             case Loop():
                 return self._loop(statement)
+            case Repeat():
+                return self._statements(statement.unrolled)
             case When():
                 return self._when(statement)
             case Copy():

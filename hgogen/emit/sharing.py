@@ -15,7 +15,7 @@ import numpy as np
 from hgogen.emit.cfunction import Prototype, own, status_type, structs
 from hgogen.emit.code import Code, code, joined
 from hgogen.emit.statements import Writer
-from hgogen.program import Block, Loop, Place, Program, Statement, When, lines_of, places, walk
+from hgogen.program import Block, Loop, Place, Program, Repeat, Statement, When, lines_of, places, walk
 from hgogen.step import Step
 from hgogen.stepping.machine import Reading
 
@@ -108,7 +108,7 @@ def _everywhere(program: Program) -> Iterator[Program]:
     """The parts, and what is between them, of a program and of every program in it."""
     yield from _runs(program)
     for statement in program:
-        if isinstance(statement, Loop | When):
+        if isinstance(statement, Loop | Repeat | When):
             yield from _everywhere(statement.body)
         if isinstance(statement, When):
             yield from _everywhere(statement.otherwise)

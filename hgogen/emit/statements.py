@@ -20,7 +20,21 @@ from hgogen.emit.rolled import Target
 from hgogen.emit.subprograms import Subprogram, subprograms
 from hgogen.emit.syntax import Number, Real, Rows, Syntax
 from hgogen.graph import sx
-from hgogen.program import Block, Call, Copy, Kernel, Loop, Place, Program, Section, Statement, When, places, walk
+from hgogen.program import (
+    Block,
+    Call,
+    Copy,
+    Kernel,
+    Loop,
+    Place,
+    Program,
+    Repeat,
+    Section,
+    Statement,
+    When,
+    places,
+    walk,
+)
 from hgogen.step import Step
 from hgogen.stepping.guards import LARGEST_NUMBER
 
@@ -119,6 +133,8 @@ class Writer:
                 return self._block(statement, taken)
             case Loop():
                 return self._loop(statement, taken)
+            case Repeat():
+                return self._repeat(statement, taken)
             case When():
                 return self._when(statement, taken)
             case Copy():
@@ -161,6 +177,18 @@ class Writer:
         before = Code((*first, *wrap, self._member(group, array, i), *number), uses)
         declared = self.syntax.variable.format(type=self.syntax.types["unsigned"], name=i, value=start)
         return braced("{", code(declared) + braced(head, before + inner + code(self.syntax.increment.format(i))))
+
+    def _repeat(self, repeat: Repeat, taken: frozenset[str]) -> Code:
+        """A loop over tables of its numbers."""
+        fixed, k = code(), "r"
+        for place, row in repeat.given.items():
+            values = ", ".join(self.literal(number, self.real) for number in row)
+            named = {"type": self.syntax.types[self.real], "name": f"each_{place.name}", "size": repeat.count}
+            fixed += code(self.syntax.fixed.format(**named, values=values))
+        head, *first = self.syntax.loop(k, self.syntax.number(0), self.syntax.number(repeat.count), "", True)
+        taking = [f"{self.whole(place)} = each_{place.name}[{k}];" for place in repeat.given]
+        inner = code(*first, *taking) + self.statements(repeat.body, taken | {k})
+        return braced("{", fixed + braced(head, inner))
 
     def _member(self, group: str, array: str, k: str) -> str:
         """The name of a member of a group, for the statements on it."""

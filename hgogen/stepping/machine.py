@@ -17,6 +17,7 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
+    Repeat,
     When,
     lines_of,
     places,
@@ -88,6 +89,7 @@ class Reading:
         makers: Mapping[type, Callable[[Any], Action]] = {
             Block: self._block,
             Loop: self._loop,
+            Repeat: lambda repeat: self.action(repeat.unrolled),
             When: self._when,
             Copy: self._copy,
             Call: lambda call: self._sections[call.section.name],

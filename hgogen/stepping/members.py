@@ -22,6 +22,7 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
+    Repeat,
     Statement,
     When,
     address,
@@ -72,6 +73,9 @@ class Moved:
                 moved = (place and self.place(place) for place in (start, active, index))
                 group, body = self.groups.get(statement.group, statement.group), self.program(statement.body)
                 return Loop(group, statement.count, body, *moved)
+            case Repeat():
+                rows = {self.place(place): row for place, row in statement.given.items()}
+                return Repeat(rows, self.program(statement.body))
             case When():
                 body, otherwise = self.program(statement.body), self.program(statement.otherwise)
                 return replace(statement, flag=self.place(statement.flag), body=body, otherwise=otherwise)

@@ -23,6 +23,7 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
+    Repeat,
     Statement,
     When,
     lines_of,
@@ -71,6 +72,8 @@ class Symbolic:
                 return self._when(statement, memory)
             case Loop():
                 return self._loop(statement, memory)
+            case Repeat():
+                return self.after(statement.unrolled, memory)
             case Copy():
                 return self._copy(statement, memory)
             case Kernel():

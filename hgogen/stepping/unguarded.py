@@ -6,7 +6,7 @@ from dataclasses import replace
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock
-from hgogen.program import Block, Loop, Place, Program, Statement, When, column, sym
+from hgogen.program import Block, Loop, Place, Program, Repeat, Statement, When, column, sym
 
 
 def inputs(observer: Observer) -> Block:
@@ -46,7 +46,7 @@ def _silent(statement: Statement) -> Program:
     if isinstance(statement, When):
         body, otherwise = silent(statement.body), silent(statement.otherwise)
         return (replace(statement, body=body, otherwise=otherwise),) * bool(body or otherwise)
-    if isinstance(statement, Loop):
+    if isinstance(statement, Loop | Repeat):
         return (replace(statement, body=body),) if (body := silent(statement.body)) else ()
     return (statement,)
 
