@@ -15,7 +15,7 @@ import casadi as ca
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
 from hgogen.graph import Graph
-from hgogen.guarantees.confined import Confined, confined
+from hgogen.guarantees.confined import confined
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import Inclusion, of_state
 from hgogen.guarantees.quadratic import Array, rational
@@ -54,7 +54,9 @@ def start_set(step: Step) -> StartSet | None:
     Raises: `NoSolver` without cvxpy.
     """
     known = contraction(step)
-    return _start_set(step, known.steps, known.proof) if known.steps and known.proof else None
+    if known.steps is None or known.proof is None:
+        return None
+    return _start_set(step.observer, step.rule, step.dt, known.steps, known.proof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,25 +85,26 @@ def start_of(observer: Observer, steps: Steps) -> Start | None:
 
 
 @lru_cache(maxsize=32)
-def _start_set(step: Step, steps: Steps, proof: Contracts) -> StartSet | None:
-    start = start_of(step.observer, steps)
+def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> StartSet | None:
+    start = start_of(observer, steps)
     if start is None:
         return None
     rows = {k: of_state(start.scales, k) / rational(m) for k, m in start.limits.items()}
     clear = confined(steps, proof.h, start.corners, rows)
     picks = steps.error.layout.picks
-    peaks = [confined(steps, proof.h, start.corners, {k: of_state(start.scales, k)}) for k in picks]
-    if clear is None or not all(peaks):
+    each = (confined(steps, proof.h, start.corners, {k: of_state(start.scales, k)}) for k in picks)
+    peaks = tuple(one for one in each if one)
+    if clear is None or len(peaks) < len(picks):
         return None
-    return _stated(step, steps.error, start, clear, [one for one in peaks if one])
+    known = FromStart(steps.error, rule, Fraction(dt), tuple(start.first), dict(start.limits), clear, peaks)
+    return _stated(observer, running(observer, rule, dt), known)
 
 
-def _stated(step: Step, error: Inclusion, start: Start, clear: Confined, peaks: Sequence[Confined]) -> StartSet:
-    names = step.observer.form.names
-    multiple = 1 / max(clear.bounds.values())
+def _stated(observer: Observer, at: str, known: FromStart) -> StartSet:
+    names, multiple = observer.form.names, 1 / max(known.clear.bounds.values())
     taken = min(multiple, Fraction(1))
-    reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, peaks, strict=True)}
-    begun = {name: number(value)[1] for name, value in zip(names, start.first, strict=True)}
+    reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, known.peaks, strict=True)}
+    begun = {name: number(value)[1] for name, value in zip(names, known.first, strict=True)}
     each = [
         Sentence.of(
             "{state} errs by at most {peak} from {first}",
@@ -111,12 +114,10 @@ def _stated(step: Step, error: Inclusion, start: Start, clear: Confined, peaks: 
         )
         for x in names
     ]
-    at = running(step.observer, step.rule, step.dt)
     claim = (
         f"{at}, first errors of up to {Down(multiple, 3)} times what the ranges allow never touch the estimate's limits"
     )
-    fact = FromStart(error, step.rule, Fraction(step.dt), tuple(start.first), dict(start.limits), clear, tuple(peaks))
-    check = claimed(step.observer, "start", claim, because("without noise {each}", each=each), error, fact)
+    check = claimed(observer, "start", claim, because("without noise {each}", each=each), known.error, known)
     return StartSet(begun, number(multiple)[0], reached, check)
 
 

@@ -26,7 +26,6 @@ from ..matrix import (
     matrix,
     plus,
     scalar,
-    scaled,
     times,
     transposed,
 )

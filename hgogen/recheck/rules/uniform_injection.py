@@ -40,6 +40,7 @@ from ..matrix import (
 )
 from ..rule import Rule, of_observer
 from ..slope import at_kinks, continuous
+from ..stages import Parts
 from ..text import Expression
 from ..threshold import above
 from ..uncertain import ErrorInclusion, Slope, bounded_slopes
@@ -123,7 +124,8 @@ def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
     shift = zeros(n, n)
     for k in range(n - 1):
         shift[k][k + 1] = Fraction(1)
-    return ErrorInclusion(shift, slopes, 0, [], [*range(n)], [*range(n)], [])
+    every = [*range(n)]
+    return ErrorInclusion(shift, slopes, 0, [], every, [True] * n, every, every, [])
 
 
 def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
@@ -139,11 +141,9 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
         yield Slope(0, [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
 
 
-def _corners(
-    parts: tuple[Matrix, Matrix, Matrix], K: list[Fraction], shares: Shares, theta: Fraction
-) -> Iterator[Matrix]:
+def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Matrix]:
     """The matrix of the error at all combinations of ends. Raises: `NotShown`."""
-    M, G, H = parts
+    M, G, H = parts.M, parts.G, parts.H
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(H) * prod(map(len, ends)) > _CORNERS:
         raise NotShown(f"its slopes have more than {_CORNERS} combinations of ends")
@@ -154,11 +154,9 @@ def _corners(
             yield [[x - theta * push[i] * (j == 0) for j, x in enumerate(row)] for i, row in enumerate(moved)]
 
 
-def _by_multipliers(
-    parts: tuple[Matrix, Matrix, Matrix], P: Matrix, alpha: Fraction, evidence: Mapping[str, Any]
-) -> None:
+def _by_multipliers(parts: Parts, P: Matrix, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
     """-[M'P + P M + alpha P + H'S H, P G; G'P, -S] > 0, S >= 0 diagonal. Raises: `NotShown`."""
-    M, G, H = parts
+    M, G, H = parts.M, parts.G, parts.H
     S, n = column(evidence, "S", len(H)), len(M)
     if any(value < 0 for value in S):
         raise NotShown("its S has a negative number")
