@@ -104,7 +104,10 @@ def error_bound(
         return _unknown(step, because("the plant's own step is not known for {rule}", rule=step.rule))
     plant = PlantStep(form, step.method.tableau, known.proof.h, moving)
     try:
-        return _bounded(step, known.steps, known.proof, plant, _entering(plant, sizes))
+        entering = _entering(plant, sizes)
+        if not entering:
+            return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
+        return _bounded(step, known.steps, known.proof, plant, entering)
     except Unbounded as error:
         return _unknown(step, error.args[0])
 
@@ -137,13 +140,15 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
 def _entering(plant: PlantStep, sizes: Mapping[str, Sequence[Fraction]]) -> dict[str, Sizes]:
     """What enters, each by its name, where it is not 0. Raises: `Unbounded`."""
     outputs = range(len(plant.form.output))
-    late = (tau * plant.shown(j) if tau else tau for j, tau in zip(outputs, sizes["late"], strict=True))
+    moved, mistaken = plant.moved(sizes["disturbance"]), plant.mistaken(sizes["parameters"])
+    beside = [x + y for x, y in zip(moved, mistaken, strict=True)]  # which a late sample shows as well
+    late = (tau * plant.shown(j, beside) if tau else tau for j, tau in zip(outputs, sizes["late"], strict=True))
     each = {
         "noise": Sizes(samples=tuple(sizes["noise"])),
         "rounded": Sizes(samples=tuple(sizes["rounded"])),
         "late": Sizes(samples=tuple(late)),
-        "disturbance": Sizes(beside=plant.disturbed(plant.moved(sizes["disturbance"]))),
-        "parameters": Sizes(beside=plant.disturbed(plant.mistaken(sizes["parameters"]))),
+        "disturbance": Sizes(beside=plant.disturbed(moved)),
+        "parameters": Sizes(beside=plant.disturbed(mistaken)),
         "method": Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()),
     }
     return {name: size for name, size in each.items() if size.largest}

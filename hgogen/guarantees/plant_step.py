@@ -27,10 +27,12 @@ from hgogen.algebra.definite import number
 from hgogen.algebra.points import exact
 from hgogen.algebra.series import Plant, evaluate
 from hgogen.algebra.tape import NoTape, tape
+from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box, box
+from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed, signals
 
@@ -77,9 +79,12 @@ class PlantStep:
         shares = (sum(w * far for w, far in zip(row, away, strict=True)) for row in weights)
         return tuple(self.h**2 * share * bend for share in shares)
 
-    def shown(self, output: int) -> Fraction:
-        """sup|y'| of an output. Raises: `Unbounded`."""
-        return self._largest(self._shown(output))
+    def shown(self, output: int, beside: Sequence[Fraction]) -> Fraction:
+        """sup|y'| of an output of a plant whose rates are beside F by at most these sizes (n). Raises: `Unbounded`."""
+        y = self.form.output[output]
+        by = zip(self.form.states, beside, strict=True)
+        more = (self._largest(sp.diff(y, z)) * most for z, most in by if most)
+        return self._largest(self._shown(output)) + sum(more, Fraction(0))
 
     def _shown(self, output: int) -> sp.Expr:
         """y', but for what the inputs in it do."""
@@ -116,9 +121,7 @@ class PlantStep:
             value = Fraction(system.nominal[p])
             where[p] = value - size, value + size
         rows = form.A * sp.Matrix(form.states) + sp.Matrix(form.b)
-        return tuple(
-            sum((_largest(sp.diff(row, p), where) * size for p, size in wrong.items()), Fraction(0)) for row in rows
-        )
+        return tuple(sum((_steepest(row, p, where) * size for p, size in wrong.items()), Fraction(0)) for row in rows)
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course.
@@ -231,6 +234,18 @@ def _largest(expression: sp.Expr, where: Box) -> Fraction:
     if not (known.defined and known.finite):
         raise Unbounded(because("{expression} has no finite range on the box", expression=expression))
     return max(abs(Fraction(known.low)), abs(Fraction(known.high)))
+
+
+def _steepest(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
+    """The largest slope in p of an expression that does not jump. Raises: `Unbounded`."""
+    try:
+        known = lipschitz_bound((expression,), (p,), where, relative=0.005)
+    except NoTape as error:
+        raise Unbounded(error.reason) from error
+    if known.verdict is not Verdict.PROVED:
+        jumps = "{expression} may jump with {p}, or be steep without bound"
+        raise Unbounded(because(jumps, expression=expression, p=p))
+    return Fraction(known.high)
 
 
 def _ball(low: Fraction, high: Fraction) -> Any:

@@ -1,0 +1,57 @@
+"""Bounds of the error where what enters meets something else: late samples a disturbance, a parameter a jump."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen.check import Verdict
+from hgogen.program import Place
+from hgogen.stepping.machine import Machine
+
+
+def lag(flow: sp.Expr, *parameters: hg.Signal, **options: float) -> hg.Step:
+    """x' = flow(x) on -5..5, y = x, theta = 20 at dt = .01."""
+    x = hg.Signal("x", low=-5, high=5)
+    rate = [sp.sympify(flow).subs(sp.Symbol("x"), x)]
+    plant = hg.System("lag", states=(x,), outputs=(hg.Signal("y"),), parameters=parameters, flow=rate, output=[x])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=[-1])
+    return hg.sample(observer, hg.methods.rk4, dt=0.01, **options)
+
+
+def test_a_late_sample_shows_the_disturbance_as_well() -> None:
+    """A disturbance that drives the plant from end to end, beside which its own speed is nothing."""
+    step, late, pushed = lag(-sp.Symbol("x") / 10), 5, 20.0
+    known = hg.error_bound(step, late={"y": late * step.dt}, disturbance={"x": pushed})
+    assert known.settles is not None
+    machine, x, sign, errors = Machine(step), [0.0] * (late + 1), 1.0, []
+    for _ in range(600):
+        machine.memory[Place("output", "y")][0] = x[-1 - late]
+        machine.call()
+        errors.append(abs(machine.memory[Place("estimate", "x")][0] - x[-1]))
+        sign = -np.sign(x[-1]) if abs(x[-1]) > 4.75 else sign
+        x.append(x[-1] + (1 - np.exp(-step.dt / 10)) * (10 * sign * pushed - x[-1]))
+    worst = max(errors[round(known.settles / step.dt) :])
+    assert 0.6 * known.bounds["x"] < worst <= 1.1 * known.bounds["x"]
+
+
+def test_a_late_sample_shows_the_parameter_as_well() -> None:
+    p = hg.Signal("p", nominal=0.5)
+    known = hg.error_bound(lag(p, p), late={"y": 0.1}, parameters={"p": 1})
+    assert known.shares["late"]["x"] == pytest.approx(0.15, rel=0.01)
+
+
+def test_of_a_parameter_at_which_the_flow_jumps_there_is_no_bound() -> None:
+    p, x = hg.Signal("p", nominal=0.4), sp.Symbol("x")
+    step = lag(-x + sp.Piecewise((1, p > sp.Rational(1, 2)), (0, True)), p)
+    assert hg.error_bound(step, parameters={"p": 0.05}).check.verdict is Verdict.PROVED
+    known = hg.error_bound(step, parameters={"p": 0.3})
+    assert known.check.verdict is Verdict.UNKNOWN
+    assert "may jump with p" in str(known)
+
+
+def test_where_nothing_enters_there_is_nothing_to_bound() -> None:
+    known = hg.error_bound(lag(0))
+    assert known.check.verdict is Verdict.UNKNOWN
+    assert "nothing enters the error" in str(known)
+    assert hg.error_bound(lag(0), noise={"y": 1}).check.verdict is Verdict.PROVED
