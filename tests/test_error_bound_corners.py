@@ -55,3 +55,43 @@ def test_where_nothing_enters_there_is_nothing_to_bound() -> None:
     assert known.check.verdict is Verdict.UNKNOWN
     assert "nothing enters the error" in str(known)
     assert hg.error_bound(lag(0), noise={"y": 1}).check.verdict is Verdict.PROVED
+
+
+def kept(noise: float, calls: int) -> tuple[hg.ErrorBound, float, set[str]]:
+    """A plant at rest far from where its estimate restarts, under noise of changing sign: the bounds, how far x2 errs
+    once these hold, and what the status says."""
+    x1, x2 = hg.Signal("x1", low=-4, high=4), hg.Signal("x2", low=-20, high=20)
+    u, y = hg.Signal("u", low=-20, high=20), hg.Signal("y")
+    plant = hg.System("rest", states=(x1, x2), inputs=(u,), outputs=(y,), flow=[x2 / 5 - x1, u - x2], output=[x1])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=1, poles=[-1, -1])
+    step = hg.sample(observer, hg.methods.rk4, dt=0.1, between="hold")
+    known, machine, worst, status = hg.error_bound(step, noise={"y": noise}), Machine(step), 0.0, 0
+    assert known.settles is not None
+    machine.memory[Place("input", "u")][0] = 15
+    for k in range(calls):
+        machine.memory[Place("output", "y")][0] = 3 + noise * (-1) ** k
+        status |= machine.call()
+        if k * step.dt >= known.settles:
+            worst = max(worst, abs(machine.memory[Place("estimate", "x2")][0] - 15))
+    return known, worst, {bit.place.name for i, bit in enumerate(step.bits) if status >> i & 1}
+
+
+GUARDS = "no sample is rejected, and the estimate does not restart"
+
+
+def test_noise_that_restarts_an_estimate_is_said() -> None:
+    known, worst, status = kept(0.85, 300)
+    assert "RESTARTED_FROM_SAMPLE" in status
+    assert worst > 2 * known.bounds["x2"]
+    assert GUARDS in str(known)
+
+
+def test_of_less_noise_no_guard_is_spoken() -> None:
+    known, worst, status = kept(0.05, 300)
+    assert status <= {"OUTSIDE_BOX"}
+    assert worst <= 1.1 * known.bounds["x2"]
+    assert GUARDS not in str(known)
+
+
+def test_noise_by_which_samples_are_rejected_is_said() -> None:
+    assert GUARDS in str(hg.error_bound(lag(-sp.Symbol("x")), noise={"y": 11}))

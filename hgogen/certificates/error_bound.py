@@ -18,6 +18,7 @@ import sympy as sp
 from hgogen.algebra.definite import fraction
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.start_set import Start, start_of
+from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.confined import confined
@@ -33,12 +34,13 @@ from hgogen.intervals.outward import number
 from hgogen.method import ByTableau
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import in_order, names_of
-from hgogen.sentence import Reason, Sentence, because, joined
+from hgogen.sentence import NONE, Reason, Sentence, because, joined
 from hgogen.signal import Signal
 from hgogen.step import Step
 
 Each = Mapping[str, float] | None
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
+_GUARDS = "while no sample is rejected, and the estimate does not restart from one"
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
 
 
@@ -173,8 +175,15 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
     totals = {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
     start = start_of(step.observer, steps)
     multiple = _multiple(steps, proof, start, totals) if start else None
-    settles = _settles(step, proof, start, multiple, totals, error.layout.picks) if start and multiple else None
-    return _stated(step, steps, shares, totals, plant.margins, settles, multiple)
+    margins, settles, alone = plant.margins, None, False
+    samples = [
+        sum(each, Fraction(0)) for each in zip(*(s.samples for s in entering.values() if s.samples), strict=True)
+    ]
+    left = room(step, samples or [Fraction(0)] * len(form.output), margins, totals, error.layout)
+    if start and multiple:
+        settles = step.dt * _calls(proof, start, multiple, {k: _CLOSE * totals[k] for k in error.layout.picks})
+        alone = left is not None and _calls(proof, start, multiple, left) < patient(step)
+    return _stated(step, steps, shares, totals, margins, settles, multiple, alone or (left == {}))
 
 
 def _shown(form: Form) -> dict[int, tuple[int, Fraction]] | None:
@@ -196,19 +205,17 @@ def _multiple(steps: Steps, proof: Contracts, start: Start, totals: Mapping[int,
     return 1 / max(clear.bounds.values()) if clear else None
 
 
-def _settles(
-    step: Step, proof: Contracts, start: Start, multiple: Fraction, totals: Mapping[int, Fraction], picks: Sequence[int]
-) -> float:
-    """The time after which what is left of the start is a tenth of each bound: from V(0) at most the largest of the
-    corners V falls to (1 - alpha h)^k of it."""
+def _calls(proof: Contracts, start: Start, multiple: Fraction, left: Mapping[int, Fraction]) -> int:
+    """The calls after which what is left of the start is that much at most, by field: from V(0) at most the largest of
+    the corners V falls to (1 - alpha h)^k of it."""
     P, taken = rational(proof.weights.P), min(multiple, Fraction(1))
     begins = float(fraction(max(corner @ P @ corner for corner in start.corners)) * taken**2)
     inverse, calls = np.linalg.inv(floats(P)), 0
-    for k in picks:
+    for k, most in left.items():
         c = floats(of_state(start.scales, k)[None])[0]
-        ratio = float(c @ inverse @ c) * begins / float(_CLOSE * totals[k]) ** 2
+        ratio = float(c @ inverse @ c) * begins / float(most) ** 2
         calls = max(calls, math.ceil(math.log(max(ratio, 1.0)) / -math.log1p(-float(proof.alpha * proof.h)) * _UP))
-    return calls * step.dt
+    return calls
 
 
 def _stated(
@@ -219,6 +226,7 @@ def _stated(
     inside: Sequence[Fraction],
     settles: float | None,
     multiple: Fraction | None,
+    alone: bool,
 ) -> ErrorBound:
     names, picks = step.observer.form.names, steps.error.layout.picks
 
@@ -238,7 +246,7 @@ def _stated(
     ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
     said = because(pattern, each=each, margins=[Up(value, 2) for value in margins.values()])
-    reason = joined(said, _from(step, settles, multiple))
+    reason = joined(said, _from(step, settles, multiple), NONE if alone else because(_GUARDS))
     fact = UnderInputs(steps.error, step.rule, Fraction(step.dt), tuple(shares))
     check = claimed(step.observer, "error", _claim(step), reason, steps.error, fact)
     return ErrorBound(check, parts, bounds, margins, settles, None if multiple is None else number(multiple)[0])

@@ -1,0 +1,64 @@
+"""Whether samples are used and the estimate is left alone, while its error is within its bounds.
+
+No proof of a step speaks of a sample that is rejected, or of an estimate that restarts from one as it seems to be lost
+(`stepping.recovery`): by noise above a tenth of what an output can span that may be, however small the error.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+
+import sympy as sp
+
+from hgogen.guarantees.certified_core import Layout
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.box import box
+from hgogen.step import Step
+from hgogen.stepping.guards import readings
+from hgogen.stepping.recovery import MARGIN, SHARE
+
+_CLOSE = 1 - Fraction(1, 10**9)  # of a limit, which a program compares in floats
+
+
+def room(
+    step: Step, samples: Sequence[Fraction], inside: Sequence[Fraction], totals: Mapping[int, Fraction], layout: Layout
+) -> dict[int, Fraction] | None:
+    """By field, what an error may be beside its bound of the `totals` for no guard to act; None where one may act with
+    no more than these. `samples` (p): by how much a sample may err; `inside` (n): how clear the plant keeps."""
+    if not all(_plausible(step, samples)):
+        return None
+    left = dict[int, Fraction]()
+    for state, most in _limits(step, samples, inside):
+        k = layout.picks[state]
+        left[k] = min(most * _CLOSE - totals[k], left.get(k, most))
+    return left if all(x > 0 for x in left.values()) else None
+
+
+def patient(step: Step) -> int:
+    """How many calls a sign that the estimate is lost may show for before it restarts."""
+    return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.signs), default=0)
+
+
+def _plausible(step: Step, samples: Sequence[Fraction]) -> Iterator[bool]:
+    """Whether each sample is surely taken."""
+    form = step.observer.form
+    where = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
+        known, width = bound(sp.sympify(y), where), high - low
+        yield known.low - size >= low - width and known.high + size <= high + width
+
+
+def _limits(step: Step, samples: Sequence[Fraction], inside: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
+    """States, by place, and up to which error no sign of the estimate being lost shows."""
+    form = step.observer.form
+    spans = [high - low for low, high in readings(form)]
+    for sign in step.signs:
+        if sign.output is not None:
+            head, y = form.heads[sign.output], form.output[sign.output]
+            slope = Fraction(str(abs(sp.diff(y, form.states[head]))))
+            yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / slope
+            continue
+        own = all(row.is_Symbol or (-row).is_Symbol for row in form.from_form)
+        for i, (state, clear) in enumerate(zip(form.states, inside, strict=True)):
+            low, high = map(Fraction, state.interval)
+            yield i, clear + Fraction(MARGIN) * (high - low) if own else Fraction(0)
