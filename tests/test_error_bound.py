@@ -298,6 +298,9 @@ LIES: dict[str, Callable[[Any], None]] = {
     "another P": put("shares", 0, "bounds", 0, "P", value=lambda P: [[times("2")(x) for x in row] for row in P]),
     "another dt": put("dt", value="1/5"),
     "another method": put("method", value="Heun"),
+    "inputs of no kind": put("shares", 0, "inputs", value="nothing"),
+    "a share twice": put("shares", value=lambda shares: [*shares, shares[0]]),
+    "samples that are no list": put("shares", 3, "samples", value=False),
 }
 
 
@@ -308,6 +311,15 @@ def test_a_forged_number_fails(observer: str, lie: str) -> None:
     (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
     LIES[lie](claim["evidence"])
     assert verdict(content) == "fails"
+
+
+def test_what_is_verified_says_how_large_the_inputs_are() -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
+    put("shares", 0, "samples", 0, value="1/1000000")(claim["evidence"])
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".error"))
+    assert row.found == "verified"
+    assert "noise of 1/1000000; rounded of 0.000500000; late of" in row.sentence
 
 
 # --- from a model's file ----------------------------------------------------------------------------------------------

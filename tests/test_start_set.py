@@ -212,6 +212,15 @@ def test_a_forged_number_fails(observer: str, lie: str) -> None:
     assert verdict(content) == "fails"
 
 
+def test_what_is_verified_says_which_limits_are_not_met() -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".start"))
+    claim["evidence"]["clear"]["limits"][0]["limit"] = "1000000000"
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".start"))
+    assert row.found == "verified"
+    assert "no field errs by more than 1000000000, 380.000" in row.sentence
+
+
 def test_the_field_of_a_filter_has_no_limit() -> None:
     """It is none that estimates."""
     content = copy.deepcopy(certified("filtered"))

@@ -141,7 +141,8 @@ def start(context: Context, claim: Claim) -> Shown:
         said.append(f"{z} by at most {short(bound, 1)}")
     at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
     from_ = f"from errors of up to {short(multiple, -1)} times {', '.join(short(x) for x in first)}"
-    return Shown(f"{at}, {from_} no limit is met; from these once {', '.join(said)}", error.boxes)
+    clear_of = ", ".join(short(limit, 1) for _, limit in sorted(limits.items()))
+    return Shown(f"{at}, {from_} no field errs by more than {clear_of}; from these once {', '.join(said)}", error.boxes)
 
 
 def _limits(clear: Mapping[str, Any], error: ErrorInclusion) -> dict[int, Fraction]:

@@ -19,9 +19,10 @@ from ..file import Claim, part
 from ..matrix import above_zero, column, entries, plus, scalar
 from ..stages import Input, Method, corner, definite, ends, form_of, method_of, place, within
 from ..structure import on_chains
+from ..text import number
 from ..uncertain import ErrorInclusion, error_inclusion
 
-_SHARES = 12
+_KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method")
 
 
 def error(context: Context, claim: Claim) -> Shown:
@@ -34,13 +35,18 @@ def error(context: Context, claim: Claim) -> Shown:
     scales, shares = inclusion.scales(context, theta), part(evidence, "shares", list)
     if not inclusion.measured:
         raise NotShown("its gains are no numbers in these coordinates")
-    if not 0 < len(shares) <= _SHARES:
-        raise NotShown(f"it has no shares, or more than {_SHARES}")
+    if not shares:
+        raise NotShown("it has no shares")
+    of = dict[str, str]()
     totals, wanted = dict.fromkeys(range(len(scales)), Fraction(0)), {k for k, fed in enumerate(inclusion.fed) if fed}
     for share in shares:
         if not isinstance(share, dict) or set(share) != {"inputs", "samples", "stages", "beside", "unit", "bounds"}:
             raise NotShown("a share is no object of inputs, samples, stages, beside, unit and bounds")
+        kind = part(share, "inputs", str)
+        if kind not in _KINDS or kind in of:
+            raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
         unit, inputs = above_zero(share, "unit"), _inputs(context, inclusion, method, h, theta, share)
+        of[kind] = f"{kind} of {', '.join(short(size, -1) for size in _all(share))}"
         bounds = part(share, "bounds", list)
         if {_field(one, len(scales)) for one in bounds} != wanted or len(bounds) > len(wanted):
             raise NotShown("its bounds are not those of the fields that estimate, each once")
@@ -56,7 +62,7 @@ def error(context: Context, claim: Claim) -> Shown:
     states = zip(context.z, inclusion.picks, strict=True)
     said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
     at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
-    return Shown(f"{at}, {len(shares)} kinds of inputs move {said} in all", inclusion.boxes)
+    return Shown(f"{at}, {'; '.join(of.values())} move {said} in all", inclusion.boxes)
 
 
 def _field(one: Any, count: int) -> int:
@@ -75,7 +81,7 @@ def _inputs(
     nothing, scales, inputs = [Fraction(0)] * len(error.N), error.scales(context, theta), list[Input]()
     for j, size in enumerate(_sizes(share, "samples", p)):
         inputs += [end * size for end in ends(method, into[j]) if size]
-    for j, row in enumerate(entries(share, "stages", p) if share["stages"] else []):
+    for j, row in enumerate(entries(share, "stages", p) if share["stages"] != [] else []):
         for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
             at = [into[j] if k == i else nothing for k in range(stages)]
             inputs += [Input(at, nothing) * size] if size else []
@@ -94,9 +100,15 @@ def _inputs(
     return [each * (1 / unit) for each in inputs]
 
 
+def _all(share: Mapping[str, Any]) -> list[Fraction]:
+    """The sizes of a share that are not 0."""
+    flat = [*share["samples"], *(size for row in share["stages"] for size in row), *share["beside"]]
+    return [size for size in map(number, flat) if size]
+
+
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
     """`count` sizes that are not negative, or none. Raises: `NotShown`."""
-    sizes = column(share, key, count) if share.get(key) else []
+    sizes = column(share, key, count) if share[key] != [] else []
     if any(size < 0 for size in sizes):
         raise NotShown(f"a size of its {key} is negative")
     return sizes
