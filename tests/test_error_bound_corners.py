@@ -1,20 +1,27 @@
 """Bounds of the error where what enters meets something else: late samples a disturbance, a parameter a jump."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import sympy as sp
+from forger import sealed
 
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.program import Place
+from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 
 
-def lag(flow: sp.Expr, *parameters: hg.Signal, **options: float) -> hg.Step:
-    """x' = flow(x) on -5..5, y = x, theta = 20 at dt = .01."""
+def lag(flow: sp.Expr, *parameters: hg.Signal, slope: float = 1, **options: str) -> hg.Step:
+    """x' = flow(x) on -5..5, y = slope x, theta = 20 at dt = .01."""
     x = hg.Signal("x", low=-5, high=5)
     rate = [sp.sympify(flow).subs(sp.Symbol("x"), x)]
-    plant = hg.System("lag", states=(x,), outputs=(hg.Signal("y"),), parameters=parameters, flow=rate, output=[x])
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y")
+    plant = hg.System(
+        "lag", states=(x,), inputs=(u,), outputs=(y,), parameters=parameters, flow=rate, output=[slope * x]
+    )
     observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=[-1])
     return hg.sample(observer, hg.methods.rk4, dt=0.01, **options)
 
@@ -95,3 +102,28 @@ def test_of_less_noise_no_guard_is_spoken() -> None:
 
 def test_noise_by_which_samples_are_rejected_is_said() -> None:
     assert GUARDS in str(hg.error_bound(lag(-sp.Symbol("x")), noise={"y": 11}))
+
+
+def test_an_output_may_have_a_slope_in_decimals() -> None:
+    step = lag(-sp.Symbol("x"), slope=-0.1)
+    known, whole = hg.error_bound(step, noise={"y": 0.01}), hg.error_bound(lag(-sp.Symbol("x")), noise={"y": 0.1})
+    assert known.shares["noise"]["x"] == pytest.approx(whole.shares["noise"]["x"], rel=1e-3)
+    content = hg.certificate(step.observer.form, (*step.observer.checks, known.check), "high_gain")
+    assert [row.found for row in recheck(sealed(content)).rows if row.id == "high_gain.error"] == ["verified"]
+
+
+@pytest.mark.parametrize(
+    ("sizes", "said"),
+    [
+        ({"noise": 1}, "noise = 1 is no mapping from names to numbers"),
+        ({"noise": [1]}, "noise = [1] is no mapping"),
+        ({"rates": 3}, "rates = 3 is no mapping"),
+        ({"noise": {"y": 10**400}}, "must be a number"),
+        ({"rates": {"u": -1}}, "rates of u = -1 must be a finite number, not negative"),
+    ],
+)
+def test_what_is_no_size_is_named(sizes: dict[str, Any], said: str) -> None:
+    """Of an input that is held, too, whose rates are not read."""
+    with pytest.raises(hg.HgogenError) as error:
+        hg.error_bound(lag(-sp.Symbol("x"), between="hold"), **sizes)
+    assert said in str(error.value)

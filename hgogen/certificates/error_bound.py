@@ -16,6 +16,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.definite import fraction
+from hgogen.algebra.points import exact
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
@@ -33,7 +34,7 @@ from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import ByTableau
 from hgogen.reading.given import BadGain, real
-from hgogen.reading.named import in_order, names_of
+from hgogen.reading.named import BadNames, in_order, names_of
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -116,9 +117,16 @@ def error_bound(
 
 def _sizes(what: str, values: Each, signals: Sequence[Signal]) -> list[Fraction]:
     """A size >= 0 for each signal, 0 where none is given. Raises: `BadNames`, `BadGain`."""
+    sizes = _by_name(what, values, signals, 0.0)
+    return [_size(f"{what} of {signal.name}", value) for signal, value in zip(signals, sizes, strict=True)]
+
+
+def _by_name(what: str, values: Given, signals: Sequence[Signal], default: float | None) -> list[Any]:
+    """What is given for each signal, or the default. Raises: `BadNames`."""
+    if not isinstance(values, Mapping | None):
+        raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
     names = names_of(signals)
-    ordered = in_order(what, values or {}, names, default=dict.fromkeys(names, 0.0))
-    return [_size(f"{what} of {name}", value) for name, value in zip(names, ordered, strict=True)]
+    return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
 
 
 def _size(what: str, value: Any) -> Fraction:
@@ -131,12 +139,11 @@ def _size(what: str, value: Any) -> Fraction:
 def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
-    ordered = in_order("rates", rates or {}, names_of(inputs), default=dict.fromkeys(names_of(inputs), None))
-    if step.between == "hold":
-        return (Fraction(0),) * len(inputs)
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
-    known = [own if value is None else value for value, own in zip(ordered, declared, strict=True)]
-    return tuple(None if x is None else _size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True))
+    asked = _by_name("rates", rates, inputs, None)
+    known = [own if value is None else value for value, own in zip(asked, declared, strict=True)]
+    most = [None if x is None else _size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
+    return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)
 
 
 def _entering(plant: PlantStep, sizes: Mapping[str, Sequence[Fraction]]) -> dict[str, Sizes]:
@@ -188,7 +195,7 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
 
 def _shown(form: Form) -> dict[int, tuple[int, Fraction]] | None:
     """By the place of a first state of a chain, its output's place and dy/dz; None where that is no number."""
-    slopes = [sp.sympify(sp.diff(y, form.states[head])) for y, head in zip(form.output, form.heads, strict=True)]
+    slopes = [exact(sp.sympify(sp.diff(y, form.states[head]))) for y, head in zip(form.output, form.heads, strict=True)]
     if not all(slope.is_Rational for slope in slopes):
         return None
     return {head: (j, Fraction(s.p, s.q)) for j, (head, s) in enumerate(zip(form.heads, slopes, strict=True))}

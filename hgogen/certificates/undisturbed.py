@@ -10,6 +10,7 @@ from fractions import Fraction
 
 import sympy as sp
 
+from hgogen.algebra.points import exact
 from hgogen.guarantees.certified_core import Layout
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
@@ -55,7 +56,7 @@ def _limits(step: Step, samples: Sequence[Fraction], inside: Sequence[Fraction])
     for sign in step.signs:
         if sign.output is not None:
             head, y = form.heads[sign.output], form.output[sign.output]
-            slope = Fraction(str(abs(sp.diff(y, form.states[head]))))
+            slope = Fraction(str(abs(exact(sp.sympify(sp.diff(y, form.states[head]))))))
             yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / slope
             continue
         own = all(row.is_Symbol or (-row).is_Symbol for row in form.from_form)

@@ -33,7 +33,7 @@ def reals(name: str, value: Any) -> np.ndarray:
         if value is None or array.dtype.kind in "USc":  # which numpy would turn into NaN, into numbers, or cut
             raise TypeError
         return np.asarray(array, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BadGain(f"{name} = {value!r}", "must be a number or an array of numbers") from None
 
 
