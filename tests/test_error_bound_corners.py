@@ -127,3 +127,31 @@ def test_what_is_no_size_is_named(sizes: dict[str, Any], said: str) -> None:
     with pytest.raises(hg.HgogenError) as error:
         hg.error_bound(lag(-sp.Symbol("x"), between="hold"), **sizes)
     assert said in str(error.value)
+
+
+def test_a_disturbance_is_of_the_plant_before_it_was_recast() -> None:
+    """w = x1 - x2: what moves x2 moves w as well, and the estimate of x2 errs by all of a lasting disturbance."""
+    x1, x2, w = hg.Signal("x1", low=-3, high=3), hg.Signal("x2", low=-1, high=1), hg.Signal("w", low=-4, high=4)
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y")
+    plant = hg.System("pair", states=(x1, x2), inputs=(u,), outputs=(y,), flow=[u, u - x2], output=[x1 - x2])
+    form = hg.forms.triangular(hg.recast(plant, {w: x1 - x2}, {x1: w + x2}))
+    step = hg.sample(hg.observers.high_gain(form, theta=5, poles=[-1, -1]), hg.methods.rk4, dt=0.01, between="hold")
+    known, machine, x = hg.error_bound(step, disturbance={"x2": 0.1}), Machine(step), np.zeros(2)
+    assert known.settles is not None
+    for _ in range(round(known.settles / step.dt) + 100):
+        machine.memory[Place("output", "y")][0] = x[0] - x[1]
+        machine.call()
+        error = machine.memory[Place("estimate", "x2")][0] - x[1]
+        x[1] += (1 - np.exp(-step.dt)) * (0.1 - x[1])
+    assert 0.09 < abs(error) <= 1.1 * known.bounds["x2"]
+    assert hg.error_bound(step, disturbance={"x1": 0.1}).check.verdict is Verdict.PROVED
+
+
+def test_a_parameter_in_the_map_of_a_recast_plant_is_said() -> None:
+    x, w, u, y = (hg.Signal(name, low=-2, high=2) for name in ("x", "w", "u", "y"))
+    p = hg.Signal("p", nominal=0.5)
+    plant = hg.System("part", states=(x,), inputs=(u,), outputs=(y,), parameters=(p,), flow=[u - x], output=[p * x])
+    form = hg.forms.triangular(hg.recast(plant, {w: p * x}, {x: w / p}))
+    step = hg.sample(hg.observers.high_gain(form, theta=5, poles=[-1]), hg.methods.rk4, dt=0.01, between="hold")
+    known = hg.error_bound(step, parameters={"p": 0.1})
+    assert known.check.verdict is Verdict.UNKNOWN

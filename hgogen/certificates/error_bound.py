@@ -96,7 +96,7 @@ def error_bound(
         "noise": _sizes("noise", noise, form.system.outputs),
         "rounded": [size / 2 for size in _sizes("rounded", rounded, form.system.outputs)],
         "late": _sizes("late", late, form.system.outputs),
-        "disturbance": _sizes("disturbance", disturbance, form.system.states),
+        "disturbance": _sizes("disturbance", disturbance, form.system.declared.states),
         "parameters": _sizes("parameters", parameters, form.system.parameters),
     }
     moving = _moving(step, rates)

@@ -94,17 +94,24 @@ class PlantStep:
         return sum((sp.diff(y, z) * row for z, row in zip(form.states, self.flow, strict=True)), sp.S(0))
 
     def moved(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """What disturbances of at most these sizes (n) in the rows of the plant are in those of the form.
+        """What disturbances of at most these sizes in the plant's rows, as first declared, are in those of the form.
 
         Raises: `Unbounded`.
         """
-        system, form = self.form.system, self.form
-        where = box((*system.states, *system.inputs, *system.parameters), system.nominal)
-        T = sp.Matrix([sp.sympify(row) for row in form.to_form]).jacobian(sp.Matrix(system.states))
+        system, form, plant = self.form.system, self.form, self.form.system.declared
+        where = box((*plant.states, *system.inputs, *system.parameters), system.nominal)
+        rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
+        T = sp.Matrix(rows).jacobian(sp.Matrix(plant.states))
         return tuple(
             sum((_largest(T[i, j], where) * size for j, size in enumerate(most) if size), Fraction(0))
             for i in range(form.n)
         )
+
+    @property
+    def _recast(self) -> dict[sp.Symbol, sp.Expr]:
+        """The states of the form's system in those of the plant as first declared; empty where they are the same."""
+        origin = self.form.system.origin
+        return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
 
     def mistaken(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """What parameters of the plant that are beside the program's by at most these sizes do to the rows of the form.
@@ -113,7 +120,7 @@ class PlantStep:
         """
         form, system = self.form, self.form.system
         wrong = {p: size for p, size in zip(system.parameters, most, strict=True) if size}
-        read = sp.Matrix([*form.to_form, *form.output]).free_symbols & wrong.keys()
+        read = sp.Matrix([*form.to_form, *form.output, *self._recast.values()]).free_symbols & wrong.keys()
         if read:
             raise Unbounded(because("the coordinates or outputs read {read}", read=sorted(map(str, read))))
         where = box(signals(form), system.nominal)
