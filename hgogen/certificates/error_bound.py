@@ -121,7 +121,7 @@ def _sizes(what: str, values: Each, signals: Sequence[Signal]) -> list[Fraction]
     return [_size(f"{what} of {signal.name}", value) for signal, value in zip(signals, sizes, strict=True)]
 
 
-def _by_name(what: str, values: Given, signals: Sequence[Signal], default: float | None) -> list[Any]:
+def _by_name(what: str, values: Each, signals: Sequence[Signal], default: float | None) -> list[Any]:
     """What is given for each signal, or the default. Raises: `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
