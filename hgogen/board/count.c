@@ -3,13 +3,18 @@
 static memory m, copies[COPIES];
 volatile real last;
 
+static unsigned since(unsigned start_) /* ticks, of a counter of 24 bits that begins anew */
+{
+    return (ticks() - start_) & 0xffffffu;
+}
+
 static unsigned over(int first, int count)
 {
     const unsigned start_ = ticks();
     for (int k = first; k < first + count; ++k) {
         sample(&m, record[k]);
     }
-    return ticks() - start_;
+    return since(start_);
 }
 
 static unsigned of_one(int k) /* the instructions of a sample, of so many runs of it */
@@ -21,7 +26,7 @@ static unsigned of_one(int k) /* the instructions of a sample, of so many runs o
     for (int i = 0; i < COPIES; ++i) {
         sample(&copies[i], record[k]);
     }
-    const unsigned count = (ticks() - start_)*40u/COPIES;
+    const unsigned count = since(start_)*40u/COPIES;
     sample(&m, record[k]);
     return count;
 }
