@@ -377,7 +377,7 @@ def test_a_trial_is_shown_beside_what_is_proved(tmp_path: Path) -> None:
         assert row["bound"] == known.bounds[state]
         assert row["after"] == known.settles
         assert 0 < row["worst"] < 0.3 * row["bound"]
-    assert "beside what is proved of them" in invoked("simulate", str(file))
+    assert "beside what is proved of them" in " ".join(invoked("simulate", str(file)).split())
     short = plain(tmp_path, BOUNDS + trial.replace("duration = 3", "duration = 0.2"))
     (one,) = json.loads(invoked("simulate", str(short), "--json"))["trials"]
     assert [row["worst"] for row in one["bounds"]] == [None, None]

@@ -5,7 +5,9 @@
 Where the plant keeps clear of the ends of its ranges by h sup|F_i|, the stages X_i, and the flow from x, do not leave
 them, and no clamp acts. Then
 
-    line          |(1 - c_i) y_k + c_i C Phi_h(x) - C X_i| <= h^2 sum_j |c_i b_j - a_ij| sum_k |a_jk| sup|y''|
+    line          l_i = (1 - c_i) y_k + c_i C Phi_h(x) - C X_i;
+                  |l_i| <= h^2 sum_j |c_i b_j - a_ij| sum_k |a_jk| sup|y''|
+                  and h^3 sup|l_(i,3)|, its Taylor coefficient, where that of h^2 is 0: sum_j (c_i b_j - a_ij) c_j = 0
     remainder     |x(t + h) - Phi_h(x)| <= h^(p+1) (sup|x_(p+1)| + sup|Phi_(p+1)|), of a method of order p: Taylor
                   coefficients in time of the flow at any point, of the step at any length up to h, in Arb's balls
     disturbance   |d_i(t)| <= dbar_i of any course in x' = F + d: |delta| <= integral over h of exp(s |dF/dx|) dbar
@@ -76,8 +78,28 @@ class PlantStep:
         rows = [(*row, *[Fraction(0)] * (len(b) - len(row))) for row in a]
         away = [sum(map(abs, row), Fraction(0)) for row in rows]  # of a stage from the start, over h sup|F|
         weights = [[abs(at * w - x) for w, x in zip(b, row, strict=True)] for at, row in zip(c, rows, strict=True)]
-        shares = (sum(w * far for w, far in zip(row, away, strict=True)) for row in weights)
-        return tuple(self.h**2 * share * bend for share in shares)
+        shares = [sum(w * far for w, far in zip(row, away, strict=True)) for row in weights]
+        coarse = [self.h**2 * share * bend for share in shares]
+        fine = (self._bent(output, i) for i in range(len(c)))
+        return tuple(one if less is None else min(one, less) for one, less in zip(coarse, fine, strict=True))
+
+    def _bent(self, output: int, stage: int) -> Fraction | None:
+        """The bound of a line by its third Taylor coefficient, where the second is 0; None elsewhere."""
+        (a, b, c), y = self._coefficients, self.form.output[output]
+        rows = [(*row, *[Fraction(0)] * (len(b) - len(row))) for row in a]
+        weights = [c[stage] * w - x for w, x in zip(b, rows[stage], strict=True)]
+        second = sum((w * at for w, at in zip(weights, c, strict=True)), Fraction(0))
+        if [sum(row) for row in rows] != c or second:
+            return None
+        try:
+            stages, end = self._step_series(4)
+        except (Undecided, ZeroDivisionError, NoTape):
+            return None
+        by = zip(self.form.states, end, stages[stage], strict=True)
+        terms = (
+            self._largest(sp.diff(y, z)) * _above(last[3] * flint.arb(number(c[stage])) - one[3]) for z, last, one in by
+        )
+        return self.h**3 * sum(terms, Fraction(0))
 
     def shown(self, output: int, beside: Sequence[Fraction]) -> Fraction:
         """sup|y'| of an output of a plant whose rates are beside F by at most these sizes (n). Raises: `Unbounded`."""
@@ -144,7 +166,7 @@ class PlantStep:
         """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
         order = self.tableau.order
         try:
-            flow, step = self._flow_series(order + 2), self._step_series(order + 2)
+            flow, (_, step) = self._flow_series(order + 2), self._step_series(order + 2)
         except (Undecided, ZeroDivisionError, NoTape) as error:
             raise Unbounded(
                 because("the method's remainder has no bound on the ranges: {flow}", flow=self.flow)
@@ -161,11 +183,11 @@ class PlantStep:
                 row.append(rate[k] / (k + 1))
         return states
 
-    def _step_series(self, order: int) -> list[list[Any]]:
-        """Those of the step in its length, at any length up to h."""
+    def _step_series(self, order: int) -> tuple[list[list[list[Any]]], list[list[Any]]]:
+        """Those of the stages (s) and of the step in its length, at any length up to h."""
         (a, b, c), (states, inputs, _) = self._coefficients, self._balls
         length = flint.arb_series([_ball(Fraction(0), self.h), flint.arb(1)], prec=order)
-        slopes: list[list[Any]] = []
+        slopes, stages = list[list[Any]](), list[list[list[Any]]]()
 
         def moved(weights: Sequence[Fraction]) -> list[Any]:
             totals = [flint.arb_series([x], prec=order) for x in states]
@@ -177,9 +199,10 @@ class PlantStep:
 
         for row, at in zip(a, c, strict=True):
             here = [[u, rate * flint.arb(number(at))] for u, rate in inputs]
-            rates = self._rates([x.coeffs() for x in moved(row)], here, order)
+            stages.append([_padded(x.coeffs(), order) for x in moved(row)])
+            rates = self._rates(stages[-1], here, order)
             slopes.append([flint.arb_series(rate, prec=order) for rate in rates])
-        return [_padded(x.coeffs(), order) for x in moved(b)]
+        return stages, [_padded(x.coeffs(), order) for x in moved(b)]
 
     def _rates(self, states: list[list[Any]], inputs: list[list[Any]], order: int) -> list[list[Any]]:
         """F of series, below t^order."""
