@@ -164,21 +164,22 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
     const bioreactor_input *in, const bioreactor_output *out)
 {
     unsigned status = bioreactor_ready(s);
+    float ahead = 0.0f;
     bool beyond = false;
     bool doubtful = false;
+    float fraction = 0.0f;
     float k_at = 0.0f;
-    float k_from = 0.0f;
     float k_sum = 0.0f;
     bool lost = false;
     bool over_y = false;
     bool running = false;
     bool sampled = false;
+    float share = 0.0f;
     bool shows_y = false;
     bool spoiled = false;
     float u = 0.0f;
     float valid = 0.0f;
     float w_at[2];
-    float w_from[2];
     float w_sum[2];
     float y = 0.0f;
     float y_last = 0.0f;
@@ -220,70 +221,49 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
         s->calls = (calls < 2u) ? calls + 1u : 2u;
     }
     if (running) {
-        /* w, k: one step of classical Runge-Kutta, stage 1 of 4 */
+        /* w, k: one step of classical Runge-Kutta */
+        w_sum[0] = 0.0f;
+        w_sum[1] = 0.0f;
+        k_sum = 0.0f;
+        w_at[0] = s->w[0];
+        w_at[1] = s->w[1];
+        k_at = s->k;
         {
+            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+            static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
+            for (unsigned r = 0u; r < 4u; ++r) {
+                fraction = each_fraction[r];
+                share = each_share[r];
+                ahead = each_ahead[r];
+                /* a stage */
+                {
+                    const float k_at_2 = k_at;
+                    const float k_sum_2 = k_sum;
+                    const float w_at1 = w_at[0];
+                    const float w_at2 = w_at[1];
+                    const float w_sum1 = w_sum[0];
+                    const float w_sum2 = w_sum[1];
+                    float k_w[2];
+                    float k_k[1];
+                    bioreactor_rate(p, w_at1, w_at2, k_at_2, y_last + fraction*(y - y_last), valid, k_w, k_k);
+                    w_sum[0] = w_sum1 + share*k_w[0];
+                    w_sum[1] = w_sum2 + share*k_w[1];
+                    k_sum = k_sum_2 + share*k_k[0];
+                    w_at[0] = s->w[0] + ahead*k_w[0];
+                    w_at[1] = s->w[1] + ahead*k_w[1];
+                    k_at = s->k + ahead*k_k[0];
+                }
+            }
+        }
+        /* the slopes of all stages */
+        {
+            const float k_2 = s->k;
             const float w1 = s->w[0];
             const float w2 = s->w[1];
-            const float k_2 = s->k;
-            float k1_w[2];
-            float k1_k[1];
-            bioreactor_rate(p, w1, w2, k_2, y_last, valid, k1_w, k1_k);
-            w_from[0] = w1;
-            w_from[1] = w2;
-            k_from = k_2;
-            w_sum[0] = k1_w[0];
-            w_sum[1] = k1_w[1];
-            k_sum = k1_k[0];
-            w_at[0] = w1 + 0.005f*k1_w[0];
-            w_at[1] = w2 + 0.005f*k1_w[1];
-            k_at = k_2 + 0.005f*k1_k[0];
-        }
-        /* w, k: one step of classical Runge-Kutta, stage 2 of 4 */
-        {
-            const float k_at_2 = k_at;
-            const float k_sum_2 = k_sum;
-            const float w_at1 = w_at[0];
-            const float w_at2 = w_at[1];
-            const float w_sum1 = w_sum[0];
-            const float w_sum2 = w_sum[1];
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k2_w[2];
-            float k2_k[1];
-            bioreactor_rate(p, w_at1, w_at2, k_at_2, y_mid, valid, k2_w, k2_k);
-            w_sum[0] = w_sum1 + 2.0f*k2_w[0];
-            w_sum[1] = w_sum2 + 2.0f*k2_w[1];
-            k_sum = k_sum_2 + 2.0f*k2_k[0];
-            w_at[0] = w_from[0] + 0.005f*k2_w[0];
-            w_at[1] = w_from[1] + 0.005f*k2_w[1];
-            k_at = k_from + 0.005f*k2_k[0];
-        }
-        /* w, k: one step of classical Runge-Kutta, stage 3 of 4 */
-        {
-            const float k_at_2 = k_at;
-            const float k_sum_2 = k_sum;
-            const float w_at1 = w_at[0];
-            const float w_at2 = w_at[1];
-            const float w_sum1 = w_sum[0];
-            const float w_sum2 = w_sum[1];
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k3_w[2];
-            float k3_k[1];
-            bioreactor_rate(p, w_at1, w_at2, k_at_2, y_mid, valid, k3_w, k3_k);
-            w_sum[0] = w_sum1 + 2.0f*k3_w[0];
-            w_sum[1] = w_sum2 + 2.0f*k3_w[1];
-            k_sum = k_sum_2 + 2.0f*k3_k[0];
-            w_at[0] = w_from[0] + 0.01f*k3_w[0];
-            w_at[1] = w_from[1] + 0.01f*k3_w[1];
-            k_at = k_from + 0.01f*k3_k[0];
-        }
-        /* w, k: one step of classical Runge-Kutta, stage 4 of 4 */
-        {
-            float k4_w[2];
-            float k4_k[1];
-            bioreactor_rate(p, w_at[0], w_at[1], k_at, y, valid, k4_w, k4_k);
-            s->w[0] = w_from[0] + 0.0016666667f*(w_sum[0] + k4_w[0]);
-            s->w[1] = w_from[1] + 0.0016666667f*(w_sum[1] + k4_w[1]);
-            s->k = k_from + 0.0016666667f*(k_sum + k4_k[0]);
+            s->w[0] = w1 + 0.0016666667f*w_sum[0];
+            s->w[1] = w2 + 0.0016666667f*w_sum[1];
+            s->k = k_2 + 0.0016666667f*k_sum;
         }
         /* is a value beyond its box, or lost? */
         {

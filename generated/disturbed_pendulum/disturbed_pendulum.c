@@ -152,22 +152,23 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
     const disturbed_pendulum_output *out)
 {
     unsigned status = disturbed_pendulum_ready(s);
+    float ahead = 0.0f;
     bool beyond = false;
     bool doubtful = false;
+    float fraction = 0.0f;
     float gamma_at = 0.0f;
-    float gamma_from = 0.0f;
     float gamma_sum = 0.0f;
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
     bool running = false;
     bool sampled = false;
+    float share = 0.0f;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
     float valid = 0.0f;
     float w_at[3];
-    float w_from[3];
     float w_sum[3];
     float y = 0.0f;
     float y_last = 0.0f;
@@ -196,83 +197,58 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
         s->calls = 1u;
     }
     if (running) {
-        /* w, gamma: one step of classical Runge-Kutta, stage 1 of 4 */
+        /* w, gamma: one step of classical Runge-Kutta */
+        w_sum[0] = 0.0f;
+        w_sum[1] = 0.0f;
+        w_sum[2] = 0.0f;
+        gamma_sum = 0.0f;
+        w_at[0] = s->w[0];
+        w_at[1] = s->w[1];
+        w_at[2] = s->w[2];
+        gamma_at = s->gamma;
         {
+            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+            for (unsigned r = 0u; r < 4u; ++r) {
+                fraction = each_fraction[r];
+                share = each_share[r];
+                ahead = each_ahead[r];
+                /* a stage */
+                {
+                    const float gamma_at_2 = gamma_at;
+                    const float gamma_sum_2 = gamma_sum;
+                    const float w_at1 = w_at[0];
+                    const float w_at2 = w_at[1];
+                    const float w_at3 = w_at[2];
+                    const float w_sum1 = w_sum[0];
+                    const float w_sum2 = w_sum[1];
+                    const float w_sum3 = w_sum[2];
+                    float k_w[3];
+                    float k_gamma[1];
+                    disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_last
+                        + fraction*(y - y_last), valid, k_w, k_gamma);
+                    w_sum[0] = w_sum1 + share*k_w[0];
+                    w_sum[1] = w_sum2 + share*k_w[1];
+                    w_sum[2] = w_sum3 + share*k_w[2];
+                    gamma_sum = gamma_sum_2 + share*k_gamma[0];
+                    w_at[0] = s->w[0] + ahead*k_w[0];
+                    w_at[1] = s->w[1] + ahead*k_w[1];
+                    w_at[2] = s->w[2] + ahead*k_w[2];
+                    gamma_at = s->gamma + ahead*k_gamma[0];
+                }
+            }
+        }
+        /* the slopes of all stages */
+        {
+            const float gamma = s->gamma;
             const float w1 = s->w[0];
             const float w2 = s->w[1];
             const float w3 = s->w[2];
-            const float gamma = s->gamma;
-            float k1_w[3];
-            float k1_gamma[1];
-            disturbed_pendulum_rate(p, w1, w2, w3, gamma, y_last, valid, k1_w, k1_gamma);
-            w_from[0] = w1;
-            w_from[1] = w2;
-            w_from[2] = w3;
-            gamma_from = gamma;
-            w_sum[0] = k1_w[0];
-            w_sum[1] = k1_w[1];
-            w_sum[2] = k1_w[2];
-            gamma_sum = k1_gamma[0];
-            w_at[0] = w1 + 0.0005f*k1_w[0];
-            w_at[1] = w2 + 0.0005f*k1_w[1];
-            w_at[2] = w3 + 0.0005f*k1_w[2];
-            gamma_at = gamma + 0.0005f*k1_gamma[0];
-        }
-        /* w, gamma: one step of classical Runge-Kutta, stage 2 of 4 */
-        {
-            const float gamma_at_2 = gamma_at;
-            const float gamma_sum_2 = gamma_sum;
-            const float w_at1 = w_at[0];
-            const float w_at2 = w_at[1];
-            const float w_at3 = w_at[2];
-            const float w_sum1 = w_sum[0];
-            const float w_sum2 = w_sum[1];
-            const float w_sum3 = w_sum[2];
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k2_w[3];
-            float k2_gamma[1];
-            disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_mid, valid, k2_w, k2_gamma);
-            w_sum[0] = w_sum1 + 2.0f*k2_w[0];
-            w_sum[1] = w_sum2 + 2.0f*k2_w[1];
-            w_sum[2] = w_sum3 + 2.0f*k2_w[2];
-            gamma_sum = gamma_sum_2 + 2.0f*k2_gamma[0];
-            w_at[0] = w_from[0] + 0.0005f*k2_w[0];
-            w_at[1] = w_from[1] + 0.0005f*k2_w[1];
-            w_at[2] = w_from[2] + 0.0005f*k2_w[2];
-            gamma_at = gamma_from + 0.0005f*k2_gamma[0];
-        }
-        /* w, gamma: one step of classical Runge-Kutta, stage 3 of 4 */
-        {
-            const float gamma_at_2 = gamma_at;
-            const float gamma_sum_2 = gamma_sum;
-            const float w_at1 = w_at[0];
-            const float w_at2 = w_at[1];
-            const float w_at3 = w_at[2];
-            const float w_sum1 = w_sum[0];
-            const float w_sum2 = w_sum[1];
-            const float w_sum3 = w_sum[2];
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k3_w[3];
-            float k3_gamma[1];
-            disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_mid, valid, k3_w, k3_gamma);
-            w_sum[0] = w_sum1 + 2.0f*k3_w[0];
-            w_sum[1] = w_sum2 + 2.0f*k3_w[1];
-            w_sum[2] = w_sum3 + 2.0f*k3_w[2];
-            gamma_sum = gamma_sum_2 + 2.0f*k3_gamma[0];
-            w_at[0] = w_from[0] + 0.001f*k3_w[0];
-            w_at[1] = w_from[1] + 0.001f*k3_w[1];
-            w_at[2] = w_from[2] + 0.001f*k3_w[2];
-            gamma_at = gamma_from + 0.001f*k3_gamma[0];
-        }
-        /* w, gamma: one step of classical Runge-Kutta, stage 4 of 4 */
-        {
-            float k4_w[3];
-            float k4_gamma[1];
-            disturbed_pendulum_rate(p, w_at[0], w_at[1], w_at[2], gamma_at, y, valid, k4_w, k4_gamma);
-            s->w[0] = w_from[0] + 0.00016666666f*(w_sum[0] + k4_w[0]);
-            s->w[1] = w_from[1] + 0.00016666666f*(w_sum[1] + k4_w[1]);
-            s->w[2] = w_from[2] + 0.00016666666f*(w_sum[2] + k4_w[2]);
-            s->gamma = gamma_from + 0.00016666666f*(gamma_sum + k4_gamma[0]);
+            s->w[0] = w1 + 0.00016666666f*w_sum[0];
+            s->w[1] = w2 + 0.00016666666f*w_sum[1];
+            s->w[2] = w3 + 0.00016666666f*w_sum[2];
+            s->gamma = gamma + 0.00016666666f*gamma_sum;
         }
         /* is a value beyond its box, or lost? */
         {

@@ -489,17 +489,15 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             {
                 const bool t1 = fitzhugh_nagumo_within(predictor->z[0], 10.5f)
                     && fitzhugh_nagumo_within(predictor->z[1], 80.0f);
-                beyond = !(t1 && fitzhugh_nagumo_within(predictor->z[2], 512.0f));
+                beyond = !t1;
             }
             if (fitzhugh_nagumo_acts(beyond)) {
                 /* keep it in its box */
                 {
                     const float z1 = predictor->z[0];
                     const float z2 = predictor->z[1];
-                    const float z3 = predictor->z[2];
                     predictor->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+15f);
                     predictor->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+15f);
-                    predictor->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+15f);
                 }
             }
         }

@@ -566,7 +566,7 @@ unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *
                 const bool t1 = geared_motor_within(predictor->z[0], 3200.0f)
                     && geared_motor_within(predictor->z[1], 45.0f)
                         && geared_motor_within(predictor->z[2], 1200.0f);
-                beyond = !(t1 && geared_motor_within(predictor->z[3], 3.2f));
+                beyond = !t1;
             }
             if (geared_motor_acts(beyond)) {
                 /* keep it in its box */
@@ -574,11 +574,9 @@ unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *
                     const float z1 = predictor->z[0];
                     const float z2 = predictor->z[1];
                     const float z3 = predictor->z[2];
-                    const float z4 = predictor->z[3];
                     predictor->z[0] = geared_motor_keep(z1, -3200.0f, 3200.0f, 0.0f, 1e+15f);
                     predictor->z[1] = geared_motor_keep(z2, -45.0f, 45.0f, 0.0f, 1e+15f);
                     predictor->z[2] = geared_motor_keep(z3, -1200.0f, 1200.0f, 0.0f, 1e+15f);
-                    predictor->z[3] = geared_motor_keep(z4, -3.2f, 3.2f, 0.0f, 1e+15f);
                 }
             }
         }

@@ -126,13 +126,16 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
     const hindmarsh_rose_input *in, const hindmarsh_rose_output *out)
 {
     unsigned status = hindmarsh_rose_ready(s);
+    float ahead = 0.0f;
     bool beyond = false;
     bool doubtful = false;
+    float fraction = 0.0f;
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
     bool running = false;
     bool sampled = false;
+    float share = 0.0f;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
@@ -141,7 +144,6 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
     float y = 0.0f;
     float y_last = 0.0f;
     float z_at[3];
-    float z_from[3];
     float z_sum[3];
     /* guard the input */
     {
@@ -181,70 +183,50 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
         s->calls = 1u;
     }
     if (running) {
-        /* z: one step of classical Runge-Kutta, stage 1 of 4 */
+        /* z: one step of classical Runge-Kutta */
+        z_sum[0] = 0.0f;
+        z_sum[1] = 0.0f;
+        z_sum[2] = 0.0f;
+        z_at[0] = s->z[0];
+        z_at[1] = s->z[1];
+        z_at[2] = s->z[2];
+        {
+            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+            static const float each_ahead[4] = {0.0025f, 0.0025f, 0.005f, 0.0f};
+            for (unsigned r = 0u; r < 4u; ++r) {
+                fraction = each_fraction[r];
+                share = each_share[r];
+                ahead = each_ahead[r];
+                /* a stage */
+                {
+                    const float z_at1 = z_at[0];
+                    const float z_at2 = z_at[1];
+                    const float z_at3 = z_at[2];
+                    const float z_sum1 = z_sum[0];
+                    const float z_sum2 = z_sum[1];
+                    const float z_sum3 = z_sum[2];
+                    const float u_before = s->u;
+                    float k_z[3];
+                    hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_before + fraction*(u - u_before), y_last
+                        + fraction*(y - y_last), valid, k_z);
+                    z_sum[0] = z_sum1 + share*k_z[0];
+                    z_sum[1] = z_sum2 + share*k_z[1];
+                    z_sum[2] = z_sum3 + share*k_z[2];
+                    z_at[0] = s->z[0] + ahead*k_z[0];
+                    z_at[1] = s->z[1] + ahead*k_z[1];
+                    z_at[2] = s->z[2] + ahead*k_z[2];
+                }
+            }
+        }
+        /* the slopes of all stages */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
-            float k1_z[3];
-            hindmarsh_rose_rate(p, z1, z2, z3, s->u, y_last, valid, k1_z);
-            z_from[0] = z1;
-            z_from[1] = z2;
-            z_from[2] = z3;
-            z_sum[0] = k1_z[0];
-            z_sum[1] = k1_z[1];
-            z_sum[2] = k1_z[2];
-            z_at[0] = z1 + 0.0025f*k1_z[0];
-            z_at[1] = z2 + 0.0025f*k1_z[1];
-            z_at[2] = z3 + 0.0025f*k1_z[2];
-        }
-        /* z: one step of classical Runge-Kutta, stage 2 of 4 */
-        {
-            const float z_at1 = z_at[0];
-            const float z_at2 = z_at[1];
-            const float z_at3 = z_at[2];
-            const float z_sum1 = z_sum[0];
-            const float z_sum2 = z_sum[1];
-            const float z_sum3 = z_sum[2];
-            const float u_before = s->u;
-            const float u_mid = u_before + 0.5f*(u - u_before);
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k2_z[3];
-            hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_mid, y_mid, valid, k2_z);
-            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
-            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
-            z_sum[2] = z_sum3 + 2.0f*k2_z[2];
-            z_at[0] = z_from[0] + 0.0025f*k2_z[0];
-            z_at[1] = z_from[1] + 0.0025f*k2_z[1];
-            z_at[2] = z_from[2] + 0.0025f*k2_z[2];
-        }
-        /* z: one step of classical Runge-Kutta, stage 3 of 4 */
-        {
-            const float z_at1 = z_at[0];
-            const float z_at2 = z_at[1];
-            const float z_at3 = z_at[2];
-            const float z_sum1 = z_sum[0];
-            const float z_sum2 = z_sum[1];
-            const float z_sum3 = z_sum[2];
-            const float u_before = s->u;
-            const float u_mid = u_before + 0.5f*(u - u_before);
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k3_z[3];
-            hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_mid, y_mid, valid, k3_z);
-            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
-            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
-            z_sum[2] = z_sum3 + 2.0f*k3_z[2];
-            z_at[0] = z_from[0] + 0.005f*k3_z[0];
-            z_at[1] = z_from[1] + 0.005f*k3_z[1];
-            z_at[2] = z_from[2] + 0.005f*k3_z[2];
-        }
-        /* z: one step of classical Runge-Kutta, stage 4 of 4 */
-        {
-            float k4_z[3];
-            hindmarsh_rose_rate(p, z_at[0], z_at[1], z_at[2], u, y, valid, k4_z);
-            s->z[0] = z_from[0] + 0.00083333335f*(z_sum[0] + k4_z[0]);
-            s->z[1] = z_from[1] + 0.00083333335f*(z_sum[1] + k4_z[1]);
-            s->z[2] = z_from[2] + 0.00083333335f*(z_sum[2] + k4_z[2]);
+            s->z[0] = z1 + 0.00083333335f*z_sum[0];
+            s->z[1] = z2 + 0.00083333335f*z_sum[1];
+            s->z[2] = z3 + 0.00083333335f*z_sum[2];
         }
         /* is a value beyond its box, or lost? */
         {

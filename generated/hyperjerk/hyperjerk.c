@@ -140,22 +140,23 @@ static void hyperjerk_clear_rest(hyperjerk_state *s)
 unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
 {
     unsigned status = hyperjerk_ready(s);
+    float ahead = 0.0f;
     bool beyond = false;
     bool doubtful = false;
     float eta_at[4];
-    float eta_from[4];
     float eta_sum[4];
+    float fraction = 0.0f;
     bool lost = false;
     bool over_range = false;
     bool over_y = false;
     bool running = false;
     bool sampled = false;
+    float share = 0.0f;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
     float valid = 0.0f;
     float w_at[4];
-    float w_from[4];
     float w_sum[4];
     float y = 0.0f;
     float y_last = 0.0f;
@@ -184,119 +185,81 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         s->calls = 1u;
     }
     if (running) {
-        /* w, eta: one step of classical Runge-Kutta, stage 1 of 4 */
+        /* w, eta: one step of classical Runge-Kutta */
+        w_sum[0] = 0.0f;
+        w_sum[1] = 0.0f;
+        w_sum[2] = 0.0f;
+        w_sum[3] = 0.0f;
+        eta_sum[0] = 0.0f;
+        eta_sum[1] = 0.0f;
+        eta_sum[2] = 0.0f;
+        eta_sum[3] = 0.0f;
+        w_at[0] = s->w[0];
+        w_at[1] = s->w[1];
+        w_at[2] = s->w[2];
+        w_at[3] = s->w[3];
+        eta_at[0] = s->eta[0];
+        eta_at[1] = s->eta[1];
+        eta_at[2] = s->eta[2];
+        eta_at[3] = s->eta[3];
         {
-            float k1_w[4];
-            float k1_eta[4];
-            hyperjerk_rate(p, s->w, s->eta, y_last, valid, k1_w, k1_eta);
-            const float w1 = s->w[0];
-            const float w2 = s->w[1];
-            const float w3 = s->w[2];
-            const float w4 = s->w[3];
+            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+            for (unsigned r = 0u; r < 4u; ++r) {
+                fraction = each_fraction[r];
+                share = each_share[r];
+                ahead = each_ahead[r];
+                /* a stage */
+                {
+                    const float eta_sum1 = eta_sum[0];
+                    const float eta_sum2 = eta_sum[1];
+                    const float eta_sum3 = eta_sum[2];
+                    const float eta_sum4 = eta_sum[3];
+                    const float w_sum1 = w_sum[0];
+                    const float w_sum2 = w_sum[1];
+                    const float w_sum3 = w_sum[2];
+                    const float w_sum4 = w_sum[3];
+                    float k_w[4];
+                    float k_eta[4];
+                    hyperjerk_rate(p, w_at, eta_at, y_last + fraction*(y - y_last), valid, k_w, k_eta);
+                    w_sum[0] = w_sum1 + share*k_w[0];
+                    w_sum[1] = w_sum2 + share*k_w[1];
+                    w_sum[2] = w_sum3 + share*k_w[2];
+                    w_sum[3] = w_sum4 + share*k_w[3];
+                    eta_sum[0] = eta_sum1 + share*k_eta[0];
+                    eta_sum[1] = eta_sum2 + share*k_eta[1];
+                    eta_sum[2] = eta_sum3 + share*k_eta[2];
+                    eta_sum[3] = eta_sum4 + share*k_eta[3];
+                    w_at[0] = s->w[0] + ahead*k_w[0];
+                    w_at[1] = s->w[1] + ahead*k_w[1];
+                    w_at[2] = s->w[2] + ahead*k_w[2];
+                    w_at[3] = s->w[3] + ahead*k_w[3];
+                    eta_at[0] = s->eta[0] + ahead*k_eta[0];
+                    eta_at[1] = s->eta[1] + ahead*k_eta[1];
+                    eta_at[2] = s->eta[2] + ahead*k_eta[2];
+                    eta_at[3] = s->eta[3] + ahead*k_eta[3];
+                }
+            }
+        }
+        /* the slopes of all stages */
+        {
             const float eta1 = s->eta[0];
             const float eta2 = s->eta[1];
             const float eta3 = s->eta[2];
             const float eta4 = s->eta[3];
-            w_from[0] = w1;
-            w_from[1] = w2;
-            w_from[2] = w3;
-            w_from[3] = w4;
-            eta_from[0] = eta1;
-            eta_from[1] = eta2;
-            eta_from[2] = eta3;
-            eta_from[3] = eta4;
-            w_sum[0] = k1_w[0];
-            w_sum[1] = k1_w[1];
-            w_sum[2] = k1_w[2];
-            w_sum[3] = k1_w[3];
-            eta_sum[0] = k1_eta[0];
-            eta_sum[1] = k1_eta[1];
-            eta_sum[2] = k1_eta[2];
-            eta_sum[3] = k1_eta[3];
-            w_at[0] = w1 + 0.0005f*k1_w[0];
-            w_at[1] = w2 + 0.0005f*k1_w[1];
-            w_at[2] = w3 + 0.0005f*k1_w[2];
-            w_at[3] = w4 + 0.0005f*k1_w[3];
-            eta_at[0] = eta1 + 0.0005f*k1_eta[0];
-            eta_at[1] = eta2 + 0.0005f*k1_eta[1];
-            eta_at[2] = eta3 + 0.0005f*k1_eta[2];
-            eta_at[3] = eta4 + 0.0005f*k1_eta[3];
-        }
-        /* w, eta: one step of classical Runge-Kutta, stage 2 of 4 */
-        {
-            const float eta_sum1 = eta_sum[0];
-            const float eta_sum2 = eta_sum[1];
-            const float eta_sum3 = eta_sum[2];
-            const float eta_sum4 = eta_sum[3];
-            const float w_sum1 = w_sum[0];
-            const float w_sum2 = w_sum[1];
-            const float w_sum3 = w_sum[2];
-            const float w_sum4 = w_sum[3];
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k2_w[4];
-            float k2_eta[4];
-            hyperjerk_rate(p, w_at, eta_at, y_mid, valid, k2_w, k2_eta);
-            w_sum[0] = w_sum1 + 2.0f*k2_w[0];
-            w_sum[1] = w_sum2 + 2.0f*k2_w[1];
-            w_sum[2] = w_sum3 + 2.0f*k2_w[2];
-            w_sum[3] = w_sum4 + 2.0f*k2_w[3];
-            eta_sum[0] = eta_sum1 + 2.0f*k2_eta[0];
-            eta_sum[1] = eta_sum2 + 2.0f*k2_eta[1];
-            eta_sum[2] = eta_sum3 + 2.0f*k2_eta[2];
-            eta_sum[3] = eta_sum4 + 2.0f*k2_eta[3];
-            w_at[0] = w_from[0] + 0.0005f*k2_w[0];
-            w_at[1] = w_from[1] + 0.0005f*k2_w[1];
-            w_at[2] = w_from[2] + 0.0005f*k2_w[2];
-            w_at[3] = w_from[3] + 0.0005f*k2_w[3];
-            eta_at[0] = eta_from[0] + 0.0005f*k2_eta[0];
-            eta_at[1] = eta_from[1] + 0.0005f*k2_eta[1];
-            eta_at[2] = eta_from[2] + 0.0005f*k2_eta[2];
-            eta_at[3] = eta_from[3] + 0.0005f*k2_eta[3];
-        }
-        /* w, eta: one step of classical Runge-Kutta, stage 3 of 4 */
-        {
-            const float eta_sum1 = eta_sum[0];
-            const float eta_sum2 = eta_sum[1];
-            const float eta_sum3 = eta_sum[2];
-            const float eta_sum4 = eta_sum[3];
-            const float w_sum1 = w_sum[0];
-            const float w_sum2 = w_sum[1];
-            const float w_sum3 = w_sum[2];
-            const float w_sum4 = w_sum[3];
-            const float y_mid = y_last + 0.5f*(y - y_last);
-            float k3_w[4];
-            float k3_eta[4];
-            hyperjerk_rate(p, w_at, eta_at, y_mid, valid, k3_w, k3_eta);
-            w_sum[0] = w_sum1 + 2.0f*k3_w[0];
-            w_sum[1] = w_sum2 + 2.0f*k3_w[1];
-            w_sum[2] = w_sum3 + 2.0f*k3_w[2];
-            w_sum[3] = w_sum4 + 2.0f*k3_w[3];
-            eta_sum[0] = eta_sum1 + 2.0f*k3_eta[0];
-            eta_sum[1] = eta_sum2 + 2.0f*k3_eta[1];
-            eta_sum[2] = eta_sum3 + 2.0f*k3_eta[2];
-            eta_sum[3] = eta_sum4 + 2.0f*k3_eta[3];
-            w_at[0] = w_from[0] + 0.001f*k3_w[0];
-            w_at[1] = w_from[1] + 0.001f*k3_w[1];
-            w_at[2] = w_from[2] + 0.001f*k3_w[2];
-            w_at[3] = w_from[3] + 0.001f*k3_w[3];
-            eta_at[0] = eta_from[0] + 0.001f*k3_eta[0];
-            eta_at[1] = eta_from[1] + 0.001f*k3_eta[1];
-            eta_at[2] = eta_from[2] + 0.001f*k3_eta[2];
-            eta_at[3] = eta_from[3] + 0.001f*k3_eta[3];
-        }
-        /* w, eta: one step of classical Runge-Kutta, stage 4 of 4 */
-        {
-            float k4_w[4];
-            float k4_eta[4];
-            hyperjerk_rate(p, w_at, eta_at, y, valid, k4_w, k4_eta);
-            s->w[0] = w_from[0] + 0.00016666666f*(w_sum[0] + k4_w[0]);
-            s->w[1] = w_from[1] + 0.00016666666f*(w_sum[1] + k4_w[1]);
-            s->w[2] = w_from[2] + 0.00016666666f*(w_sum[2] + k4_w[2]);
-            s->w[3] = w_from[3] + 0.00016666666f*(w_sum[3] + k4_w[3]);
-            s->eta[0] = eta_from[0] + 0.00016666666f*(eta_sum[0] + k4_eta[0]);
-            s->eta[1] = eta_from[1] + 0.00016666666f*(eta_sum[1] + k4_eta[1]);
-            s->eta[2] = eta_from[2] + 0.00016666666f*(eta_sum[2] + k4_eta[2]);
-            s->eta[3] = eta_from[3] + 0.00016666666f*(eta_sum[3] + k4_eta[3]);
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            const float w4 = s->w[3];
+            s->w[0] = w1 + 0.00016666666f*w_sum[0];
+            s->w[1] = w2 + 0.00016666666f*w_sum[1];
+            s->w[2] = w3 + 0.00016666666f*w_sum[2];
+            s->w[3] = w4 + 0.00016666666f*w_sum[3];
+            s->eta[0] = eta1 + 0.00016666666f*eta_sum[0];
+            s->eta[1] = eta2 + 0.00016666666f*eta_sum[1];
+            s->eta[2] = eta3 + 0.00016666666f*eta_sum[2];
+            s->eta[3] = eta4 + 0.00016666666f*eta_sum[3];
         }
         /* is a value beyond its box, or lost? */
         {

@@ -214,19 +214,21 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
 {
     unsigned status = not_iss_ready(s);
     float P_at[3];
-    float P_from[3];
     float P_sum[3];
+    float ahead = 0.0f;
     bool beyond = false;
     bool broken = false;
     bool counts_y_y1 = false;
     bool counts_y_y2 = false;
     bool doubtful = false;
+    float fraction = 0.0f;
     bool lost = false;
     bool over_range = false;
     bool over_y_y1 = false;
     bool over_y_y2 = false;
     bool running = false;
     bool sampled = false;
+    float share = 0.0f;
     bool shows_range = false;
     bool shows_y_y1 = false;
     bool shows_y_y2 = false;
@@ -236,7 +238,6 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
     float y[2];
     float y_last[2];
     float z_at[2];
-    float z_from[2];
     float z_sum[2];
     /* guard the input */
     {
@@ -293,98 +294,67 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
         s->calls = 1u;
     }
     if (running) {
-        /* z, P: one step of classical Runge-Kutta, stage 1 of 4 */
+        /* z, P: one step of classical Runge-Kutta */
+        z_sum[0] = 0.0f;
+        z_sum[1] = 0.0f;
+        P_sum[0] = 0.0f;
+        P_sum[1] = 0.0f;
+        P_sum[2] = 0.0f;
+        z_at[0] = s->z[0];
+        z_at[1] = s->z[1];
+        P_at[0] = s->P[0];
+        P_at[1] = s->P[1];
+        P_at[2] = s->P[2];
         {
-            float k1_z[2];
-            float k1_P[3];
-            not_iss_rate(p, s->z, s->P, s->u, y_last, valid, k1_z, k1_P);
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
+            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+            static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
+            for (unsigned r = 0u; r < 4u; ++r) {
+                fraction = each_fraction[r];
+                share = each_share[r];
+                ahead = each_ahead[r];
+                /* a stage */
+                {
+                    const float P_sum1 = P_sum[0];
+                    const float P_sum2 = P_sum[1];
+                    const float P_sum3 = P_sum[2];
+                    const float z_sum1 = z_sum[0];
+                    const float z_sum2 = z_sum[1];
+                    const float u_before = s->u;
+                    const float y_last1 = y_last[0];
+                    const float y_last2 = y_last[1];
+                    const float y_1[2] = {
+                        y_last1 + fraction*(y[0] - y_last1),
+                        y_last2 + fraction*(y[1] - y_last2)
+                    };
+                    float k_z[2];
+                    float k_P[3];
+                    not_iss_rate(p, z_at, P_at, u_before + fraction*(u - u_before), y_1, valid, k_z, k_P);
+                    z_sum[0] = z_sum1 + share*k_z[0];
+                    z_sum[1] = z_sum2 + share*k_z[1];
+                    P_sum[0] = P_sum1 + share*k_P[0];
+                    P_sum[1] = P_sum2 + share*k_P[1];
+                    P_sum[2] = P_sum3 + share*k_P[2];
+                    z_at[0] = s->z[0] + ahead*k_z[0];
+                    z_at[1] = s->z[1] + ahead*k_z[1];
+                    P_at[0] = s->P[0] + ahead*k_P[0];
+                    P_at[1] = s->P[1] + ahead*k_P[1];
+                    P_at[2] = s->P[2] + ahead*k_P[2];
+                }
+            }
+        }
+        /* the slopes of all stages */
+        {
             const float P11 = s->P[0];
             const float P21 = s->P[1];
             const float P22 = s->P[2];
-            z_from[0] = z1;
-            z_from[1] = z2;
-            P_from[0] = P11;
-            P_from[1] = P21;
-            P_from[2] = P22;
-            z_sum[0] = k1_z[0];
-            z_sum[1] = k1_z[1];
-            P_sum[0] = k1_P[0];
-            P_sum[1] = k1_P[1];
-            P_sum[2] = k1_P[2];
-            z_at[0] = z1 + 0.005f*k1_z[0];
-            z_at[1] = z2 + 0.005f*k1_z[1];
-            P_at[0] = P11 + 0.005f*k1_P[0];
-            P_at[1] = P21 + 0.005f*k1_P[1];
-            P_at[2] = P22 + 0.005f*k1_P[2];
-        }
-        /* z, P: one step of classical Runge-Kutta, stage 2 of 4 */
-        {
-            const float P_sum1 = P_sum[0];
-            const float P_sum2 = P_sum[1];
-            const float P_sum3 = P_sum[2];
-            const float z_sum1 = z_sum[0];
-            const float z_sum2 = z_sum[1];
-            const float u_before = s->u;
-            const float u_mid = u_before + 0.5f*(u - u_before);
-            const float y_last1 = y_last[0];
-            const float y_mid1 = y_last1 + 0.5f*(y[0] - y_last1);
-            const float y_last2 = y_last[1];
-            const float y_mid2 = y_last2 + 0.5f*(y[1] - y_last2);
-            const float y_1[2] = {y_mid1, y_mid2};
-            float k2_z[2];
-            float k2_P[3];
-            not_iss_rate(p, z_at, P_at, u_mid, y_1, valid, k2_z, k2_P);
-            z_sum[0] = z_sum1 + 2.0f*k2_z[0];
-            z_sum[1] = z_sum2 + 2.0f*k2_z[1];
-            P_sum[0] = P_sum1 + 2.0f*k2_P[0];
-            P_sum[1] = P_sum2 + 2.0f*k2_P[1];
-            P_sum[2] = P_sum3 + 2.0f*k2_P[2];
-            z_at[0] = z_from[0] + 0.005f*k2_z[0];
-            z_at[1] = z_from[1] + 0.005f*k2_z[1];
-            P_at[0] = P_from[0] + 0.005f*k2_P[0];
-            P_at[1] = P_from[1] + 0.005f*k2_P[1];
-            P_at[2] = P_from[2] + 0.005f*k2_P[2];
-        }
-        /* z, P: one step of classical Runge-Kutta, stage 3 of 4 */
-        {
-            const float P_sum1 = P_sum[0];
-            const float P_sum2 = P_sum[1];
-            const float P_sum3 = P_sum[2];
-            const float z_sum1 = z_sum[0];
-            const float z_sum2 = z_sum[1];
-            const float u_before = s->u;
-            const float u_mid = u_before + 0.5f*(u - u_before);
-            const float y_last1 = y_last[0];
-            const float y_mid1 = y_last1 + 0.5f*(y[0] - y_last1);
-            const float y_last2 = y_last[1];
-            const float y_mid2 = y_last2 + 0.5f*(y[1] - y_last2);
-            const float y_1[2] = {y_mid1, y_mid2};
-            float k3_z[2];
-            float k3_P[3];
-            not_iss_rate(p, z_at, P_at, u_mid, y_1, valid, k3_z, k3_P);
-            z_sum[0] = z_sum1 + 2.0f*k3_z[0];
-            z_sum[1] = z_sum2 + 2.0f*k3_z[1];
-            P_sum[0] = P_sum1 + 2.0f*k3_P[0];
-            P_sum[1] = P_sum2 + 2.0f*k3_P[1];
-            P_sum[2] = P_sum3 + 2.0f*k3_P[2];
-            z_at[0] = z_from[0] + 0.01f*k3_z[0];
-            z_at[1] = z_from[1] + 0.01f*k3_z[1];
-            P_at[0] = P_from[0] + 0.01f*k3_P[0];
-            P_at[1] = P_from[1] + 0.01f*k3_P[1];
-            P_at[2] = P_from[2] + 0.01f*k3_P[2];
-        }
-        /* z, P: one step of classical Runge-Kutta, stage 4 of 4 */
-        {
-            float k4_z[2];
-            float k4_P[3];
-            not_iss_rate(p, z_at, P_at, u, y, valid, k4_z, k4_P);
-            s->z[0] = z_from[0] + 0.0016666667f*(z_sum[0] + k4_z[0]);
-            s->z[1] = z_from[1] + 0.0016666667f*(z_sum[1] + k4_z[1]);
-            s->P[0] = P_from[0] + 0.0016666667f*(P_sum[0] + k4_P[0]);
-            s->P[1] = P_from[1] + 0.0016666667f*(P_sum[1] + k4_P[1]);
-            s->P[2] = P_from[2] + 0.0016666667f*(P_sum[2] + k4_P[2]);
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = z1 + 0.0016666667f*z_sum[0];
+            s->z[1] = z2 + 0.0016666667f*z_sum[1];
+            s->P[0] = P11 + 0.0016666667f*P_sum[0];
+            s->P[1] = P21 + 0.0016666667f*P_sum[1];
+            s->P[2] = P22 + 0.0016666667f*P_sum[2];
         }
         /* is it positive definite? */
         {
