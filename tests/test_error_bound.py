@@ -3,9 +3,11 @@
 import copy
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,6 +31,7 @@ from hgogen.reading.named import BadNames
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 from hgogen.trials.figures import errors
+from hgogen.trials.within import seen
 
 FIVE = (
     "high_gain",
@@ -320,6 +323,8 @@ def test_what_is_verified_says_how_large_the_inputs_are() -> None:
     (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".error"))
     assert row.found == "verified"
     assert "noise of 1/1000000; rounded of 0.000500000; late of" in row.sentence
+    total = float(row.sentence.partition("move z1 by at most ")[2].partition(",")[0])
+    assert total == pytest.approx(bounded("high_gain").bounds["q"], rel=1e-5)  # of all the shares
 
 
 # --- from a model's file ----------------------------------------------------------------------------------------------
@@ -381,6 +386,18 @@ def test_a_trial_is_shown_beside_what_is_proved(tmp_path: Path) -> None:
     short = plain(tmp_path, BOUNDS + trial.replace("duration = 3", "duration = 0.2"))
     (one,) = json.loads(invoked("simulate", str(short), "--json"))["trials"]
     assert [row["worst"] for row in one["bounds"]] == [None, None]
+
+
+def test_the_worst_is_that_of_once_it_has_settled_after_each_event() -> None:
+    """At an event itself the estimate has not: neither just before it settles, nor just after the next event."""
+    t, error = np.arange(10) / 10, np.zeros((10, 2))
+    error[[1, 5, 6], 1] = 3
+    error[[2, 4, 9], 0] = -1, -2, 1
+    trial: Any = SimpleNamespace(truth=SimpleNamespace(t=t), trial=SimpleNamespace(events=(0.0, 0.5)), error=error)
+    known = replace(bounded(), settles=0.2)
+    assert [row.worst for row in seen(step_of().states, trial, known)] == [2, 0]
+    error[8, 1] = 0.5
+    assert [row.worst for row in seen(step_of().states, trial, known)] == [2, 0.5]
 
 
 def test_a_figure_has_a_line_where_the_bound_is() -> None:

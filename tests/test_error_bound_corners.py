@@ -8,6 +8,7 @@ import sympy as sp
 from forger import sealed
 
 import hgogen as hg
+from hgogen.certificates.contraction import contraction
 from hgogen.check import Verdict
 from hgogen.program import Place
 from hgogen.recheck.verification import recheck
@@ -104,10 +105,60 @@ def test_noise_by_which_samples_are_rejected_is_said() -> None:
     assert GUARDS in str(hg.error_bound(lag(-sp.Symbol("x")), noise={"y": 11}))
 
 
+@pytest.mark.parametrize(("noise", "rounded", "spoken"), [(0.3, 0.36, False), (0.3, 0.44, True), (0.52, 0, True)])
+def test_all_by_which_a_sample_errs_counts_for_the_guards(noise: float, rounded: float, spoken: bool) -> None:
+    """A tenth of the span is 1; both errors are in the sample, and about as much in the estimate: .48 or .52."""
+    known = hg.error_bound(lag(-sp.Symbol("x")), noise={"y": noise}, rounded={"y": rounded})
+    assert (GUARDS in str(known)) is spoken
+
+
+@pytest.mark.parametrize(("low", "spoken"), [(0, True), (-0.1, False), (-0.9, False), (-1, True)])
+def test_a_sample_beyond_a_width_of_its_range_is_said(low: float, spoken: bool) -> None:
+    """y = x, from -1 to 1, is declared to be from `low` to a width of 1 above."""
+    x, y = hg.Signal("x", low=-1, high=1), hg.Signal("y", low=low, high=low + 1)
+    plant = hg.System("beyond", states=(x,), outputs=(y,), flow=[-x], output=[x])
+    step = hg.sample(hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=[-1]), hg.methods.rk4, dt=0.01)
+    assert (GUARDS in str(hg.error_bound(step, noise={"y": 0.02}))) is spoken
+
+
+@pytest.mark.parametrize(("noise", "taken"), [(0.1, 1.0), (1.0, 1.0), (8.0, 0.4)])
+def test_what_is_left_of_the_start_falls_by_the_proved_share(noise: float, taken: float) -> None:
+    """To a tenth of the bound, about the noise, from the first errors of 5, or those that leave room in 10."""
+    step = lag(-sp.Symbol("x"))
+    known, proof = hg.error_bound(step, noise={"y": noise}), contraction(step).proof
+    assert proof is not None
+    assert known.settles is not None
+    assert known.multiple is not None
+    assert min(known.multiple, 1) == pytest.approx(taken, rel=1e-3)
+    calls = 2 * np.log(taken * 5 / (0.1 * known.bounds["x"])) / -np.log1p(-float(proof.alpha * proof.h))
+    assert known.settles / step.dt == pytest.approx(np.ceil(calls))
+
+
+def test_a_parameter_counts_by_its_steepest_slope_beside_the_program_s() -> None:
+    """exp(-p) at p = -1 as at 0, and half of a disturbance of that size twice."""
+    p = hg.Signal("p", nominal=0)
+    known = hg.error_bound(lag(sp.exp(-p), p), parameters={"p": 1}, disturbance={"x": 2 * np.e})
+    assert known.shares["parameters"]["x"] == pytest.approx(known.shares["disturbance"]["x"] / 2, rel=0.01)
+
+
+def test_the_plant_keeps_clear_by_its_largest_speed_whatever_its_sign() -> None:
+    known = hg.error_bound(lag(sp.Symbol("x") / 5 - 2), noise={"y": 0.1})
+    assert known.inside["x"] == pytest.approx(0.01 * 3)
+
+
+def test_an_input_moves_at_its_fastest_declared_rate_whatever_its_sign() -> None:
+    x, u = hg.Signal("x", low=-1, high=1), hg.Signal("u", low=-1, high=1, rates=((-50, 1),))
+    plant = hg.System("led", states=(x,), inputs=(u,), outputs=(hg.Signal("y"),), flow=[u - x], output=[x])
+    step = hg.sample(hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=[-1]), hg.methods.rk4, dt=0.01)
+    assert hg.error_bound(step).shares == hg.error_bound(step, rates={"u": 50}).shares
+    assert hg.error_bound(step).shares != hg.error_bound(step, rates={"u": 1}).shares
+
+
 def test_an_output_may_have_a_slope_in_decimals() -> None:
     step = lag(-sp.Symbol("x"), slope=-0.1)
     known, whole = hg.error_bound(step, noise={"y": 0.01}), hg.error_bound(lag(-sp.Symbol("x")), noise={"y": 0.1})
     assert known.shares["noise"]["x"] == pytest.approx(whole.shares["noise"]["x"], rel=1e-3)
+    assert GUARDS not in str(known)
     content = hg.certificate(step.observer.form, (*step.observer.checks, known.check), "high_gain")
     assert [row.found for row in recheck(sealed(content)).rows if row.id == "high_gain.error"] == ["verified"]
 

@@ -149,9 +149,35 @@ def test_a_forged_bound_fails(observer: str, lie: str) -> None:
     assert verdict(content) == "fails"
 
 
+@pytest.mark.parametrize(("share", "found_again"), [(Fraction(1, 2), "verified"), (Fraction(1, 10**6), "fails")])
+def test_both_ends_of_a_call_are_paid_for_by_the_bilinear_rule(share: Fraction, found_again: str) -> None:
+    """Which takes half of each, so that the lambda are equal."""
+    x = hg.Signal("x", low=-1, high=1)
+    plant = hg.System("lag", states=(x,), outputs=(hg.Signal("y"),), flow=[-x], output=[x])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=[-1])
+    gain = hg.noise_gain(hg.sample(observer, hg.methods.bilinear, dt=1e-2))
+    assert gain is not None
+    content = copy.deepcopy(hg.certificate(observer.form, (*observer.checks, gain.check), "high_gain"))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".noise"))
+    (one,) = claim["evidence"]["bounds"]
+    first, last = map(Fraction, one["S"][-2:])
+    assert float(first) == pytest.approx(float(last), rel=0.01)
+    one["S"][-2:] = [str((first + last) * (1 - share)), str((first + last) * share)]
+    assert verdict(content) == found_again
+
+
 def test_a_bound_that_stands_twice_fails() -> None:
     """Of which a file could hold more than anybody waits for."""
     content = copy.deepcopy(certified("high_gain"))
     (claim,) = (each for each in content["claims"] if each["id"].endswith(".noise"))
     claim["evidence"]["bounds"] *= 2
+    assert verdict(content) == "fails"
+
+
+def test_the_last_state_is_not_one_before_the_first() -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".noise"))
+    last = claim["evidence"]["bounds"][-1]
+    assert last["state"] == "2"
+    last["state"] = "0"
     assert verdict(content) == "fails"

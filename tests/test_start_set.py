@@ -13,6 +13,10 @@ from forger import sealed
 from plants import MODELS, model
 
 import hgogen as hg
+from hgogen.certificates.contraction import contraction
+from hgogen.certificates.start_set import start_of
+from hgogen.guarantees.confined import _bounds
+from hgogen.guarantees.quadratic import rational
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.recheck.verification import recheck
@@ -101,6 +105,18 @@ def test_an_estimate_that_begins_at_an_end_may_err_by_the_whole_range() -> None:
     assert known is not None
     assert known.first == pytest.approx({"q": 8, "w": 25}, rel=1e-8)
     assert known.multiple < 1.2
+
+
+def test_of_errors_that_are_too_many_the_peaks_are_those_of_the_share_that_is_taken() -> None:
+    """It does not touch the limits: that of x2 is 6 - 1."""
+    x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2, 3)]
+    plant = hg.System("three", states=x, outputs=(hg.Signal("y"),), flow=[x[1], x[2], -sum(x)], output=[x[0]])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=(-1, -1, -1))
+    known = hg.start_set(hg.sample(observer, hg.methods.rk4, dt=1e-2))
+    assert known is not None
+    assert known.multiple < 0.75
+    assert 4.5 < known.peaks["x2"] <= 5 * (1 + 1e-6)
+    assert known.peaks["x1"] == pytest.approx(known.multiple, rel=0.05)
 
 
 def test_where_nothing_is_proved_there_are_no_starts() -> None:
@@ -219,6 +235,37 @@ def test_what_is_verified_says_which_limits_are_not_met() -> None:
     (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".start"))
     assert row.found == "verified"
     assert "no field errs by more than 1000000000, 380.000" in row.sentence
+
+
+@pytest.mark.parametrize(("beside", "found_again"), [("0", "verified"), ("1/5", "fails"), ("-1/5", "fails")])
+def test_a_norm_counts_at_its_worst_corner(beside: str, found_again: str) -> None:
+    """Of two states that do nothing to each other, an ellipse that is turned to one diagonal or to the other."""
+    x, y = ([hg.Signal(f"{name}{i}", low=-1, high=1) for i in (1, 2)] for name in "xy")
+    plant = hg.System("two", states=x, outputs=y, flow=[-x[0], -x[1]], output=x)
+    observer = hg.observers.high_gain(hg.forms.block_triangular(plant), theta=6, poles=((-1,), (-1,)))
+    known = hg.start_set(hg.sample(observer, hg.methods.rk4, dt=1e-2))
+    assert known is not None
+    content = copy.deepcopy(hg.certificate(observer.form, (*observer.checks, known.check), "high_gain"))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".start"))
+    P = claim["evidence"]["clear"]["P"]
+    P[0][1] = P[1][0] = str(Fraction(P[0][0]) * Fraction(beside))
+    assert verdict(content) == found_again
+
+
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_a_field_that_estimates_nothing_begins_without_an_error(observer: str) -> None:
+    known, made = contraction(step_of("pendulum", observer, 1e-3)), step_of("pendulum", observer, 1e-3).observer
+    assert known.steps is not None
+    start, fed = start_of(made, known.steps), known.steps.error.layout.fed
+    assert start is not None
+    assert [all(corner[k] != 0 for corner in start.corners) for k in range(len(fed))] == [bool(each) for each in fed]
+
+
+def test_a_box_of_twice_the_size_goes_twice_as_far() -> None:
+    P, corners, c = (rational(np.array(each)) for each in ([[2, 1], [1, 2]], [[1, 1], [1, -1]], [1, 0]))
+    one, other = (_bounds(P, size * corners, {0: c})[0] for size in (1, 2))
+    assert float(one) == pytest.approx(2)
+    assert float(other) == pytest.approx(4)
 
 
 def test_the_field_of_a_filter_has_no_limit() -> None:
