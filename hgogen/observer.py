@@ -38,8 +38,8 @@ class Observer:
     and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what is claimed of it, under which
     hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`: the error does not tend to 0, so
     that an estimate may stay outside the ranges of a state at their edge; `delays`: by how many samples those of an
-    output may come late, at most, for the outputs that do; `error`: of a constant injection, gives the inclusion that
-    its error obeys (`guarantees.inclusion`), or `Nothing`; `made`: the case of `hg.observers` and the arguments that it
+    output may come late, at most, for the outputs that do; `error`: of a constant injection, the inclusion that its
+    error obeys (`guarantees.inclusion`), or `Nothing`; `made`: the case of `hg.observers` and the arguments that it
     was made by.
     """
 
@@ -58,7 +58,7 @@ class Observer:
     traces: tuple[str, ...] = ()
     notices: tuple[Block, ...] = ()
     delays: tuple[tuple[str, int], ...] = ()
-    error: Callable[[], Any] | None = None
+    error: Any | None = None
     made: "partial[Observer] | None" = None
 
     def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "Observer":
@@ -337,7 +337,7 @@ def high_gain_parameter(theta: Any) -> Field:
 
 
 def any_theta(theta: Any) -> Field:
-    """The gain `theta` > 0 of a constant injection, which may be below 1, then fixed; no theorem covers it there.
+    """The gain `theta` > 0 of a constant injection, which may be below 1, then fixed; a paper's theorem begins at 1.
 
     Raises: `BadGain`.
     """

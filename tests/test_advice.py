@@ -86,7 +86,9 @@ def test_a_proof_is_said_to_be_of_continuous_time() -> None:
 def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None:
     _, advised = asked(MODELS / "pendulum.py")
     best = advised.admitted[0]
-    assert (best.observer, best.known, best.proposed) == ("adaptive_lmi", "proved", False)
+    (adaptive,) = (one for one in advised.admitted if one.observer == "adaptive_lmi")
+    assert (best.observer, best.known, best.proposed) == ("high_gain", "proved for its theta", False)
+    assert (adaptive.known, adaptive.proposed) == ("proved", False)
 
 
 def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -> None:

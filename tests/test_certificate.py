@@ -253,10 +253,11 @@ def scaled(value: Any, factor: Fraction) -> Any:
 
 
 CONVERGENCE_LIES = {
-    "a bound that is too small": lambda o, e: e.update(bound=scaled(e["bound"], Fraction(9, 10))),
-    "a negative bound": lambda o, e: e.update(bound=scaled(e["bound"], Fraction(-1))),
-    "a smaller peak": lambda o, e: e.update(peak=scaled(e["peak"], Fraction(9, 10))),
-    "a smaller P": lambda o, e: e.update(P=scaled(e["P"], Fraction(9, 10))),
+    "a smaller theta": lambda o, e: e.update(least=scaled(e["least"], Fraction(9, 10))),
+    "a negative theta": lambda o, e: e.update(least=scaled(e["least"], Fraction(-1))),
+    "a narrower slope": lambda o, e: e["slopes"][0].update(low=scaled(e["slopes"][0]["low"], Fraction(9, 10))),
+    "no slope": lambda o, e: e["slopes"].pop(),
+    "a P of its diagonal": lambda o, e: e.update(P=[[e["P"][0][0], "0"], ["0", e["P"][1][1]]]),
     "a negative P": lambda o, e: e.update(P=scaled(e["P"], Fraction(-1))),
     "a P that is not symmetric": lambda o, e: e["P"][0].__setitem__(1, "0"),
     "a P that is nearly symmetric": lambda o, e: e["P"][0].__setitem__(
@@ -269,8 +270,7 @@ CONVERGENCE_LIES = {
     "a scale of a state": lambda o, e: e["scale"].__setitem__(0, "z1"),
     "other gains": lambda o, e: o["gains"].__setitem__(1, "1"),
     "gains of a state": lambda o, e: o["gains"].__setitem__(1, f"{o['gains'][1]} + z1 - z1"),
-    "a smaller box": lambda o, e: e["box"]["z1"].__setitem__(1, "1"),
-    "a bisection with a gap": lambda o, e: e.update(tree=f"z1 {e['tree']}"),
+    "a bisection with a gap": lambda o, e: e["slopes"][0].update(tree=f"z1 {e['slopes'][0]['tree']}"),
 }
 
 
@@ -285,7 +285,8 @@ def test_a_lie_about_convergence_fails(name: str, lie: str) -> None:
 
 def test_an_unstable_core_has_no_proof() -> None:
     """K = -2 makes N = 2: a negative P satisfies the inequality."""
-    shown = {"scale": ["1"], "peak": "1", "box": {"u": ["-1", "1"], "z": ["-1", "1"]}, "bound": "1", "tree": "."}
+    slope = {"row": "1", "column": "1", "low": "-1", "high": "1", "tree": "."}
+    shown = {"scale": ["1"], "least": "2", "slopes": [slope]}
     for K, N, P, holds in (("2", "-2", "1/2", True), ("-2", "2", "-1", False)):
         evidence = {**shown, "core": [[N]], "P": [[P]]}
         content = plain(claims=[{"id": "high_gain.convergence", "verdict": "proved", "evidence": evidence}])
@@ -297,7 +298,8 @@ def test_theta_counts() -> None:
     """Above the bound it is proved, below it a forger is met; without an observer, or a structure, nothing holds."""
     content = observed("pendulum")
     evidence = claim_of(content, "high_gain.convergence")["evidence"]
-    bound = 2 * Fraction(evidence["peak"]) * Fraction(evidence["bound"])
+    bound = Fraction(evidence["least"])
+    claim_of(content, "high_gain.theta")["evidence"] = {}
     for theta, verdict in ((bound, "fails"), (bound + Fraction(1, 10**6), "verified")):
         content["observer"]["theta"] = str(theta)
         assert findings(sealed(content))["high_gain.theta"] == verdict
@@ -616,16 +618,27 @@ def no_convergence(content: dict[str, Any], evidence: dict[str, Any], symbols: A
     A, K, S = numbers(form["A"]), numbers(observer["gains"])[:, None], np.diag(numbers(evidence["scale"]))
     C = np.array([[parsed(form["output"][0], names).diff(symbols[s["name"]]).subs(point) for s in form["states"]]])
     N, P = numbers(evidence["core"]), numbers(evidence["P"])
-    one, peak, steep = np.eye(len(P)), float(Fraction(evidence["peak"])), float(Fraction(evidence["bound"]))
     if not np.allclose(S @ (A - K @ C.astype(float)) @ np.linalg.inv(S), N):
         return "the core is another"
-    if max(np.linalg.eigvalsh(M).max() for M in (-P, P - peak * one, N.T @ P + P @ N + one)) > 1e-9:
-        return "P proves nothing"
-    if np.linalg.norm(S @ J @ np.linalg.inv(S), 2) > steep + 1e-9:
-        return "the scaled slope is larger"
-    claim = claim_of(content, "high_gain.theta")
-    if claim["verdict"] == "proved" and Fraction(observer["theta"]) <= max(1, 2 * peak * steep):
+    steep, within = S @ J @ np.linalg.inv(S), np.zeros((2, *J.shape))
+    for one in evidence["slopes"]:
+        place = int(one["row"]) - 1, int(one["column"]) - 1
+        within[(slice(None), *place)] = float(Fraction(one["low"])), float(Fraction(one["high"]))
+    if (steep < within[0] - 1e-9).any() or (steep > within[1] + 1e-9).any():
+        return "a slope is outside of its range"
+    least, claim = Fraction(evidence["least"]), claim_of(content, "high_gain.theta")
+    if claim["verdict"] == "proved" and Fraction(observer["theta"]) <= least:
         return "theta is below the bound"
+    norms = [(float(least), P, 0.0)]
+    if claim["verdict"] == "proved" and claim["evidence"]:
+        rate = float(Fraction(claim["evidence"]["alpha"]))
+        norms.append((float(Fraction(observer["theta"])), numbers(claim["evidence"]["P"]), rate))
+    for theta, P_, alpha in norms:
+        power = theta ** -np.arange(len(N), dtype=float)
+        M = theta * N + power[:, None] * steep / power
+        worst = np.linalg.eigvalsh(P_ @ M + M.T @ P_ + alpha * P_).max()
+        if np.linalg.eigvalsh(P_).min() <= 0 or worst > 1e-9 * abs(P_ @ M).max():
+            return "P proves nothing"
     return ""
 
 

@@ -3,7 +3,7 @@ emitted."""
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -13,44 +13,55 @@ import pytest
 import hgogen as hg
 from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
 from hgogen.evidence.grounds import Grounds
-from hgogen.guarantees.bounded_theta import checks
-from hgogen.guarantees.certified_core import CoreBound
+from hgogen.guarantees.continuous_time import AtTheta, FromTheta, claims
 from hgogen.recheck.verification import recheck
-from hgogen.sentence import Reason, because
 
 
 @dataclass(frozen=True)
 class Margin:
-    """A bound on theta of a kind that no rule verifies."""
+    """A proof of a kind that no rule verifies, of every theta above 3."""
 
-    theta: Fraction = Fraction(3)
-    numbers: Mapping[str, Any] = field(default_factory=lambda: {"gains": (1, Fraction(2, 3))})
+    theta: Fraction = Fraction(20)
+    alpha: Fraction = Fraction(1)
+    rate: float = 0.5
+    how: str = "hand"
+    written: None = None
 
     @property
-    def reason(self) -> Reason:
-        """How it comes about."""
-        return because("{theta} by hand", theta=self.theta)
+    def error(self) -> "Margin":
+        """It knows nothing of the slopes."""
+        return self
 
-    def rate(self, theta: float) -> float:
-        """r (1/s)."""
-        return theta - 3
+    @property
+    def least(self) -> "Margin":
+        """At 3."""
+        return replace(self, theta=Fraction(3))
+
+    @property
+    def fastest(self) -> "Margin":
+        """Here."""
+        return self
+
+    def evidence(self, form: hg.Form) -> None:
+        """There is none."""
 
 
 @dataclass(frozen=True)
 class Renamed:
     """A proof of a kind that no table names; it writes the evidence of the one that it holds."""
 
-    bound: CoreBound
+    bound: FromTheta
 
-    def evidence(self, form: hg.Form) -> Mapping[str, Any]:
-        """The matrix P, |P G| and the bound of dc/dw."""
-        return {"P": self.bound.lyapunov.P, "push": self.bound.push, "slope": self.bound.steep}
+    def evidence(self, form: hg.Form) -> Mapping[str, Any] | None:
+        """How slopes are bounded, theta, and the matrix P."""
+        return self.bound.evidence(form)
 
 
-def proved(name: str = "newcomer", bound: Any = None) -> hg.Observer:
+def proved(name: str = "newcomer", numbers: Any = None) -> hg.Observer:
     """An observer with a proof of its own, which `recheck` knows nothing of unless it knows the name."""
     built = plants.pendulum()
-    return replace(built, name=name, checks=(*built.form.checks, *checks(name, 20, bound or Margin())))
+    own = claims(name, built.form, Margin(), {"theta": 20, **(numbers or {"gains": (1, Fraction(2, 3))})})
+    return replace(built, name=name, checks=(*built.form.checks, *own))
 
 
 def written(observer: hg.Observer) -> dict[str, Any]:
@@ -78,16 +89,16 @@ def test_a_new_kind_of_proof_writes_its_own_evidence() -> None:
     built = hg.observers.low_power(plants.pendulum().form, theta=1e4)
     renamed = replace(built, checks=tuple(map(of_another_kind, built.checks)))
     facts = [proof.fact for check in renamed.checks for proof in check.proofs if isinstance(proof, Grounds)]
-    assert list(map(type, facts)) == [Renamed, type(None)]
+    assert list(map(type, facts)) == [Renamed, AtTheta]
     assert written(renamed) == written(built)
     assert not stated(written(renamed))
 
 
 def of_another_kind(check: hg.Check) -> hg.Check:
-    """The check with a `CoreBound` of its proofs in a new kind of proof."""
+    """The check with a `FromTheta` of its proofs in a new kind of proof."""
 
     def other(proof: Any) -> Any:
-        core = isinstance(proof, Grounds) and isinstance(proof.fact, CoreBound)
+        core = isinstance(proof, Grounds) and isinstance(proof.fact, FromTheta)
         return replace(proof, fact=Renamed(proof.fact)) if core else proof
 
     return replace(check, proofs=tuple(map(other, check.proofs)))
@@ -95,7 +106,7 @@ def of_another_kind(check: hg.Check) -> hg.Check:
 
 def test_other_numbers_than_the_rule_reads_are_told() -> None:
     """The fix is in the file of the rule or in the proof, not in another run of the command."""
-    observer = proved("low_power", Margin(numbers={"gains": (1, 2), "margin": 2}))
+    observer = proved("low_power", {"gains": (1, 2), "margin": 2})
     said = "are of the numbers gains, margin, theta; its row in OBSERVERS of hgogen/recheck/rules says gains, theta"
     with pytest.raises(OtherNumbers, match=f"^the proofs of the observer 'low_power' {said}"):
         written(observer)

@@ -20,7 +20,7 @@ from oracle.text import read as as_sympy
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.commands import jobs
-from hgogen.guarantees.lmi import common
+from hgogen.guarantees import common_norm
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import NoCertificate, Unreadable, recheck
@@ -148,6 +148,13 @@ def test_the_sentence_of_an_L2_gain_names_its_disturbance() -> None:
     assert sentences[0] != sentences[1]
 
 
+def without_rate(case: str) -> tuple[dict[str, Any], Fraction]:
+    """A certificate that says at no theta how fast errors decay, and the bound in it."""
+    content, name = written(case), BUILT[case][1]
+    claim_of(content, f"{name}.theta")["evidence"] = {}
+    return content, Fraction(claim_of(content, f"{name}.convergence")["evidence"]["least"])
+
+
 def sentence_of(content: dict[str, Any], id: str) -> str:
     (row,) = (row for row in recheck(sealed(content)).rows if row.id == id)
     assert row.found == "verified"
@@ -157,9 +164,7 @@ def sentence_of(content: dict[str, Any], id: str) -> str:
 @pytest.mark.parametrize("more", [Fraction(1, 10**k) for k in (3, 6, 9, 20)])
 def test_a_sentence_says_a_bound_that_the_gain_is_above(more: Fraction) -> None:
     """However near: of 5.97098 it would not do to say that it is above 5.97099."""
-    content = written("low_power")
-    evidence = claim_of(content, "low_power.convergence")["evidence"]
-    bound = max(Fraction(1), 2 * Fraction(evidence["push"]) * Fraction(evidence["bound"]))
+    content, bound = without_rate("low_power")
     content["observer"]["theta"] = str(bound * (1 + more))
     said = re.search(r"theta = (\S+) is above (\S+)", sentence_of(content, "low_power.theta"))
     assert said is not None
@@ -167,9 +172,7 @@ def test_a_sentence_says_a_bound_that_the_gain_is_above(more: Fraction) -> None:
 
 
 def test_a_gain_above_its_bound_by_less_than_can_be_said_fails() -> None:
-    content = written("low_power")
-    evidence = claim_of(content, "low_power.convergence")["evidence"]
-    bound = max(Fraction(1), 2 * Fraction(evidence["push"]) * Fraction(evidence["bound"]))
+    content, bound = without_rate("low_power")
     content["observer"]["theta"] = str(bound + Fraction(1, 10**60))
     assert found(content)["low_power.theta"] == "fails"
 
@@ -221,7 +224,7 @@ def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
     assert not falsehood(content)
 
 
-@pytest.mark.parametrize("key", ["push", "bound"])
+@pytest.mark.parametrize("key", ["least"])
 @pytest.mark.parametrize(
     ("value", "said"),
     [(..., "is missing"), (None, "is missing"), ({}, "has an object where a number should stand")],
@@ -323,19 +326,38 @@ def _core(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
 
 
 def _converges(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
-    """Above the bound on theta V' is negative."""
-    name = content["observer"]["name"]
-    bound = threshold(name, evidence)
+    """Above the bound on theta V' is negative, with the slopes in the ranges that are said."""
+    name, bound = content["observer"]["name"], threshold(evidence)
     for theta in (bound * (1 + 1e-9), 10 * bound):
         if said := ORACLES[name](content, o, evidence, theta, 3):
             return f"at theta = {theta}: {said}"
+    return _steep(content, evidence)
+
+
+def _steep(content: dict[str, Any], evidence: dict[str, Any]) -> str:
+    """A slope outside of its range, in the coordinates scale z."""
+    parsed = [sp.sympify(text) for text in evidence["scale"]]
+    for at, _, _, J in samples(content):
+        S = np.array([float(entry.subs(at)) for entry in parsed])
+        within = np.zeros((2, *J.shape))
+        for one in evidence["slopes"]:
+            place = int(one["row"]) - 1, int(one["column"]) - 1
+            within[(slice(None), *place)] = floats(one["low"]), floats(one["high"])
+        seen = S[:, None] * J / S
+        if (seen < within[0] - 1e-9).any() or (seen > within[1] + 1e-9).any():
+            return "a slope is outside of its range"
     return ""
 
 
 def _above(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
     name = content["observer"]["name"]
-    bound = threshold(name, claim_of(content, f"{name}.convergence")["evidence"])
-    return f"it is below {bound}" if min(o.get("theta_low", o["theta"]), o["theta"]) <= bound else ""
+    convergence, chosen = (
+        claim_of(content, f"{name}.convergence")["evidence"],
+        min(o.get("theta_low", o["theta"]), o["theta"]),
+    )
+    if chosen <= threshold(convergence):
+        return f"it is below {threshold(convergence)}"
+    return ORACLES[name](content, o, {**convergence, **evidence}, chosen, 3) if evidence else ""
 
 
 def chain_of(K: np.ndarray, b: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -414,13 +436,20 @@ def _stays(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str
     return ""
 
 
-def _held(content: dict[str, Any], o: Numbers, claimed: dict[str, Any]) -> str:
-    evidence = claim_of(content, "switched_gain.convergence")["evidence"]
-    values = np.linalg.eigvalsh(floats(evidence["P"]))
-    p, n = values.max(), len(values)
-    speed = o["theta"] / p - 2 * floats(evidence["bound"])
-    growth = (p / values.min()) ** 2 * (o["theta"] / o["theta_low"]) ** (2 * (n - 1))
-    return "V may grow from switch to switch" if speed * o["hold"] < np.log(growth) * (1 - 1e-12) else ""
+def _held(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
+    """V of the high gain falls, and by how much it grows at switches."""
+    convergence = claim_of(content, "switched_gain.convergence")["evidence"]
+    if said := _constant(content, o, {**convergence, **evidence}, o["theta"], 3):
+        return said
+    low, high = floats(claim_of(content, "switched_gain.theta")["evidence"]["P"]), floats(evidence["P"])
+    D = np.diag((o["theta_low"] / o["theta"]) ** np.arange(len(low)))
+    back = np.linalg.inv(D)
+    up, down = (
+        np.linalg.eigvals(np.linalg.solve(before, after)).real.max()
+        for before, after in ((low, D @ high @ D), (high, back @ low @ back))
+    )
+    growth, fallen = np.log(up * down), floats(evidence["alpha"]) * o["hold"]
+    return "V may grow from switch to switch" if fallen < growth - 1e-9 * (1 + abs(growth)) else ""
 
 
 USUAL = {"core": _core, "convergence": _converges, "theta": _above}
@@ -442,14 +471,8 @@ def floats_of(observer: dict[str, Any]) -> Numbers:
     return {key: floats(value) for key, value in wanted.items()}
 
 
-def threshold(name: str, evidence: dict[str, Any]) -> float:
-    e = {key: floats(evidence[key]) for key in ("bound", "push", "peak", "margin", "mu") if key in evidence}
-    if "push" in e:
-        return max(1.0, 2 * e["push"] * e["bound"])
-    if name in ("high_gain", "switched_gain"):
-        return max(1.0, 2 * e["peak"] * e["bound"])
-    weight = e["peak"] + (e["mu"] if name == "stubborn" else 0)
-    return max(1.0, 2 * e["bound"] * max(weight / e["margin"], e["peak"]))
+def threshold(evidence: dict[str, Any]) -> float:
+    return float(floats(evidence["least"]))
 
 
 class Linear(sp.Function):
@@ -515,23 +538,31 @@ def _constant(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], the
     chain = np.array(
         [[float(i == k) for i in range(len(blocks))] for k, size in enumerate(blocks) for _ in range(size)]
     )
-    P = floats(evidence["P"])
+    P, alpha, draw = floats(evidence["P"]), floats(evidence.get("alpha", "0")), np.random.default_rng(5)
     parsed = [[as_sympy(text) for text in texts] for texts in (content["observer"]["gains"], evidence["scale"])]
     for at, A, C, J in samples(content):
         K, S = (np.array([float(entry.subs(at)) for entry in entries]) for entries in parsed)
         T = S * theta ** -power_of_error.astype(float)
-        M = A - (theta**power * K)[:, None] * (chain @ C) + J
-        M = T[:, None] * M / T
-        if np.linalg.norm(S[:, None] * J / S, 2) > floats(evidence["bound"]) * (1 + 1e-9):
-            return "the slope is larger"
-        if np.linalg.eigvalsh(P).max() > floats(evidence["peak"]) * (1 + 1e-12):
-            return "the peak is larger"
-        if np.linalg.eigvalsh(P).min() <= 0 or np.linalg.eigvalsh(P @ M + M.T @ P).max() > 1e-9 * abs(P @ M).max():
-            return "V' may be positive"
+        for share in (1.0, shares(draw, len(J))):
+            M = A - (theta**power * K)[:, None] * (chain @ C) + J * share
+            M = T[:, None] * M / T
+            if grows(P, M, alpha):
+                return "V' may be positive"
         for stated, a in zip(evidence.get("ranges", []), _gains(A, C, blocks), strict=False):
             if not float(Fraction(stated["low"])) - 1e-12 <= a <= float(Fraction(stated["high"])) + 1e-12:
                 return "an a_i is outside its range"
     return ""
+
+
+def shares(draw: np.random.Generator, n: int) -> np.ndarray:
+    """Of the error of each state, what a clamp lets through."""
+    return draw.choice([0.0, 1.0, draw.uniform()], n)
+
+
+def grows(P: np.ndarray, M: np.ndarray, alpha: float) -> bool:
+    """Whether P is no norm, or V' > -alpha V of e' = M e somewhere."""
+    rate = P @ M + M.T @ P + alpha * P
+    return bool(np.linalg.eigvalsh(P).min() <= 0 or np.linalg.eigvalsh(rate).max() > 1e-9 * abs(P @ M).max())
 
 
 def _gains(A: np.ndarray, C: np.ndarray, blocks: list[int]) -> list[float]:
@@ -548,24 +579,20 @@ def _linear(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], theta
     rows, layout = FIELDS[content["observer"]["name"]]
     n = len(content["form"]["states"])
     index, power, fed, read = layout(n)
-    P, units, draw = floats(evidence["P"]), floats(evidence["units"]), np.random.default_rng(5)
+    P, alpha, draw = floats(evidence["P"]), floats(evidence.get("alpha", "0")), np.random.default_rng(5)
+    units = floats(evidence["units"])
     T = units[index] / theta ** np.array(power, dtype=float)
     parsed = [as_sympy(text) for text in evidence["scale"]]
     for J, scale in slopes(content):
         for stated, s, u in zip(parsed, scale, units, strict=True):
             if not stated.free_symbols and not np.isclose(float(stated), s * u):
                 return "the scale is another"
-        G = np.array([[float(enters and i == k) for k in range(n)] for i, enters in zip(index, fed, strict=True)])
-        if np.linalg.norm(P @ G, 2) > floats(evidence["push"]) * (1 + 1e-12):
-            return "|P G| is larger"
-        if np.linalg.norm(units[:, None] * J / units, 2) > floats(evidence["bound"]) * (1 + 1e-12):
-            return "the slope is larger"
-        share = draw.choice([0.0, 1.0, draw.uniform()], n - 1)
+        share, passed = shares(draw, n - 1), shares(draw, n)
         flow = np.array([rows(x, theta, o, share) for x in np.eye(len(index))]).T
         for row, (i, enters) in enumerate(zip(index, fed, strict=True)):
-            flow[row, read] += J[i] * enters
+            flow[row, read] += J[i] * enters * passed
         M = T[:, None] * flow / T
-        if np.linalg.eigvalsh(P).min() <= 0 or np.linalg.eigvalsh(P @ M + M.T @ P).max() > 1e-9 * abs(P @ M).max():
+        if grows(P, M, alpha):
             return "V' may be positive"
     return ""
 
@@ -573,7 +600,7 @@ def _linear(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], theta
 def _limited(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], theta: float, times: int) -> str:
     """V = eps'P eps + mu sigma, or + mu max(eps_1^2 - sigma, 0), at random errors; theta inf: without the model."""
     P, units, mu, K = floats(evidence["P"]), floats(evidence["units"]), floats(evidence["mu"]), o["gains"]
-    n, draw = len(K), np.random.default_rng(7)
+    n, draw, alpha = len(K), np.random.default_rng(7), floats(evidence.get("alpha", "0"))
     N = units[:, None] * (np.diag(np.ones(n - 1), 1) - np.outer(K, np.eye(n)[0])) / units
     K = units * K
     if np.linalg.eigvalsh(P).min() <= 0:
@@ -581,7 +608,7 @@ def _limited(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], thet
     for J, _ in slopes(content):
         level = 0.0 if np.isinf(theta) else 1 / theta
         D = units * theta ** -np.arange(n) if level else units
-        rest = level * D[:, None] * J / D
+        rest = level * D[:, None] * J / D * shares(draw, n)
         for _ in range(times * 10):
             eps = draw.normal(size=n)
             root = abs(draw.choice([0, draw.normal(), eps[0] * draw.uniform()]))
@@ -589,10 +616,12 @@ def _limited(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], thet
             sigma = -o["decay"] * root**2 + o["r"] * eps[0] ** 2
             if content["observer"]["name"] == "dead_zone":
                 value = 2 * eps @ P @ (N @ eps + K * s + rest @ eps) + mu * sigma
+                V = eps @ P @ eps + mu * root**2
             else:
                 rate = N @ eps + K * (eps[0] - s) + rest @ eps
                 value = 2 * eps @ P @ rate + (mu * (2 * eps[0] * rate[0] - sigma) if abs(eps[0]) > root else 0)
-            if value > 1e-9 * abs(P).max() * (eps @ eps + root**2):
+                V = eps @ P @ eps + mu * max(eps[0] ** 2 - root**2, 0)
+            if value + alpha * level * V > 1e-9 * abs(P).max() * (eps @ eps + root**2):
                 return f"V' = {value}"
     return ""
 
@@ -705,7 +734,7 @@ def test_a_gain_on_a_phase_form_rests_on_its_convergence() -> None:
     )
     theta |= {"verdict": "proved", "evidence": {}}
     assert found(content)["low_power.theta"] == "verified"
-    convergence["evidence"]["bound"] = "0"
+    convergence["evidence"]["least"] = "1/1000"
     assert found(content)["low_power.convergence"] == found(content)["low_power.theta"] == "fails"
 
 
@@ -722,10 +751,105 @@ def test_a_form_whose_b_is_taken_at_the_recovered_state_says_so() -> None:
 )
 def test_theta_counts_from_its_bound_on(name: str) -> None:
     content = written(name)
-    bound = threshold(name, claim_of(content, f"{name}.convergence")["evidence"])
+    convergence = claim_of(content, f"{name}.convergence")["evidence"]
+    bound, claim = threshold(convergence), claim_of(content, f"{name}.theta")
+    claim["evidence"] = {}
     for share, verdict in ((1 - 1e-9, "fails"), (1 + 1e-9, "verified")):
         content["observer"]["theta"] = str(Fraction(bound * share))
         assert found(content)[f"{name}.theta"] == verdict
+
+
+def multiplied(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """A certificate of norms with multipliers in place of corners."""
+    monkeypatch.setattr(common_norm, "WORK", 1)
+    x = [hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2)]
+    flow = [x[1], -x[0] - x[1] / 5 + sp.sin(x[0]) / 4]
+    form = hg.forms.triangular(hg.System("plant", states=x, outputs=[hg.Signal("y")], flow=flow, output=[x[0]]))
+    observer = hg.observers.high_gain(form, theta=5, poles=POLES)
+    return json.loads(json.dumps(certificate(form, observer.checks, "high_gain")))
+
+
+def test_multipliers_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without them the corners are tried, which the same P serves; of numbers that are no multipliers nothing holds."""
+    content = multiplied(monkeypatch)
+    for fact in ("convergence", "theta"):
+        id, evidence = f"high_gain.{fact}", claim_of(content, f"high_gain.{fact}")["evidence"]
+        S = evidence["S"]
+        assert len(S) == 2
+        assert found(content)[id] == "verified"
+        changed = [str(Fraction(S[0]) * share) for share in (0, -1, 1000, Fraction(1, 30), Fraction(1, 10**5))]
+        for forged in ([S[0]], *([first, S[1]] for first in changed)):
+            evidence["S"] = forged
+            assert found(content)[id] == "fails", forged
+        del evidence["S"]
+        assert found(content)[id] == "verified"
+        evidence["S"] = S
+
+
+@pytest.mark.parametrize("part", ["alpha", "P", "scale"])
+def test_a_faster_rate_than_the_norm_shows_fails(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    at_corners = [written(name) for name in ("low_power", "switched_gain", "stubborn", "dead_zone")]
+    for content in (*at_corners, multiplied(monkeypatch)):
+        name = content["observer"]["name"]
+        evidence = claim_of(content, f"{name}.theta")["evidence"]
+        assert found(content)[f"{name}.theta"] == "verified"
+        if part == "alpha":
+            evidence["alpha"] = str(Fraction(evidence["alpha"]) * 2)
+        elif part == "P":
+            evidence["P"] = [["1", "0"], ["0", "1"]]
+        else:
+            claim_of(content, f"{name}.convergence")["evidence"]["scale"][1] = "7/3"
+        assert found(content)[f"{name}.theta"] == "fails"
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
+@pytest.mark.parametrize("name", ["low_power", "stubborn", "dead_zone"])
+def test_a_norm_of_a_smaller_theta_than_it_serves_fails(name: str, share: float) -> None:
+    """The least is a little above what any norm serves."""
+    content = written(name)
+    evidence = claim_of(content, f"{name}.convergence")["evidence"]
+    evidence["least"] = str(Fraction(evidence["least"]) * Fraction(share) ** 4)
+    assert found(content)[f"{name}.convergence"] == "fails"
+
+
+@pytest.mark.parametrize("name", ["stubborn", "dead_zone"])
+def test_multipliers_behind_a_saturation_are_verified(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many slopes; without them the corners are tried, which the same V serves."""
+    monkeypatch.setattr(common_norm, "WORK", 1)
+    arguments = BUILT[name][2]
+    observer = getattr(hg.observers, name)(varied(), **{**arguments, "theta": 900})
+    content = json.loads(json.dumps(certificate(observer.form, observer.checks, name)))
+    for id in (f"{name}.convergence", f"{name}.theta"):
+        evidence = claim_of(content, id)["evidence"]
+        S = evidence["S"]
+        assert found(content)[id] == "verified"
+        changed = [str(Fraction(S[0]) * share) for share in (0, -1, 10**7, Fraction(1, 10**7))]
+        for forged in ([S[0]], *([first, S[1]] for first in changed)):
+            evidence["S"] = forged
+            assert found(content)[id] == "fails", forged
+        del evidence["S"]
+        assert found(content)[id] == "verified"
+        evidence["S"] = S
+
+
+def test_an_observer_that_injects_less_has_no_step_of_a_constant_injection() -> None:
+    """Of one whose saturation is shut nothing contracts."""
+    content = written("stubborn")
+    evidence = claim_of(content, "stubborn.convergence")["evidence"]
+    content["claims"].append({"id": "stubborn.step", "verdict": "proved", "evidence": evidence})
+    assert found(content)["stubborn.step"] == "fails"
+
+
+def test_a_level_that_grows_at_switches_by_more_than_is_said_fails() -> None:
+    for key in ("up", "down", "alpha"):
+        content = written("switched_gain")
+        evidence = claim_of(content, "switched_gain.hold")["evidence"]
+        assert found(content)["switched_gain.hold"] == "verified"
+        evidence[key] = str(Fraction(evidence[key]) * (2 if key == "alpha" else Fraction(9, 10)))
+        assert found(content)["switched_gain.hold"] == "fails"
+    content = written("switched_gain")
+    content["observer"]["hold"] = "1/1000000"
+    assert found(content)["switched_gain.hold"] == "fails"
 
 
 def test_units_are_positive() -> None:
@@ -737,16 +861,14 @@ def test_units_are_positive() -> None:
 
 
 def test_a_core_counts_with_its_saturations_as_well() -> None:
-    """p1' = q1 - 2 p1, q1' = -p1, p2' = 4 (s q1 - p2): P by Lyapunov's equation for s = 1 is none for s = 0."""
+    """p1' = q1 - 2 p1, q1' = -p1, p2' = s q1 - p2: a P that falls for s = 1 may be none for s = 0."""
     content = written("peaking_free")
     evidence = claim_of(content, "peaking_free.convergence")["evidence"]
-    content["observer"]["last"] = "4"
-    t = [Fraction(unit) for unit in (evidence["units"][0], *[evidence["units"][1]] * 2)]
-    for shares, verdict in (((1,), "fails"), ((1, 0), "verified")):
-        cores = [((-2, 0, 1), (0, -4, 4 * share), (-1, 0, 0)) for share in shares]
-        scaled = [tuple(tuple(t[i] * N[i][j] / t[j] for j in range(3)) for i in range(3)) for N in cores]
-        proof = common(scaled)
-        assert proof is not None
-        evidence["P"] = [[str(value) for value in row] for row in proof.P]
-        evidence["push"] = str(3 * proof.peak)
+    evidence["least"] = "1000000"
+    t = np.array([float(Fraction(unit)) for unit in (evidence["units"][0], *[evidence["units"][1]] * 2)])
+    N, one = np.array([[-2, 0, 1], [0, -1, 1], [-1, 0, 0]]), np.eye(3)
+    for weight, verdict in ((100.0, "fails"), (1.0, "verified")):
+        Q = np.diag([1.0, weight, 1.0])
+        P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -Q.ravel()).reshape(3, 3) / np.outer(t, t)
+        evidence["P"] = [[str(Fraction(value)) for value in row] for row in (P + P.T) / 2]
         assert found(content)["peaking_free.convergence"] == verdict

@@ -483,7 +483,7 @@ def test_check_begins_with_its_answer(here: Path):
         "sir: R not observable; in none of the forms asked; no observer\n"
     )
     headline = hgogen("check", str(MODELS / "pendulum.py"))[0].split("\n")[0]
-    assert "; triangular, uniform, state_affine, proved; convergence proved in continuous time, for a l" in headline
+    assert "; triangular, uniform, state_affine, proved; convergence proved in continuous time, for its " in headline
 
 
 def test_what_is_accepted_or_said_in_another_way_is_not_gathered() -> None:

@@ -36,7 +36,7 @@ def made(name: str, observer: str, **changes: Any) -> hg.Observer:
 
 def steps_of(observer: hg.Observer, method: str) -> Steps:
     """What is sought of the observer's step, at its theta."""
-    error = observer.error()
+    error = observer.error
     assert isinstance(error, Inclusion)
     (theta,) = observer.gains[0].initial
     return Steps(error, getattr(hg.methods, method).error_step, Fraction(theta))
@@ -229,7 +229,7 @@ def test_an_a_that_moves_lies_in_the_range_of_its_slope() -> None:
     x, v, u = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2), hg.Signal("u", low=-1, high=1)
     flow = [(2 + u / 3) * v, -sp.sin(x)]
     plant = hg.System("p", states=(x, v), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x])
-    error = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, gains=(2, 0.5)).error()
+    error = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, gains=(2, 0.5)).error
     assert isinstance(error, Inclusion)
     (moving,) = (slope for slope in error.varying if slope.entry is None)
     assert moving.low <= Fraction(5, 3)
@@ -237,7 +237,7 @@ def test_an_a_that_moves_lies_in_the_range_of_its_slope() -> None:
 
 
 def test_the_slopes_of_a_corner_are_named_by_their_ends() -> None:
-    error = made("pendulum", "high_gain").error()
+    error = made("pendulum", "high_gain").error
     assert isinstance(error, Inclusion)
     entries = [slope for slope in error.varying if slope.entry is not None]
     for share, end in ((-1.0, "low"), (1.0, "high")):
@@ -249,7 +249,7 @@ def test_a_multiplier_below_zero_proves_nothing() -> None:
     """Of e' = e with a relation |0| <= |e|, which says nothing."""
     one = rational([[1]])
     form = Quadratic(((one, one),), one, 0 * one)
-    assert not verified(form, one, rational([-3]))
+    assert not verified((form,), one, rational([-3]))
     assert (form.value(one, rational([-3])) < 0).all()
 
 
@@ -263,11 +263,11 @@ def test_what_rationals_do_not_confirm_is_no_proof() -> None:
     weights = steps_of(made("pendulum", "high_gain"), "rk4").certain(Fraction(1, 1000))
     assert weights is not None
     P, S = rational(weights.P), rational(weights.S)
-    assert verified(form, P, S)
-    assert not verified(form, -P, S)
-    assert not verified(form, P, -S)
-    assert not verified(form, P, 0 * S)
-    assert not verified(form, P * fmpq(1, 10**9), S)
+    assert verified((form,), P, S)
+    assert not verified((form,), -P, S)
+    assert not verified((form,), P, -S)
+    assert not verified((form,), P, 0 * S)
+    assert not verified((form,), P * fmpq(1, 10**9), S)
 
 
 @given(st.lists(st.floats(0.2, 3), min_size=2, max_size=3), st.floats(2, 12), st.integers(0, 2**32 - 1))
@@ -340,7 +340,7 @@ def test_a_plant_without_finite_slopes_has_no_inclusion() -> None:
     x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2")
     plant = hg.System("free", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -(x2**3)], output=[x1])
     estimator = hg.observers.high_gain(hg.forms.triangular(plant), theta=5, poles=(-1, -1))
-    assert isinstance(estimator.error(), Nothing)
+    assert isinstance(estimator.error, Nothing)
 
 
 def test_an_observer_in_the_plants_coordinates_has_none_and_says_so() -> None:

@@ -10,7 +10,6 @@ import sympy as sp
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.guarantees import certified
 from hgogen.reading.door import Misfit, remembers
 
 x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
@@ -33,9 +32,6 @@ BOX = {"x1": (-1, 1)}
         (lambda: hg.observability(3), "observability was given 3"),
         (lambda: hg.singularity("x"), "singularity was given 'x'"),
         *((lambda f=f: getattr(hg.forms, f)(None), f"{f} was given None") for f in hg.forms.__all__),
-        (lambda: certified.of_gains(hg.forms.triangular(PLANT), (2,)), "give 2 finite numbers"),
-        (lambda: certified.of_gains(hg.forms.triangular(PLANT), None), "give 2 finite numbers"),
-        (lambda: certified.of_poles(hg.forms.triangular(PLANT), (1, float("inf"))), "give 2 finite numbers"),
     ],
 )
 def test_a_misfit_is_a_sentence(question: Callable[[], Any], said: str) -> None:

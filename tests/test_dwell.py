@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cache
 from typing import Any
 
@@ -13,10 +14,12 @@ from plants import model
 from scipy.linalg import expm
 
 import hgogen as hg
+from hgogen.chains.integrators import integrators
 from hgogen.check import Check, Verdict
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.certified import ThetaBound, of_poles
-from hgogen.guarantees.dwell import switching
+from hgogen.guarantees.common_norm import Falls, Flow
+from hgogen.guarantees.dwell import Held, switching
+from hgogen.guarantees.inclusion import Inclusion, on_companion
 from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence
 
@@ -29,42 +32,68 @@ def form() -> hg.Form:
 
 
 @cache
-def bound() -> ThetaBound:
-    theta_bound = of_poles(form(), POLES)
-    assert isinstance(theta_bound, ThetaBound)
-    return theta_bound
+def error() -> Inclusion:
+    known = on_companion(integrators("x", form()), POLES)
+    assert isinstance(known, Inclusion)
+    return known
 
 
 def checks(theta: float, low: float, hold: float) -> dict[str, Check]:
-    return {check.id: check for check in switching("x", theta, low, hold, bound())}
+    return {check.id: check for check in switching("x", form(), theta, low, hold, error())}
 
 
-def shortest(theta: float, low: float) -> float:
-    """Of what V gains in both jumps at most, by the eigenvalues of pencils, and loses in between."""
-    P = np.array([[float(x) for x in row] for row in bound().lyapunov.P])
-    D = np.diag((theta / low) ** np.arange(3))
-    down = np.linalg.eigvals(np.linalg.solve(P, D @ P @ D)).real.max()
-    up = np.linalg.eigvals(np.linalg.solve(P, np.linalg.inv(D) @ P @ np.linalg.inv(D))).real.max()
-    peak = np.linalg.eigvalsh(P)[-1]
-    return float(np.log(down * up) / ((theta - 2 * peak * float(bound().lipschitz)) / peak))
+@cache
+def enough(theta: float, low: float) -> float:
+    """The time that is said to be."""
+    return float(checks(theta, low, 1e-6)["x.hold"].fix.split()[3].rstrip(","))
 
 
-def test_the_time_is_enough_and_not_far_above_what_the_jumps_ask() -> None:
-    fix = checks(HIGH, LOW, 1e-3)["x.hold"].fix
-    least = float(fix.split()[3].rstrip(","))
+def proof(theta: float, low: float) -> tuple[np.ndarray, np.ndarray, Held]:
+    """P of the low gain and of the high one, and what is proved of the time."""
+    known = checks(theta, low, 2 * enough(theta, low))
+    held = known["x.hold"].proofs[0].fact
+    return matrix(known["x.theta"].proofs[0].fact.falls), matrix(held.falls), held
+
+
+def matrix(falls: Falls) -> np.ndarray:
+    return np.array([[float(x) for x in row] for row in falls.weights.P])
+
+
+def fastest(theta: float) -> Falls:
+    falls = Flow(error(), Fraction(theta)).fastest
+    assert falls is not None
+    return falls
+
+
+def jumps(low: np.ndarray, high: np.ndarray, ratio: float) -> tuple[float, float]:
+    """What V gains at most at a switch to the high gain, and at one back: by the eigenvalues of pencils."""
+    D = np.diag(ratio ** -np.arange(3.0))
+    back = np.linalg.inv(D)
+    pencils = (low, D @ high @ D), (high, back @ low @ back)
+    up, down = (float(np.linalg.eigvals(np.linalg.solve(*pencil)).real.max()) for pencil in pencils)
+    return up, down
+
+
+def test_the_time_is_enough_and_is_what_the_jumps_ask() -> None:
+    """Of what V gains in both jumps at most, and loses in between."""
+    least = enough(HIGH, LOW)
     assert checks(HIGH, LOW, 1.001 * least)["x.hold"].verdict is Verdict.PROVED
     assert checks(HIGH, LOW, 0.99 * least)["x.hold"].verdict is Verdict.UNKNOWN
-    assert shortest(HIGH, LOW) < least < 4 * shortest(HIGH, LOW)
+    low, high, held = proof(HIGH, LOW)
+    assert (float(held.up), float(held.down)) == pytest.approx(jumps(low, high, HIGH / LOW), rel=1e-4)
+    assert least == pytest.approx(np.log(float(held.up * held.down)) / float(held.falls.alpha), rel=1e-3)
 
 
-def test_the_time_is_the_formulas() -> None:
-    """log(kappa^2 (theta/theta_low)^(2 (n - 1)))/a(theta), to the four digits of the fix."""
-    P = np.array([[float(x) for x in row] for row in bound().lyapunov.P])
-    values, ratio = np.linalg.eigvalsh(P), HIGH / LOW
-    speed = HIGH / values[-1] - 2 * float(bound().lipschitz)
-    expected = np.log((values[-1] / values[0]) ** 2 * ratio**4) / speed
-    least = float(checks(HIGH, LOW, 1e-3)["x.hold"].fix.split()[3].rstrip(","))
-    assert least == pytest.approx(expected, rel=1e-3)
+@pytest.mark.parametrize("ratio", [1.25, 2, 5])
+def test_the_norm_of_the_high_gain_is_chosen_for_the_time(ratio: float) -> None:
+    """The fastest one there, or that of the low gain, whichever asks for less."""
+    low, _, held = proof(HIGH, HIGH / ratio)
+    ways = (
+        (matrix(fastest(HIGH)), float(fastest(HIGH).alpha)),
+        (low, float(fastest(HIGH / ratio).alpha) * ratio),
+    )
+    times = [np.log(np.prod(jumps(low, P, ratio))) / alpha for P, alpha in ways]
+    assert float(held.least.mid()) == pytest.approx(min(times), rel=1e-3)
 
 
 def test_the_time_is_in_the_models_unit_and_of_the_continuous_observer() -> None:
@@ -81,12 +110,14 @@ def test_the_time_is_in_the_models_unit_and_of_the_continuous_observer() -> None
 
 
 def test_a_low_gain_below_the_bound_proves_nothing() -> None:
-    low = 0.99 * float(bound().theta)
+    least = Flow(error(), Fraction(LOW)).least
+    assert least is not None
+    low = 0.9 * float(least.theta)
     claims = checks(HIGH, low, 100.0)
     assert claims["x.convergence"].verdict is Verdict.PROVED
     assert (claims["x.theta"].verdict, claims["x.hold"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
     assert "theta_low" in claims["x.theta"].fix
-    nothing = {check.id: check.verdict for check in switching("x", HIGH, LOW, 1.0, Nothing("no form"))}
+    nothing = {check.id: check.verdict for check in switching("x", form(), HIGH, LOW, 1.0, Nothing("no form"))}
     assert set(nothing.values()) == {Verdict.UNKNOWN}
 
 
@@ -94,9 +125,8 @@ def test_a_low_gain_below_the_bound_proves_nothing() -> None:
 def test_cycles_of_the_proved_time_contract(low_time: float) -> None:
     """The pendulum's error over one cycle, as the proof has it: V in the coordinates of the high gain falls, whatever
     the time in the low one, from random states of plant and estimate."""
-    hold = 1.001 * float(checks(HIGH, LOW, 1e-3)["x.hold"].fix.split()[3].rstrip(","))
-    P = np.array([[float(x) for x in row] for row in bound().lyapunov.P])
-    S = np.array([float(s.subs(form().system.nominal)) for s in bound().scale])
+    hold, (_, P, _) = 1.001 * enough(HIGH, LOW), proof(HIGH, LOW)
+    S = np.array([float(s.subs(form().system.nominal)) for s in error().scale])
     rng = np.random.default_rng(0)
     for _ in range(3):
         x = rng.uniform((-1, -1, -1), (1, 1, 1))
@@ -152,7 +182,7 @@ def test_what_is_proved_of_each_gain_is_said_of_the_time_between_switches() -> N
         if check.id in ("switched_gain.convergence", "switched_gain.theta"):
             assert "between switches" in check.claim + str(check.reason)
     row = next(row for row in recheck(text).rows if row.id == "switched_gain.convergence")
-    assert "the error decays exponentially between switches, in every gain above 1" in row.sentence
+    assert "the error decays exponentially between switches, in every gain above " in row.sentence
 
 
 def value(P: np.ndarray, S: np.ndarray, error: np.ndarray) -> float:

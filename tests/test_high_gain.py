@@ -1,6 +1,7 @@
 """The standard high-gain observer: poles or gains, an A that moves with the input, several outputs."""
 
 from dataclasses import replace
+from fractions import Fraction
 from functools import cache
 from math import comb
 from typing import Any
@@ -21,11 +22,13 @@ from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
 from hgogen.calling import native
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
+from hgogen.chains.integrators import Integrators
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
 from hgogen.discretisation.stability import core_limit
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.certified import ThetaBound, of_gains, of_poles
+from hgogen.guarantees.common_norm import Flow
+from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
@@ -176,9 +179,11 @@ def test_a_designed_gain_converges_under_any_input() -> None:
     pytest.importorskip("clarabel")
     K = hg.design.constant_gain(driven(), largest=50.0)
     assert not isinstance(K, Nothing)
-    bound = of_gains(driven(), K)
-    assert isinstance(bound, ThetaBound)
-    theta = 1.2 * float(bound.theta)
+    error = with_gains(driven(), K)
+    assert isinstance(error, Inclusion)
+    theta = 1.2
+    proof = Flow(error, Fraction(theta)).fastest
+    assert proof is not None
     observer = hg.observers.high_gain(driven(), theta=theta, gains=K)
     assert standing(observer)["high_gain.theta"] is Verdict.PROVED
     claims = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
@@ -195,11 +200,11 @@ def test_a_designed_gain_converges_under_any_input() -> None:
 
     t = np.linspace(0, 20 / theta, 60)
     solved = solve_ivp(both, (0, t[-1]), [0.5, 0, 0, -3, 3, 3], t_eval=t, rtol=1e-9, atol=1e-9, max_step=t[-1] / 2000)
-    S = np.array([float(s) for s in bound.scale]) * theta ** -np.arange(3)
-    P = np.array([[float(v) for v in row] for row in bound.lyapunov.P])
+    S = np.array([float(s) for s in error.scale]) * theta ** -np.arange(3)
+    P = np.array([[float(v) for v in row] for row in proof.weights.P])
     e = S[:, None] * (solved.y[3:] - solved.y[:3])
     V = np.einsum("it,ij,jt->t", e, P, e)
-    assert (np.exp(-2 * bound.rate(theta) * t) * V[0] * (1 + 1e-4) + 1e-9 * V[0] >= V).all()
+    assert (np.exp(-2 * proof.rate * t) * V[0] * (1 + 1e-4) + 1e-9 * V[0] >= V).all()
 
 
 # --- several outputs ----------------------------------------------------------------------------------------
@@ -260,42 +265,34 @@ def found_status(step: Any, u: np.ndarray, y: np.ndarray) -> list[int]:
 
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_the_bound_of_several_outputs_holds(align: str) -> None:
-    """theta (N'P + P N) + P E + E'P < 0, E = Delta S J S^-1 Delta^-1, at points of the box, above the bound."""
+    """M'P + P M < 0, M = Delta S (A - theta^i K C + J) S^-1 Delta^-1, at points of the box, above the bound."""
     form = blocks(align)
     p = np.concatenate([coefficients(POLES[0], 3), coefficients(POLES[1], 2)])
-    theta_bound = of_poles(form, p)
-    assert isinstance(theta_bound, ThetaBound), theta_bound
-    P = np.array([[float(x) for x in row] for row in theta_bound.lyapunov.P])
-    S = np.array([float(s) for s in theta_bound.scale])
-    N = block_diag(*(np.diag(np.ones(n - 1), 1) for n in (3, 2)))
-    N[:3, 0] -= p[:3]
-    N[3:, 3] -= p[3:]
-    scaled = N * np.array(
-        [float(theta_bound.scale[i] / theta_bound.scale[j]) for i in range(5) for j in range(5)]
-    ).reshape(5, 5)
-    products = np.array([1, 1, 2, 2, 2])  # a_(i,1) .. a_(i,j): the companion matrix stands in a_(i,2) .. a_(i,j) z
-    steps = products / np.array([1, 1, 1, 2, 2])
-    scaled = scaled * np.outer(1 / steps, steps)
-    assert np.array([[float(x) for x in row] for row in theta_bound.lyapunov.vertices[0]]) == pytest.approx(
-        scaled, rel=1e-12
-    )
+    error = on_companion(Integrators(form, form.gains), p.tolist())
+    assert isinstance(error, Inclusion), error
+    proof = Flow(error, Fraction(5)).least
+    assert proof is not None
+    P = np.array([[float(x) for x in row] for row in proof.weights.P])
+    S = np.array([float(s) for s in error.scale])
+    A, C = (np.array(M, dtype=float) for M in (form.A, sp.Matrix(form.output).jacobian(sp.Matrix(form.states))))
+    K = block_diag(*(np.array(gain)[:, None] for gain in np.split(np.array(error.numbers["gains"], dtype=float), [3])))
     slope = sp.lambdify(form.states, sp.Matrix(form.b).jacobian(sp.Matrix(form.states)), "numpy")
-    rng, power = np.random.default_rng(1), np.array(exponents(form))
+    rng, power, levels = np.random.default_rng(1), np.array(exponents(form)), np.array([1, 2, 3, 1, 2])
     for _ in range(300):
-        J = np.array(slope(*rng.uniform(-4, 4, size=5)), dtype=float)
-        assert np.linalg.norm(S[:, None] * J / S, 2) <= theta_bound.lipschitz
-        for theta in (float(theta_bound.theta) * 1.0001, float(theta_bound.theta) * 3):
-            Delta = S * theta**-power
-            E = Delta[:, None] * J / Delta
-            assert np.linalg.eigvalsh(theta * (scaled.T @ P + P @ scaled) + P @ E + E.T @ P).max() < 0
+        J = np.array(slope(*rng.uniform(-4, 4, size=5)), dtype=float) * rng.choice([0.0, 1.0, rng.uniform()], 5)
+        for theta in (float(proof.theta) * 1.0001, float(proof.theta) * 3):
+            Delta = S * theta ** -power.astype(float)
+            M = Delta[:, None] * (A - theta ** levels[:, None].astype(float) * K @ C + J) / Delta
+            assert np.linalg.eigvalsh(M.T @ P + P @ M).max() < 0
 
 
 def test_a_row_that_reads_too_far_has_no_bound() -> None:
     """A form whose checks say otherwise: the structure is tested again."""
     form = blocks("top")
-    theta_bound = of_poles(replace(form, b=(form.b[0] + form.states[2], *form.b[1:])), [1.0] * 5)
-    assert isinstance(theta_bound, Nothing)
-    assert "reads more than" in str(theta_bound.reason)
+    other = replace(form, b=(form.b[0] + form.states[2], *form.b[1:]))
+    error = on_companion(Integrators(other, other.gains), [1.0] * 5)
+    assert isinstance(error, Nothing)
+    assert "reads more than" in str(error.reason)
 
 
 @pytest.mark.parametrize("align", ["top", "end"])

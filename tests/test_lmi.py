@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
 from hgogen.algebra.definite import Matrix
-from hgogen.guarantees.lmi import Lyapunov, NoSolver, common, gains, lyapunov, verified
+from hgogen.guarantees.lmi import NoSolver, gains, lyapunov, verified
+from hgogen.guarantees.quadratic import Quadratic
+from hgogen.guarantees.semidefinite import sought, widest
 
 try:
     import clarabel
@@ -112,27 +114,35 @@ def test_a_gain_and_one_lyapunov_function_for_a_range(n: int) -> None:
     K = gains(corners(n, low, high), 50.0)
     assert K is not None
     assert np.linalg.norm([float(k) for k in K]) <= 50 * (1 + 1e-3)
-    certificate = common(closed(A, C, K) for A, C in corners(n, low, high))
-    assert certificate is not None
-    assert verified(certificate)
-    rng = np.random.default_rng(n)
-    P = floats(certificate.P)
+    one = np.eye(n)
+    ends = [Quadratic(((one, floats(closed(A, C, K))),), one[:0], one[:0]) for A, C in corners(n, low, high)]
+    weights = sought(ends, "a test")
+    assert weights is not None
+    rng, P = np.random.default_rng(n), weights[0]
     for a in rng.uniform(1, 1.5, size=(200, n - 1)):
-        N = np.diag(a, 1) - np.outer([float(k) for k in K], np.eye(n)[0])
-        assert np.linalg.eigvalsh(N.T @ P + P @ N).max() <= -1 + 1e-9 * float(certificate.peak)
+        N = np.diag(a, 1) - np.outer([float(k) for k in K], one[0])
+        assert np.linalg.eigvalsh(N.T @ P + P @ N).max() < 0
 
 
 @needs_solver
 def test_no_lyapunov_function_where_a_vertex_is_unstable() -> None:
-    stable, not_stable = (rational(companion(np.array(p))) for p in ((2.0, 1.0), (2.0, -1.0)))
-    assert common((stable, not_stable)) is None
+    """The margin says by how much there is none, and the prices, which vertex is to blame."""
+    one = np.eye(2)
+    ends = [Quadratic(((one, companion(np.array(p))),), one[:0], one[:0]) for p in ((2.0, 1.0), (2.0, -1.0))]
+    assert sought(ends, "a test") is None
+    best = widest(ends, "a test")
+    assert best is not None
+    assert best.margin < 0
+    stable, not_stable = (float(np.trace(price)) for price in best.prices)
+    assert stable + not_stable == pytest.approx(1, rel=1e-3)
+    assert not_stable > stable
 
 
-def test_a_single_vertex_takes_no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_needs_a_solver_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cvxpy", None)
-    stable = rational(companion(np.array([2.0, 1.0])))
-    assert isinstance(common((stable, stable)), Lyapunov)
-    with pytest.raises(NoSolver, match=r"needs cvxpy and clarabel; install them"):
-        common((stable, rational(companion(np.array([3.0, 1.0])))))
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    one = np.eye(2)
+    with pytest.raises(NoSolver, match=r"^a test needs cvxpy and clarabel; install them"):
+        sought([Quadratic(((one, -one),), one[:0], one[:0])], "a test")
     with pytest.raises(NoSolver):
         gains(corners(2, Fraction(1), Fraction(2)), 10.0)

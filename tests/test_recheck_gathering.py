@@ -7,7 +7,8 @@ import pytest
 
 from hgogen.recheck.file import Built
 from hgogen.recheck.gathering import BadRules, merged, rules_of
-from hgogen.recheck.rules import OBSERVERS, RULES, linear_core
+from hgogen.recheck.rules import OBSERVERS, RULES
+from hgogen.recheck.rules import in_continuous_time as rules
 
 
 def file(name: str, **parts: Any) -> ModuleType:
@@ -18,18 +19,16 @@ def file(name: str, **parts: Any) -> ModuleType:
 
 
 def test_what_the_files_hold_is_put_together() -> None:
-    assert set(linear_core.RULES) < set(RULES)
-    assert linear_core.OBSERVERS.items() < OBSERVERS.items()
-    assert rules_of((file("one", RULES=linear_core.RULES[:2]), file("two", RULES=linear_core.RULES[2:]))) == (
-        linear_core.RULES
-    )
+    assert set(rules.RULES) < set(RULES)
+    assert rules.OBSERVERS.items() < OBSERVERS.items()
+    assert rules_of((file("one", RULES=rules.RULES[:2]), file("two", RULES=rules.RULES[2:]))) == (rules.RULES)
 
 
 @pytest.mark.parametrize("parts", [{}, {"RULES": None}, {"RULES": ("margin.convergence",)}])
 def test_a_file_without_rules(parts: dict[str, Any]) -> None:
     said = r"^margin\.py in the folder of rules has no RULES, a tuple of Rule: what its claims are verified by$"
     with pytest.raises(BadRules, match=said):
-        rules_of((linear_core, file("margin", **parts)))
+        rules_of((rules, file("margin", **parts)))
 
 
 @pytest.mark.parametrize("key", ["OBSERVERS", "NEEDED"])

@@ -82,7 +82,7 @@ def test_no_run_from_the_first_errors_goes_further(observer: str) -> None:
 def run_from(step: hg.Step, first: float, error: np.ndarray) -> tuple[np.ndarray, bool]:
     """The errors (N, n) of an estimate that begins with one, beside a plant at rest at (first, 0, .., 0), and whether
     its outer box was met."""
-    machine, inclusion = Machine(step), step.observer.error and step.observer.error()
+    machine, inclusion = Machine(step), step.observer.error
     assert inclusion is not None
     layout, rest = inclusion.layout, np.append([first], np.zeros(len(error) - 1))
     begins = [(rest + error)[i] * fed for i, fed in zip(layout.index, layout.fed, strict=True)]

@@ -15,7 +15,8 @@ from oracle.uniform_injection import uniform_injection
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.check import Refuted, Verdict
-from hgogen.guarantees.lmi import common
+from hgogen.guarantees.quadratic import Quadratic
+from hgogen.guarantees.semidefinite import margin
 from hgogen.reading.given import BadGain
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import recheck
@@ -117,7 +118,7 @@ def test_the_known_reach(n: int, ratio: float, proved: bool) -> None:
     verdict = Verdict.PROVED if proved else Verdict.UNKNOWN
     assert known["convergence"].verdict is known["theta"].verdict is verdict
     if not proved:
-        assert "no common norm is found" in str(known["convergence"].reason)
+        assert "no norm is found in which the linear part of the error falls" in str(known["convergence"].reason)
 
 
 @pytest.mark.parametrize(("ratio", "last"), [(2.0, "-3*sin(2*x1) - x2 + u"), (3.0, "x1*x2 - x1**2")])
@@ -129,11 +130,14 @@ def test_the_bound_is_less_than_what_is_declared_and_held_by_trials(ratio: float
     high = claims(made(form, theta=40))
     assert high["theta"].verdict is Verdict.PROVED
     (grounds,) = high["convergence"].proofs
-    bound = grounds.fact
-    assert 0.1 < bound.theta < 40
-    assert claims(made(form, theta=float(bound.theta) * 0.5))["theta"].verdict is Verdict.UNKNOWN
-    theta = float(bound.theta) * 1.01
-    P = np.array([[float(x) for x in row] for row in bound.decay.P])
+    least = float(grounds.fact.theta)
+    assert 0.1 < least < 40
+    assert claims(made(form, theta=least * 0.5))["theta"].verdict is Verdict.UNKNOWN
+    theta = least * 1.1
+    (grounds,) = claims(made(form, theta=theta))["theta"].proofs
+    falls = grounds.fact.falls
+    assert falls.alpha > 0
+    P = np.array([[float(x) for x in row] for row in falls.weights.P])
     s, rng = float(made(form).form.A[0, 1]), np.random.default_rng(3)
     rate = sp.lambdify((*form.states, u), form.flow)
     for _ in range(4000):
@@ -145,7 +149,7 @@ def test_the_bound_is_less_than_what_is_declared_and_held_by_trials(ratio: float
         F += np.array([theta * 2, theta**2 / slope]) * (x[0] - z[0])
         scale = np.array([1, s / theta])
         e, moved = scale * (z - x), scale * (F - np.array(rate(*x, force)))
-        assert 2 * e @ P @ moved <= -float(bound.decay.alpha) * (e @ P @ e) + 1e-9
+        assert 2 * e @ P @ moved <= -float(falls.alpha) * (e @ P @ e) + 1e-9
 
 
 def test_many_slopes_are_proved_by_multipliers() -> None:
@@ -165,7 +169,7 @@ def test_many_slopes_are_proved_by_multipliers() -> None:
 def test_without_a_solver_it_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
-    monkeypatch.setitem(sys.modules, "cvxpy", None)
+    monkeypatch.setitem(sys.modules, "clarabel", None)
     known = claims(made(bent(2, 2.25)))
     assert known["convergence"].verdict is Verdict.UNKNOWN
     assert "needs cvxpy and clarabel" in str(known["convergence"].reason)
@@ -218,10 +222,8 @@ def forged(change: Any) -> str:
         lambda e, c: e["shares"][0].update(high="1/2"),
         lambda e, c: e["shares"].pop(),
         lambda e, c: e["shares"][0].update(expression="1"),
-        lambda e, c: e.update(level="1/1000"),
-        lambda e, c: e.update(level="-1"),
-        lambda e, c: e.update(alpha="0"),
-        lambda e, c: e.update(alpha="1000"),
+        lambda e, c: e.update(least="1/1000"),
+        lambda e, c: e.update(least="-1"),
         lambda e, c: e.update(P=[["1", "2"], ["2", "1"]]),
         lambda e, c: e.update(P=[["1", "0"], ["0", "1"]]),
         lambda e, c: e.update(S=["1", "1", "1", "1", "1"]),
@@ -246,6 +248,15 @@ def evidence_of(content: dict[str, Any]) -> dict[str, Any]:
     return evidence
 
 
+def common(*vertices: Any) -> list[list[str]]:
+    """P with M'P + P M < 0 for all of these M, in text."""
+    one, nothing = np.eye(2), np.zeros((0, 2))
+    best = margin([Quadratic(((one, np.array(M)),), nothing, nothing) for M in vertices], "a forgery")
+    assert best is not None
+    assert best.margin > 0
+    return [[str(Fraction(float(x))) for x in row] for row in best.P]
+
+
 def forger_of_nine() -> dict[str, Any]:
     """A certificate that claims of slopes of 1 to 9 what holds at the smallest gain alone: P, and all ranges right."""
     content = certificate(made(bent(2, 9.0)))
@@ -255,16 +266,13 @@ def forger_of_nine() -> dict[str, Any]:
     shares = {"expression": "1/(1 + 8*z2**2)", "box": {"z2": ["-1", "1"]}, "tree": "."}
     shares |= {"low": str(1 / Fraction(9) - small), "high": str(1 + small)}
     slope = {"row": "1", "column": "2", "low": str(ends[0] - 1), "high": str(ends[1] - 1), "tree": "."}
-    known = common(((Fraction(-2), end), (-s * (1 / Fraction(9) - small), Fraction(0))) for end in ends)
-    assert known is not None
+    P = common(*([[-2.0, float(end)], [-float(s) / 9, 0.0]] for end in ends))
     evidence = {
         "scale": ["1", str(s)],
         "slopes": [slope],
         "shares": [shares],
-        "level": "1",
-        "alpha": str(1 / known.peak),
-        "P": [list(map(str, row)) for row in known.P],
-        "S": [],
+        "least": "1",
+        "P": P,
     }
     claim = next(c for c in content["claims"] if c["id"] == "uniform_injection.convergence")
     claim.update(verdict="proved", evidence=evidence)
@@ -277,7 +285,7 @@ def test_shares_at_one_end_alone_prove_nothing() -> None:
     content = forger_of_nine()
     rows = {row.id: row for row in recheck(sealed(content)).rows}
     assert rows["uniform_injection.convergence"].found == "fails"
-    assert "-M'P - P M - alpha P is not positive definite" in rows["uniform_injection.convergence"].sentence
+    assert "its inequality, negated, is not positive definite" in rows["uniform_injection.convergence"].sentence
 
 
 def test_multipliers_are_paid_for() -> None:
@@ -285,14 +293,21 @@ def test_multipliers_are_paid_for() -> None:
     pytest.importorskip("clarabel")
     content = forger_of_nine()
     s, evidence = Fraction(content["form"]["A"][0][1]), evidence_of(content)
-    middle = ((Fraction(-2), 5 / s), (-5 * s / 9, Fraction(0)))
-    known = common((middle,))
-    assert known is not None
-    evidence.update(P=[list(map(str, row)) for row in known.P], alpha="1/1000000")
+    evidence.update(P=common([[-2.0, float(5 / s)], [-float(5 * s / 9), 0.0]]))
     for S in (["1000000"] * 2, ["1/1000000"] * 2):
         evidence["S"] = S
         rows = {row.id: row for row in recheck(sealed(content)).rows}
         assert "its inequality, negated, is not positive" in rows["uniform_injection.convergence"].sentence
+
+
+@pytest.mark.parametrize("alpha", ["-1", "1000"])
+def test_a_forged_rate_fails(alpha: str) -> None:
+    pytest.importorskip("clarabel")
+    content = content_of_two()
+    claim = next(c for c in content["claims"] if c["id"] == "uniform_injection.theta")
+    assert Fraction(claim["evidence"]["alpha"]) > 0
+    claim["evidence"]["alpha"] = alpha
+    assert {row.id: row.found for row in recheck(sealed(content)).rows}["uniform_injection.theta"] == "fails"
 
 
 def test_a_theta_below_the_bound_is_not_verified() -> None:

@@ -1,6 +1,6 @@
 """Certificates: what was proved of a model, as a JSON value that `recheck.verification` verifies again.
 
-    {"format": "hgogen certificate", "version": "2", "hgogen": its version,
+    {"format": "hgogen certificate", "version": "3", "hgogen": its version,
      "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
                "output"},
      "form": {"kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"},
@@ -22,14 +22,15 @@ off 0. The equations of the others, with their numbers, stand where they are ver
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
 the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
-form: "chain" (y, y', ..) in the plant's states; of the convergence of a high_gain observer: "scale" S, "core" N = S (A
-- gains C) S^-1, or "ranges", the enclosures of the a_i, at whose ends N is taken, "P" with N'P + P N <= -I, "peak" >=
-lambda_max(P), and the Lipschitz bound of b in the coordinates S z. Of other observers: "units" s_i, "scale" s_i a_1 ..
-a_i, and what their modules say. Of inequality (38): the "gain" of the observer, the disturbances "G1" and "G2" and the
-ranges of the "errors", of which the system is rebuilt, with V and mu; on which "share" of the box of errors its second
-order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on the faces. A tree is
-a bisection in prefix order: a name cuts its side of the box at the midpoint (an unbounded side at 0, beyond 0 at twice
-its end and one), a dot is a leaf.
+form: "chain" (y, y', ..) in the plant's states; of the convergence of an observer of a constant injection: "scale" S,
+the ranges of the "slopes" of b in S z, each of "row", "column", "low", "high", "tree", with "core" N = S (A - gains C)
+S^-1, or "ranges", the enclosures of the a_i, or "units" s_i of which S is s_i a_1 .. a_i, and "P", with multipliers "S"
+or without, of a norm that falls at the theta "least"; of the rate at theta: "alpha" and the "P" of it, with its "S". Of
+other observers: "units", "scale", and what their modules say. Of inequality (38): the "gain" of the observer, the
+disturbances "G1" and "G2" and the ranges of the "errors", of which the system is rebuilt, with V and mu; on which
+"share" of the box of errors its second order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on
+the faces. A tree is a bisection in prefix order: a name cuts its side of the box at the midpoint (an unbounded side at
+0, beyond 0 at twice its end and one), a dot is a leaf.
 
 A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen recheck`; what has no such evidence is
 "stated", with a reason, and so are open verdicts as they are: they assert nothing.

@@ -131,7 +131,7 @@ def _error(observer: Observer, guards: str) -> Inclusion | Reason:
         return because("without guards no argument of b is clamped, on which the proof rests")
     if observer.error is None:
         return because("the proof is for a constant injection: high_gain, filtered and the like, on chains")
-    error = observer.error()
+    error: Inclusion | Nothing = observer.error
     return error.reason if isinstance(error, Nothing) else error
 
 

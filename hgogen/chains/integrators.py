@@ -7,7 +7,7 @@ c_(i,j) = a_(i,1) .. a_(i,j) b_(i,j) takes the argument of b saturated to the de
 are free of inputs and states; they may hold parameters.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -143,7 +143,7 @@ def observer_on(
     accepted: tuple[str, ...] = (),
     traces: tuple[str, ...] = (),
     practical: bool = False,
-    error: Callable[[], Any] | None = None,
+    error: Any | None = None,
 ) -> Observer:
     """The observer whose estimate is `w` (n), an SX of places of its state; `checks` beside the form's."""
     form = chain.form

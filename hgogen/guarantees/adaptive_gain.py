@@ -54,7 +54,7 @@ from hgogen.evidence.enclosing import LOOSE, Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.certified import slope
+from hgogen.guarantees.steepness import slope
 from hgogen.intervals.digits import Down, Up
 from hgogen.reading.given import BadGain, reals
 from hgogen.sentence import NONE, Reason, because

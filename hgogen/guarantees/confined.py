@@ -15,19 +15,8 @@ from flint import fmpq_mat
 
 from hgogen.algebra.definite import fraction, root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.lmi import solver
-from hgogen.guarantees.quadratic import (
-    Array,
-    Quadratic,
-    Seen,
-    Weights,
-    confirmed,
-    even,
-    floats,
-    multipliers,
-    weights,
-    whole,
-)
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, floats
+from hgogen.guarantees.semidefinite import holding, shortest
 
 _WHAT = "a bound of the errors from a start"
 _NOTHING = Fraction(0)
@@ -69,16 +58,11 @@ def _bounds(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fr
 def _sought(of: Quadratic, corners: Array, rows: Array, W: Array, margin: float) -> tuple[Array, Array] | None:
     """P and S in floats with |e|_P <= 1 at the corners and a small largest c P^-1 c', sought in coordinates x, e = W x,
     with corners and rows near 1."""
-    cp, n, size = solver(_WHAT), len(W), of.pairs[0][0].shape[1]
     seen = Seen(of, W, even(of, W))
     begins, reads = corners @ np.linalg.inv(W).T, rows @ W
     far, steep = (np.linalg.norm(each, axis=1).max() for each in (begins, reads))
-    P, S, reach = cp.Variable((n, n), PSD=True), multipliers(cp, of), cp.Variable((1, 1))
-    limits = [whole(cp, seen.form, P, S) << -margin * np.eye(size)]
-    limits += [(x / far) @ P @ (x / far) <= 1 for x in begins]
-    limits += [cp.bmat([[reach, row[None] / steep], [row[:, None] / steep, P]]) >> 0 for row in reads]
-    candidate = weights(cp, cp.Problem(cp.Minimize(reach[0, 0]), limits), P, S)
+    candidate = shortest(seen.form, reads / steep, holding(of, begins / far), margin, _WHAT)
     if candidate is None:
         return None
-    P_1, S_1 = seen.back(*candidate)
-    return P_1 / far**2, S_1 / far**2
+    P, S = seen.back(*candidate)
+    return P / far**2, S / far**2

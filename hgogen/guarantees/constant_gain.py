@@ -4,13 +4,12 @@
 
 Poles make K_j = p_j/(a_1..a_j), p the coefficients of their polynomial: the linear error core has theta times them,
 whatever the parameters. A gain K as given serves an A(u) and C(u) as well: A - K C is Hurwitz at the ends of the ranges
-of all a_j, by exact test; that one quadratic function decays for every u is what `certified` proves.
+of all a_j, by exact test; that one quadratic function decays for every u is what `common_norm` proves.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -25,9 +24,7 @@ from hgogen.chains.integrators import Integrators, demand_divisor, no_chain
 from hgogen.form import Form
 from hgogen.graph import to_casadi
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.certified import ThetaBound, of_gains, of_poles
 from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
-from hgogen.guarantees.lmi import NoSolver
 from hgogen.intervals.digits import same
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, reals
@@ -40,15 +37,14 @@ class ConstantGain:
     """The gain `K` (n), of parameters, for chains of the `sizes`.
 
     `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
-    `bound` is what is proved of theta, `error` gives what the error obeys.
+    `error` is what the error obeys.
     """
 
     K: tuple[sp.Expr, ...]
     sizes: tuple[int, ...]
     driven: bool
     vertices: np.ndarray
-    bound: ThetaBound | Nothing
-    error: Callable[[], Inclusion | Nothing]
+    error: Inclusion | Nothing
 
     def __str__(self) -> str:
         heads = [sum(self.sizes[:i]) for i in range(len(self.sizes))]
@@ -108,8 +104,8 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
     p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
-    error = partial(on_companion, Integrators(form, form.gains), tuple(p))
-    return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), of_poles(form, p), error)
+    error = on_companion(Integrators(form, form.gains), tuple(p))
+    return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), error)
 
 
 def _polynomial(poles: Any, n: int) -> np.ndarray:
@@ -138,15 +134,8 @@ def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -
         K.extend(k.tolist())
         ends.append(np.array(closed, dtype=float))
     driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)
-    error = partial(with_gains, form, tuple(map(Fraction, K)))
-    return ConstantGain(tuple(map(sp.Float, K)), sizes, driven, _stacked(ends), _bound(form, K), error)
-
-
-def _bound(form: Form, K: Sequence[float]) -> ThetaBound | Nothing:
-    try:
-        return of_gains(form, K)
-    except NoSolver as missing:
-        return Nothing(missing.reason)
+    error = with_gains(form, [*map(Fraction, K)])
+    return ConstantGain(tuple(map(sp.Float, K)), sizes, driven, _stacked(ends), error)
 
 
 def _closed(corner: Corner, k: np.ndarray) -> np.ndarray:

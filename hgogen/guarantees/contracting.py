@@ -12,9 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
+from hgogen.algebra.definite import number
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.quadratic import Array, Weights, negative, proved, sought
-from hgogen.guarantees.stagewise import ErrorStep, Stagewise, corners
+from hgogen.guarantees.quadratic import Array, Weights, negative, proved
+from hgogen.guarantees.semidefinite import sought
+from hgogen.guarantees.stagewise import ErrorStep, Stagewise, corners, flowing
 
 ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than a check may
 CLOSE = 1.02  # a search ends where its ends are that close
@@ -72,13 +74,13 @@ class Steps:
         if self.coordinates is None:
             return None
         form = self.at(h).contraction(alpha)
-        weights = sought(form, _WHAT, self.coordinates)
-        return weights if weights is not None and negative(form.floats, *weights) else None
+        weights = sought((form,), _WHAT, self.coordinates)
+        return weights if weights is not None and negative((form.floats,), *weights) else None
 
     @cached_property
     def coordinates(self) -> Array | None:
         """P^(-1/2) (N, N) of continuous time, near which the P of a step are; None where a solver finds none."""
-        weights = sought(self.at(Fraction(0)).contraction(Fraction(0)), _WHAT)
+        weights = sought((flowing(self._uncertain, number(_NOTHING)),), _WHAT)
         if weights is None:
             return None
         values, vectors = np.linalg.eigh(weights[0])
@@ -107,15 +109,15 @@ class Steps:
         Raises: `NoSolver`.
         """
         weights = self.weights(h, alpha)
-        return weights and proved(self.at(h).contraction(alpha), *weights)
+        return weights and proved((self.at(h).contraction(alpha),), *weights)
 
 
-def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction) -> Fraction:
+def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
     """A value between `start`, where it holds, and `end`, close to the last up to which it does as far as is tried."""
     if holds(end):
         return end
-    while not 1 / CLOSE < start / end < CLOSE:
-        middle = Fraction(math.sqrt(start * end))
+    while not 1 / close < start / end < close:
+        middle = Fraction(math.sqrt(start) * math.sqrt(end))
         start, end = (middle, end) if holds(middle) else (start, middle)
     return start
 

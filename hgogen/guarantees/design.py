@@ -33,7 +33,6 @@ from hgogen.guarantees.adaptive_gain import Disturbance, candidate, facts, judge
 from hgogen.guarantees.adaptive_gain import attenuation as block_of
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.certified import obstacle
 from hgogen.guarantees.formulas import (
     DisturbedError,
     attenuation,
@@ -47,6 +46,7 @@ from hgogen.guarantees.formulas import (
 )
 from hgogen.guarantees.gain_programs import Optimum, Task, best
 from hgogen.guarantees.lmi import gains, solver
+from hgogen.guarantees.steepness import obstacle
 from hgogen.intervals.digits import down, up
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive, real, reals

@@ -1,79 +1,128 @@
 """How long a high gain must hold so that switching between two gains keeps the error's decay.
 
-    V_l = eps_l'P eps_l,   eps_l = diag(1, 1/l, .., 1/l^(n-1)) S e:   V_l' <= -a(l) V_l,   a(l) = (l - 2 p L_b)/p > 0
+    V_l = eps_l'P_l eps_l,   eps_l = diag(theta^-p(i)) S e at theta = l:   V_l' <= -alpha_l V_l,   alpha_l >= 0
 
-by the bound of `certified`, p >= lambda_max(P), for both gains l. From theta to theta_low V is multiplied by
-kappa (theta/theta_low)^(2 (n - 1)) at most, kappa = p/lambda_min(P), back by kappa. With at least a time T in theta
-between two switches down, V falls from cycle to cycle by a factor below 1 where
+by a norm for each of the two gains l (`common_norm`). A switch multiplies eps by powers of the gains' ratio: with
+eps_high = D eps_low, D = diag((low/high)^p(i)), V becomes at most `up` times what it was at a switch to the high gain,
+and `down` times at one back,
 
-    a(theta) T > log(kappa^2 (theta/theta_low)^(2 (n - 1)))
+    up P_low - D P_high D >= 0,   down P_high - D^-1 P_low D^-1 >= 0
+
+With at least a time T in the high gain between two switches down, V falls from cycle to cycle by a factor below 1 where
+
+    alpha_high T > log(up down)
 
 whatever makes the gains switch, and the error converges exponentially. Average dwell time: Hespanha, Morse, "Stability
 of switched systems with average dwell-time", CDC 1999.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import inf
 
-from flint import arb
+import numpy as np
+from flint import arb, fmpq_mat
 
-from hgogen.algebra.definite import exact, number, smallest
+from hgogen.algebra.definite import nonnegative, number
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
-from hgogen.guarantees.bounded_theta import Nothing, checks
-from hgogen.guarantees.certified import ThetaBound
+from hgogen.guarantees.bounded_theta import Nothing, nothing
+from hgogen.guarantees.common_norm import Falls, Flow
+from hgogen.guarantees.continuous_time import claims
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.quadratic import Array, floats, rational
 from hgogen.intervals.digits import Up, same
-from hgogen.sentence import NONE, because
+from hgogen.sentence import because
 
 _BETWEEN = (
     "in continuous time, without noise, the error decays exponentially between switches, in every gain above a bound"
 )
+_ROUND = Fraction(1, 2**20)  # by what share `up` and `down` are larger than floats take them to be
 
 
 @dataclass(frozen=True)
 class Held:
-    """What shows that a time is long enough: `least` <= lambda_min(P)."""
+    """What shows that a time is long enough: a norm that `falls` in the high gain, and what switches do to V."""
 
-    least: Fraction
+    falls: Falls
+    up: Fraction
+    down: Fraction
+
+    @property
+    def least(self) -> arb:
+        """The time from which on it is, as a ball."""
+        return arb(number(self.up * self.down)).log() / arb(number(self.falls.alpha))
 
     def evidence(self, form: Form) -> Evidence:
-        """The lower bound of the P in the claim of convergence."""
-        return {"least": self.least}
+        """The norm of the high gain, with its alpha, and the two factors; the low gain's is in the claim of theta."""
+        return {"alpha": self.falls.alpha, **self.falls.written, "up": self.up, "down": self.down}
 
 
-def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> tuple[Check, ...]:
+def switching(
+    maker: str, form: Form, theta: float, low: float, hold: float, error: Inclusion | Nothing
+) -> tuple[Check, ...]:
     """`MAKER.convergence`, that there is a bound on a gain that stays, `MAKER.theta`, that `low` is above it, and
     `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
-    convergence, above = checks(maker, low, bound, "theta_low", "between switches")
+    if isinstance(error, Nothing):
+        known, held = nothing(maker, low, error.reason), _open(maker, hold)
+    else:
+        numbers = {"theta": theta, "theta_low": low, "hold": hold, **error.numbers}
+        flow = Flow(error, Fraction(low))
+        known = claims(maker, form, flow, numbers, "theta_low", "between switches")
+        held = _open(maker, hold)
+        if known[1].verdict is Verdict.PROVED:
+            held = _held(held, flow, Fraction(theta), hold)
+        held = replace(held, proofs=tuple(Grounds(numbers, proof) for proof in held.proofs))
+    convergence, above = known
     convergence = replace(convergence, claim=_BETWEEN)
     above = replace(above, claim=f"theta_low = {same(low)}, and theta with it, is above that bound")
-    held = _held(ClaimId(maker, "hold"), theta, low, hold, bound)
-    if isinstance(bound, Nothing):
-        return convergence, above, held
-    numbers = {"theta": theta, "theta_low": low, "hold": hold, **bound.numbers}
-    facts = ((convergence, bound), (above, None), (held, *held.proofs))
-    return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in each)) for check, *each in facts)
+    return convergence, above, held
 
 
-def _held(id: ClaimId, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> Check:
+def _open(maker: str, hold: float) -> Check:
     claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
-    unknown = Check(id, claim, Verdict.UNKNOWN, NONE, fix="Validate by trials.")
-    if isinstance(bound, Nothing) or not Fraction(low) > bound.theta:
-        return replace(unknown, reason=because("theta_low is not above a proved bound"))
-    P, peak = bound.lyapunov.P, bound.lyapunov.peak
-    least_of_P = smallest(exact(P))[0]
-    condition = peak / least_of_P
-    speed = (Fraction(theta) - 2 * peak * bound.lipschitz) / peak
-    growth = condition**2 * (Fraction(theta) / Fraction(low)) ** (2 * (len(P) - 1))
-    least = arb(number(growth)).log() / arb(number(speed))
-    if arb(number(Fraction(hold))) > least:
-        reason = because("above {least}, by outward-rounded balls", least=_up(least, hold))
-        proofs = (Held(least_of_P),)
-        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
-    reason = because("not shown: {least} is, and is sufficient, not necessary", least=_up(least))
-    return replace(unknown, reason=reason, fix=f"Take hold > {_up(least)}, or validate by trials.")
+    why = because("theta_low is not above a proved bound")
+    return Check(ClaimId(maker, "hold"), claim, Verdict.UNKNOWN, why, fix="Validate by trials.")
+
+
+def _held(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
+    low = flow.fastest
+    if low is None:
+        return unknown
+    ways = [_way(flow.error, low, high) for high in _high(flow, low, theta)]
+    if not ways:
+        return replace(unknown, reason=because("no norm is found that falls in the high gain"))
+    best = min(ways, key=lambda way: float(way.least.mid()))
+    if arb(number(Fraction(hold))) > best.least:
+        reason = because("above {least}, by outward-rounded balls", least=_up(best.least, hold))
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(best,))
+    reason = because("not shown: {least} is, and is sufficient, not necessary", least=_up(best.least))
+    return replace(unknown, reason=reason, fix=f"Take hold > {_up(best.least)}, or validate by trials.")
+
+
+def _high(flow: Flow, low: Falls, theta: Fraction) -> Iterator[Falls]:
+    """Norms that fall in the high gain: the fastest, and that of the low gain, which a switch changes less."""
+    high = Flow(flow.error, theta)
+    for falls in (high.fastest, high.by(low.weights, low.alpha * theta / flow.theta)):
+        if falls is not None and falls.alpha > 0:
+            yield falls
+
+
+def _way(error: Inclusion, low: Falls, high: Falls) -> Held:
+    P_low, P_high = rational(low.weights.P), rational(high.weights.P)
+    D = rational([(low.theta / high.theta) ** p for p in error.layout.power])
+    return Held(high, _factor(P_low, P_high * np.outer(D, D)), _factor(P_high, P_low / np.outer(D, D)))
+
+
+def _factor(P: Array, Q: Array) -> Fraction:
+    """A short rational c with c P - Q >= 0, both positive definite."""
+    half = np.linalg.inv(np.linalg.cholesky(floats(P)))
+    c = Fraction(f"{np.linalg.eigvalsh(half @ floats(Q) @ half.T).max() * (1 + _ROUND):.9g}")
+    while not nonnegative(fmpq_mat((P * number(c) - Q).tolist())):
+        c *= 1 + _ROUND
+    return c
 
 
 def _up(value: arb, below: float = inf) -> Up:

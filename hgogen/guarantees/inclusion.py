@@ -30,9 +30,8 @@ from hgogen.evidence.grammar import outward, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.certified import companions, jacobian, obstacle
-from hgogen.guarantees.certified_core import Layout, from_form, nominal_units
-from hgogen.guarantees.quadratic import Array, fractions, identity, rational, stacked
+from hgogen.guarantees.quadratic import Array, floats, fractions, identity, rational, stacked
+from hgogen.guarantees.steepness import companions, jacobian, obstacle
 from hgogen.intervals.bounds import Range
 from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains, span
@@ -40,6 +39,17 @@ from hgogen.structure.scaling import exponents
 
 _BOXES = 2_000  # for the range of one slope
 _LOOSE = 1e-9  # what a range is wider by, over its width, so that a weaker arithmetic reaches it
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The fields of an estimator in its core's order: `index` (N), i(k) from 0, by whose units a field is scaled;
+    `power` (N), p(k); `fed` (N): whether c_i(k) enters; `picks` (n): the field that stands for w_i where c reads it."""
+
+    index: tuple[int, ...]
+    power: tuple[int, ...]
+    fed: tuple[bool, ...]
+    picks: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -61,7 +71,8 @@ class Inclusion:
     """`N` (N, N); `B` (N, p), by which errors v of the samples enter; the `slopes`; how the fields lie, the `layout`;
     the `units` (n) of the chain's states, by which the errors of fields are scaled; `scale` (n), of parameters, from
     the form's states to these; `numbers`: what the observer is built with beside theta; `own`: evidence of the core,
-    beside these."""
+    beside these; `hull`: places of the slopes that vary, from -1 to 1 in their ranges, in whose hull they keep
+    together; none where each goes by itself."""
 
     N: Array
     B: Array
@@ -71,11 +82,21 @@ class Inclusion:
     scale: tuple[sp.Expr, ...]
     numbers: Mapping[str, Any]
     own: Evidence = field(default_factory=dict)
+    hull: tuple[tuple[Fraction, ...], ...] = ()
 
     @property
     def varying(self) -> tuple[Slope, ...]:
         """The slopes that are no numbers."""
         return tuple(slope for slope in self.slopes if slope.low < slope.high)
+
+    @property
+    def limit(self) -> Array:
+        """What M over theta comes to as theta grows, with all that moves in it at its middle; in floats."""
+        N = floats(self.N)
+        for slope in self.slopes:
+            if slope.degree == -1:
+                N[:, slope.of] += float(slope.low + slope.high) / 2 * np.array(slope.onto, dtype=float)
+        return N
 
     def named(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
         """The values of the slopes that are entries of a Jacobian, for d (m) in [-1, 1], by name."""
@@ -126,6 +147,11 @@ class Uncertain:
     B: Array
     core: Array
 
+    @property
+    def floats(self) -> "Uncertain":
+        """The same in floats."""
+        return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.core)))
+
 
 def inclusion(
     form: Form,
@@ -175,10 +201,25 @@ def on_integrators(
     return inclusion(chain.form, layout, core, measured, scale, units, numbers, shares)
 
 
+def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
+    """The s_i (n) near 1/(a_1 .. a_i) at the nominal parameters, in which w is near z; or why there are none."""
+    units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
+    if any(unit_ <= 0 for unit_ in units):
+        return Nothing(because("the bound is for a_i shown to be positive"))
+    return units
+
+
+def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
+    """s_i a_1 .. a_i (n) of each chain, which scale z to s_i w_i."""
+    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
+    return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
+
+
 def on_companion(chain: Integrators, p: Sequence[float]) -> Inclusion | Nothing:
     """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials."""
     form, exactly = chain.form, [Fraction(x) for x in p]
-    numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, chain.products, strict=True))}
+    products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
+    numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
     error = on_integrators(chain, plain(form), companions(exactly, form.blocks), by_chain(form, p), numbers)
     return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)})
 

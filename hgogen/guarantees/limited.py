@@ -17,8 +17,10 @@ import numpy as np
 from hgogen.chains.injection import companion, injection_gains, listed, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.form import Form
-from hgogen.guarantees.bounded_theta import checks
-from hgogen.guarantees.sector import Adaptation, Shape, core_check, decays, theta_bound
+from hgogen.guarantees.behind_sector import behind
+from hgogen.guarantees.bounded_theta import Nothing, nothing
+from hgogen.guarantees.continuous_time import claims
+from hgogen.guarantees.sector import Adaptation, Shape, core_check, decays
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, scalar, sym
@@ -66,6 +68,12 @@ def limited(
         least = (slow + fast) / 2  # so that r stays below it however they are tuned
     adaptation = Adaptation(shape, Fraction(slow), Fraction(fast))
     proofs, numbers = decays(adaptation, K), {"theta": high.initial[0], "decay": slow, "r": fast, "gains": K}
+    sought = behind(chain, high.initial[0], K, proofs, numbers)
+    bounded = (
+        nothing(name, high.initial[0], sought.reason)
+        if isinstance(sought, Nothing)
+        else claims(name, form, sought, numbers)
+    )
     return observer_on(
         chain,
         name,
@@ -81,7 +89,7 @@ def limited(
         reference=REFERENCE,
         checks=(
             core_check(name, adaptation, proofs, numbers),
-            *checks(name, high.initial[0], theta_bound(chain, proofs, numbers)),
+            *bounded,
         ),
         accepted=accept,
         traces=("sigma",),

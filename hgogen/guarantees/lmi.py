@@ -2,10 +2,10 @@
 
     P > 0,   P <= peak I,   N_v'P + P N_v <= -I for every vertex N_v
 
-One matrix: the Lyapunov equation N'P + P N = -I is solved in rationals; its solution is the smallest P there is.
-Several: a convex program (cvxpy, Clarabel) minimises the largest eigenvalue of P. Both answers are rounded to short
-rationals and then verified by the signs of characteristic polynomials in exact arithmetic (`algebra.definite`): the
-status of a solver, or a float, is no proof. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities
+Of one matrix the Lyapunov equation N'P + P N = -I is solved in rationals; its solution is the smallest P there is. It
+is rounded to short rationals and then verified by the signs of characteristic polynomials in exact arithmetic
+(`algebra.definite`). Gains for which there is one P for several are sought by a convex program (cvxpy, Clarabel).
+Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities
 in System and Control Theory", SIAM (1994), 5.1.
 """
 
@@ -87,29 +87,12 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
     return _rounded([[fraction(value) for value in row] for row in entries], (N,))
 
 
-def common(vertices: Iterable[Matrix]) -> Lyapunov | None:
-    """One P for all vertices, of a small largest eigenvalue; None where none is found.
-
-    A single vertex takes no solver. Raises: `NoSolver`.
-    """
-    vertices = tuple(dict.fromkeys(vertices))
-    if len(vertices) == 1:
-        return lyapunov(vertices[0])
-    cp = solver("one Lyapunov function for a range of a_i")
-    n = len(vertices[0])
-    P, peak = cp.Variable((n, n), PSD=True), cp.Variable()
-    one = np.eye(n)
-    limits = [P << peak * one, *(_floats(N).T @ P + P @ _floats(N) << -one for N in vertices)]
-    value = solved(cp, cp.Problem(cp.Minimize(peak), limits), P)
-    return None if value is None else _scaled(value, vertices)
-
-
 def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
     """A gain K (n), |K| <= `largest`, with one P for all A - K C, of a small largest eigenvalue; None where none is
     found.
 
     `corners`: (A (n, n), C (n)) at the vertices. With Y = P K the inequality A'P + P A - Y C - C'Y' <= -I is linear;
-    K'P K <= largest^2 p and P >= p I bound the gain. Nothing is proved here: `common` proves it for the K returned.
+    K'P K <= largest^2 p and P >= p I bound the gain. Nothing is proved here: `common_norm` does it for the K returned.
 
     Raises: `NoSolver`.
     """
@@ -138,6 +121,16 @@ def solver(what: str) -> Any:
     return cvxpy
 
 
+def cones(what: str) -> tuple[Any, Any]:
+    """Clarabel, and the sparse matrices that it takes. Raises: `NoSolver`, of `what` needs it."""
+    try:
+        import clarabel  # here, as `solver`
+        from scipy import sparse
+    except ImportError:
+        raise NoSolver(what) from None
+    return clarabel, sparse
+
+
 def solved(cp: Any, problem: Any, P: Any) -> np.ndarray | None:
     """P as the solver leaves it, whatever it thinks of it."""
     try:
@@ -148,14 +141,6 @@ def solved(cp: Any, problem: Any, P: Any) -> np.ndarray | None:
         return None
     value = P.value
     return None if value is None or not np.isfinite(value).all() else np.asarray((value + value.T) / 2)
-
-
-def _scaled(P: np.ndarray, vertices: tuple[Matrix, ...]) -> Lyapunov | None:
-    """P, which satisfies the inequality up to the solver's tolerance, times what it lacks."""
-    worst = max(np.linalg.eigvalsh(_floats(N).T @ P + P @ _floats(N)).max() for N in vertices)
-    if not worst < 0:
-        return None
-    return _rounded([[Fraction(float(value)) for value in row] for row in P / min(-worst, 1.0)], vertices)
 
 
 def _rounded(P: Sequence[Sequence[Fraction]], vertices: tuple[Matrix, ...]) -> Lyapunov | None:

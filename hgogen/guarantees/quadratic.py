@@ -17,8 +17,6 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from hgogen.algebra.definite import Matrix, fraction, number, positive
-from hgogen.algebra.threads import one_thread
-from hgogen.guarantees.lmi import solved, solver
 
 Array = np.ndarray  # of floats, or of FLINT's rationals as objects
 
@@ -28,7 +26,6 @@ _NOTHING = Fraction(0)
 _GRIDS = (30, 44)  # bits after the point to which P and S are rounded, where the trace of P is its size
 _ROUNDING = 1e-8  # what rounding to a grid may take from a form
 _SMALL = 1e-6  # of the largest reading: what counts for one that is smaller
-_LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +41,11 @@ class Quadratic:
         halves = [X.T @ P @ Y for X, Y in self.pairs]
         squares = self.Q.T @ (S[:, None] * self.Q) - self.Z.T @ (S[:, None] * self.Z)
         return np.asarray(sum((half + half.T for half in halves), squares))
+
+    @property
+    def size(self) -> int:
+        """N."""
+        return int(self.pairs[0][0].shape[1])
 
     @property
     def floats(self) -> "Quadratic":
@@ -65,11 +67,11 @@ class Weights:
         return cls(fractions(P), tuple(map(fraction, S)))
 
 
-def proved(form: Quadratic, P: Array, S: Array) -> Weights | None:
-    """Weights near those in floats that make an exact form negative, proved in rationals; None where none are found."""
+def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
+    """Weights near those in floats that make exact forms negative, proved in rationals; None where none are found."""
     for bits in _GRIDS:
         exactly = on_grid(P, bits), on_grid(S, bits)
-        if verified(form, *exactly):
+        if verified(forms, *exactly):
             return Weights.of(*exactly)
     return None
 
@@ -84,48 +86,9 @@ def confirmed(
         places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # by which the trace of P lies below 1
         for bits in _FINE:
             P, S = (on_grid(each, bits + places) for each in candidate)
-            if (not q or sum(S[-q:]) <= number(most)) and verified(form, P, S):
+            if (not q or sum(S[-q:]) <= number(most)) and verified((form,), P, S):
                 return P, S
     return None
-
-
-def sought(form: Quadratic, what: str, W: Array | None = None) -> tuple[Array, Array] | None:
-    """Weights in floats with which a solver takes the form to be negative; None where it finds none. `W` (n, n): what
-    decays is W times coordinates in which P is expected to be near the unit matrix.
-
-    Raises: `NoSolver` of `what` needs it.
-    """
-    if W is not None:
-        seen = Seen(form.floats, W, even(form.floats, W))
-        candidate = sought(seen.form, what)
-        return candidate and seen.back(*candidate)
-    cp = solver(what)
-    of, n, size = form.floats, len(form.pairs[0][0]), form.pairs[0][0].shape[1]
-    P, S, margin = cp.Variable((n, n), PSD=True), multipliers(cp, of), cp.Variable()
-    limits = [whole(cp, of, P, S) << -margin * np.eye(size), P >> _LEAST * np.eye(n), cp.trace(P) <= n]
-    value = weights(cp, cp.Problem(cp.Maximize(margin), limits), P, S)
-    return value if value and margin.value is not None and margin.value > 0 else None
-
-
-def multipliers(cp: Any, of: Quadratic) -> Any:
-    """A variable for S >= 0; None where the form has none, as some versions refuse one of no elements."""
-    return cp.Variable(len(of.Q), nonneg=True) if len(of.Q) else None
-
-
-def whole(cp: Any, of: Quadratic, P: Any, S: Any) -> Any:
-    """The matrix (N, N) of a form in floats, of a solver's variables."""
-    total = sum(X.T @ P @ Y + Y.T @ P @ X for X, Y in of.pairs)
-    total += 0 if S is None else of.Q.T @ cp.diag(S) @ of.Q - of.Z.T @ cp.diag(S) @ of.Z
-    return (total + total.T) / 2
-
-
-def weights(cp: Any, problem: Any, P: Any, S: Any) -> tuple[Array, Array] | None:
-    """P and S as the solver leaves them; None where it leaves none."""
-    with one_thread():
-        value = solved(cp, problem, P)
-    if value is None or (S is not None and S.value is None):
-        return None
-    return value, np.zeros(0) if S is None else np.maximum(S.value, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,16 +126,17 @@ def even(of: Quadratic, W: Array) -> Array:
     return np.asarray(np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > 0) & (enters > 0))))
 
 
-def negative(form: Quadratic, P: Array, S: Array) -> bool:
-    """Whether the form is negative as far as floats tell, by what rounding to a grid may take."""
-    return bool(np.linalg.eigvalsh(form.value(P, S)).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
+def negative(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
+    """Whether all forms are negative as far as floats tell, by what rounding to a grid may take."""
+    values = np.array([form.value(P, S) for form in forms])
+    return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
 
-def verified(form: Quadratic, P: Array, S: Array) -> bool:
-    """Whether P > 0, S >= 0 and the form is negative, in exact arithmetic; P and S of FLINT's rationals."""
+def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
+    """Whether P > 0, S >= 0 and all forms are negative, in exact arithmetic; P and S of FLINT's rationals."""
     if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
         return False
-    return positive(fmpq_mat((-form.value(P, S)).tolist()))
+    return all(positive(fmpq_mat((-form.value(P, S)).tolist())) for form in forms)
 
 
 def floats(M: Array) -> Array:

@@ -138,6 +138,17 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Stagewise:
     return Stagewise(h, m, D[:, :size], Q[:, :size], stages, nodes, 2 * s - 1)
 
 
+def flowing(e: Uncertain, alpha: Any) -> Quadratic:
+    """The form that is negative where V' <= -alpha V, V = |e|_P^2, in continuous time, in the arithmetic of both.
+
+    [M'P + P M + alpha P + H'S H, P G; G'P, -S]
+    """
+    n, m = e.G.shape
+    one = np.eye(n + m, dtype=int) + 0 * e.M[0, 0]
+    rates = np.hstack([e.M + one[:n, :n] * (alpha / 2), e.G])
+    return Quadratic(((one[:n], rates),), np.hstack([e.H, 0 * one[n:, n:]]), one[n:])
+
+
 def _exactly(coefficient: float) -> Any:
     """A coefficient as the tableau means it, such as 1/6."""
     return number(Fraction(coefficient).limit_denominator(_SHORT))

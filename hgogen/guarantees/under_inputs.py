@@ -10,26 +10,14 @@ to no more than sqrt(c P^-1 c'), and stays there. P is sought for the least of t
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from flint import fmpq_mat
 
 from hgogen.algebra.definite import fraction, root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.lmi import solver
-from hgogen.guarantees.quadratic import (
-    Array,
-    Quadratic,
-    Seen,
-    Weights,
-    confirmed,
-    even,
-    floats,
-    multipliers,
-    weights,
-    whole,
-)
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, floats
+from hgogen.guarantees.semidefinite import shortest, together
 from hgogen.guarantees.stagewise import Inputs
 
 _WHAT = "a bound of what inputs do"
@@ -84,16 +72,11 @@ def _at(steps: Steps, h: Fraction, inputs: Inputs, c: Array, alpha: Fraction) ->
 def _sought(of: Quadratic, c: Array, alpha: float, W: Array, q: int, margin: float) -> tuple[Array, Array] | None:
     """P and S in floats with a small c P^-1 c', sought in coordinates x of e = W x, the inputs in a unit in which x is
     near 1."""
-    cp, n, size = solver(_WHAT), len(W), of.pairs[0][0].shape[1]
     unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ of.pairs[0][1])[:, -q:]))
     seen = Seen(of, W, np.append(even(of, W)[:-q], [unit] * q))
-    P, S, reach = cp.Variable((n, n), PSD=True), multipliers(cp, of), cp.Variable()
-    row = (c @ W)[None] / np.linalg.norm(c @ W)
-    held = cp.bmat([[cp.reshape(reach, (1, 1), order="C"), row], [row.T, P]])
-    negative = whole(cp, seen.form, P, S) << -margin * np.eye(size)
-    limits: list[Any] = [negative, held >> 0, cp.sum(S[-q:]) <= float(_SHARE) * alpha]
-    candidate = weights(cp, cp.Problem(cp.Minimize(reach), limits), P, S)
+    row, most = (c @ W)[None] / np.linalg.norm(c @ W), together(of, q, float(_SHARE) * alpha)
+    candidate = shortest(seen.form, row, most, margin, _WHAT)
     if candidate is None:
         return None
-    P_1, S_1 = seen.back(*candidate)  # of inputs of that unit
-    return P_1 * unit**2, S_1 * unit**2
+    P, S = seen.back(*candidate)  # of inputs of that unit
+    return P * unit**2, S * unit**2

@@ -13,7 +13,6 @@ extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -27,9 +26,8 @@ from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.bounded_theta import checks
-from hgogen.guarantees.certified_core import Layout, of_core
-from hgogen.guarantees.inclusion import on_integrators
+from hgogen.guarantees.continuous_time import theta_checks
+from hgogen.guarantees.inclusion import Layout, on_integrators
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
@@ -117,7 +115,7 @@ def filtered(
     one = {Place("gain", "theta"): np.ones(1)}
     core, measured = core_numbers(part, 1, one), measured_numbers(part, 1, one)
     numbers = {"alpha": a, "beta": b, "gains": L}
-    bound = of_core(chain, layout, [core], numbers)
+    error = on_integrators(chain, layout, core, measured, numbers)
     return observer_on(
         chain,
         "filtered",
@@ -127,9 +125,9 @@ def filtered(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"alpha = {same(a)}, beta = {same(b)}, L = {listed(L)}"),
         reference=REFERENCE,
-        checks=checks("filtered", high.initial[0], bound),
+        checks=theta_checks("filtered", form, high.initial[0], error),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, core, measured, numbers),
+        error=error,
     )
 
 

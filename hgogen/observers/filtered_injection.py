@@ -12,7 +12,6 @@ M of `gains`. Source: Astolfi, Jungers, Zaccarian, "Output injection filtering r
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -24,9 +23,8 @@ from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.bounded_theta import checks
-from hgogen.guarantees.certified_core import Layout, of_core
-from hgogen.guarantees.inclusion import on_integrators
+from hgogen.guarantees.continuous_time import theta_checks
+from hgogen.guarantees.inclusion import Layout, on_integrators
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, sym
@@ -120,7 +118,7 @@ def filtered_injection(
     order = (*range(n), *[0] * m)
     layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
     numbers = {"F": filter_, "G": source, "NH": pushed}
-    bound = of_core(chain, layout, [core], numbers)
+    error = on_integrators(chain, layout, core, np.append(np.zeros(n), source)[:, None], numbers)
     return observer_on(
         chain,
         "filtered_injection",
@@ -136,9 +134,9 @@ def filtered_injection(
             f"H = {_printed(inner)}",
         ),
         reference=REFERENCE,
-        checks=checks("filtered_injection", high.initial[0], bound),
+        checks=theta_checks("filtered_injection", form, high.initial[0], error),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, core, np.append(np.zeros(n), source)[:, None], numbers),
+        error=error,
     )
 
 

@@ -10,7 +10,7 @@ Phi = (h, L h, .., L^(n-1) h), forms.phase,
 
 without correction where |det dPhi/dx| is at most `singular` times its largest value on the box. Source: Gauthier,
 Hammouri, Othman 1992; in the form of Astolfi, Jungers, Zaccarian 2018, (3). To Boizot, Busvelle, Gauthier 2010, remark
-1, an A(u) is beyond a constant gain; with one quadratic function for the range of its a_i it is not (`certified`).
+1, an A(u) is beyond a constant gain; with one quadratic function for the range of its a_i it is not (`common_norm`).
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,8 +23,8 @@ import numpy as np
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
+from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
@@ -122,7 +122,7 @@ def high_gain(
         gains=(high,),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        checks=(*form.checks, *clamped("high_gain", form), *checks("high_gain", theta, chosen.bound)),
+        checks=(*form.checks, *clamped("high_gain", form), *theta_checks("high_gain", form, theta, chosen.error)),
         accepted=accept,
         theorem=_theorem(form, chosen),
         equations=(_equation(form), f"K = {chosen}", *_means(form, weights), *described(form)),

@@ -13,7 +13,6 @@ form are an extension: c_i/l^(i-1) is Lipschitz in the scaled errors, uniformly 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -26,9 +25,8 @@ from hgogen.chains.pairs import errors, injected, pair_gains
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.bounded_theta import checks
-from hgogen.guarantees.certified_core import Layout, of_core
-from hgogen.guarantees.inclusion import on_integrators
+from hgogen.guarantees.continuous_time import theta_checks
+from hgogen.guarantees.inclusion import Layout, on_integrators
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Place, sym
@@ -110,6 +108,7 @@ def low_power(
     order = (*range(pairs), *range(1, n))
     layout = Layout(order, order, (True,) * (2 * pairs), (0, *range(pairs, 2 * pairs)))
     numbers = {"gains": k}
+    error = on_integrators(chain, layout, core, measured, numbers)
     return observer_on(
         chain,
         "low_power",
@@ -119,7 +118,7 @@ def low_power(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(k_i1, k_i2) = {', '.join(map(listed, k))}"),
         reference=REFERENCE,
-        checks=checks("low_power", high.initial[0], of_core(chain, layout, [core], numbers)),
+        checks=theta_checks("low_power", form, high.initial[0], error),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, core, measured, numbers),
+        error=error,
     )

@@ -14,7 +14,6 @@ c_1..c_(n-1) of a triangular form are an extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -28,9 +27,8 @@ from hgogen.chains.saturating import Model, Saturate, demand_ranges, gates, satu
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.bounded_theta import checks
-from hgogen.guarantees.certified_core import Layout, of_core
-from hgogen.guarantees.inclusion import on_integrators
+from hgogen.guarantees.continuous_time import theta_checks
+from hgogen.guarantees.inclusion import Layout, on_integrators
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.program import Place, sym
@@ -82,8 +80,8 @@ def peaking_free(
 ) -> Observer:
     """The peaking-free low-power observer on a form of one output with constant a_i, at least two states with ranges.
 
-    Checks: `peaking_free.convergence` (a bound on theta is proved, saturations and all; it takes cvxpy, and up to five
-    states), `peaking_free.theta` (theta is above it).
+    Checks: `peaking_free.convergence` (a bound on theta is proved, saturations and all), `peaking_free.theta` (theta is
+    above it).
 
     Args: `theta` > 0; `gains` (alpha_i, beta_i) (n - 1, 2), or 2n - 2 `poles` at theta = 1, by default (2, (n - i)/i):
     all at -1; `last` alpha_n > 0; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
@@ -122,7 +120,7 @@ def peaking_free(
     layout = Layout(order, order, (True,) * (n + pairs), tuple(range(n)))
     cores = tuple(vertices(chain, fields, lines, one))
     numbers = {"gains": k, "last": alpha}
-    bound = of_core(chain, layout, cores, numbers)
+    error = on_integrators(chain, layout, cores[-1], measured_numbers(part, 1, one), numbers, gates(cores))
     return observer_on(
         chain,
         "peaking_free",
@@ -132,7 +130,7 @@ def peaking_free(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {same(alpha)}"),
         reference=REFERENCE,
-        checks=checks("peaking_free", high.initial[0], bound),
+        checks=theta_checks("peaking_free", form, high.initial[0], error),
         accepted=accept,
-        error=partial(on_integrators, chain, layout, cores[-1], measured_numbers(part, 1, one), numbers, gates(cores)),
+        error=error,
     )

@@ -18,8 +18,8 @@ from hgogen.chains.injection import injection_gains, last_error, listed, moving_
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
-from hgogen.guarantees.certified import of_poles
 from hgogen.guarantees.dwell import switching
+from hgogen.guarantees.inclusion import on_companion
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
@@ -122,7 +122,7 @@ def switched_gain(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"K = {listed(K)}, hold = {same(time)} {form.system.time}"),
         reference=REFERENCE,
-        checks=switching("switched_gain", top, low, time, of_poles(form, K)),
+        checks=switching("switched_gain", form, top, low, time, on_companion(chain, K.tolist())),
         accepted=accept,
         traces=("level",),
     )

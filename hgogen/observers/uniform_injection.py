@@ -21,8 +21,8 @@ from hgogen.chains.injection import companion, injection_gains, listed, scaled
 from hgogen.check import Claims
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.bounded_theta import checks
-from hgogen.guarantees.uniform_error import certified, middles, slopes_on
+from hgogen.guarantees.continuous_time import theta_checks
+from hgogen.guarantees.uniform_error import middles, slopes_on, uniform_error
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
@@ -98,7 +98,7 @@ def uniform_injection(
         derived=(Field("K", (0.0,) * form.n, labels=labels, meaning="observer gain"),),
         tune=(Block("observer gain", {Place("derived", "K"): scaled(K, sym("gain", "theta"))}),),
     )
-    bound = certified(form, tuple(K.tolist()), high.initial[0])
+    error = uniform_error(form, tuple(K.tolist()))
     beyond = (f"{float(s):g} in {z}" for z, s in zip(form.states[1:], _above(form), strict=True))
     return Observer(
         form=form,
@@ -107,7 +107,7 @@ def uniform_injection(
         gains=(high,),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        checks=(*form.checks, *checks("uniform_injection", high.initial[0], bound)),
+        checks=(*form.checks, *theta_checks("uniform_injection", form, high.initial[0], error)),
         accepted=accept,
         theorem=THEOREM,
         equations=(EQUATION, f"K = {listed(K)}", f"beyond the ranges F goes on with the slopes {', '.join(beyond)}"),

@@ -1,6 +1,6 @@
 """The linear error cores of observers on a chain of integrators, from their numbers: N of e' = theta N e.
 
-Their equations stand in the docstring of `rules/linear_core.py`.
+Their equations stand in the docstring of `rules/in_continuous_time.py`.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ from itertools import product
 from typing import Any
 
 from .box import NotShown
-from .matrix import Matrix, column, matrix, minus, scalar, transposed, zeros
+from .matrix import Matrix, column, companion, matrix, minus, scalar, transposed, zeros
 
 Numbers = Mapping[str, Any]
 _SATURATED = 8  # states up to which the saturations are tried in all their combinations
@@ -36,8 +36,7 @@ class Core:
         shut, columns = self.vertices[-1], []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
             passed = minus(self.vertices[-1 - 2**k], shut)
-            ((of, column),) = [(j, list(each)) for j, each in enumerate(transposed(passed)) if any(each)]
-            columns.append((of, column))
+            columns += [(j, list(each)) for j, each in enumerate(transposed(passed)) if any(each)]
         return columns
 
 
@@ -113,9 +112,17 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
     return N
 
 
+def _injected(numbers: Numbers, n: int) -> Core:
+    """The core with all of the error injected, of an observer that injects less of it."""
+    gains, order = column(numbers, "gains", n), [*range(n)]
+    return Core([companion(gains)], order, order, [True] * n, order, gains)
+
+
+CONSTANT: tuple[str, ...] = ("filtered", "filtered_injection", "low_power", "peaking_free")  # of a constant injection
 CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
     "filtered": _filtered,
     "filtered_injection": _filtered_injection,
     "low_power": _low_power,
     "peaking_free": _peaking_free,
+    **dict.fromkeys(("stubborn", "dead_zone"), _injected),
 }

@@ -15,7 +15,7 @@ from .box import Box, End
 from .errors import RecheckError
 from .text import Expression, expression, number
 
-FORMAT, VERSION = "hgogen certificate", "2"
+FORMAT, VERSION = "hgogen certificate", "3"
 LARGEST = 50_000_000  # characters of a file
 ABOUT = ("plant", "form", "observer")  # the parts that say what is proved about
 SHOWN = 16  # digits of their digest that are printed

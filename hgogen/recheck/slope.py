@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
+from typing import Any
 
 from .arithmetic import Dual, Undefined, dual, evaluate
 from .box import Box, NotShown, Slopes, Try, centre_of, sides
@@ -147,7 +148,7 @@ def _scaled(
     """S J S^-1 on a box; J where there is no scale."""
     J = [row[1:] for row in _jacobian(rows, names, box)]
     S = [evaluate(factor, sides(box), intervals) for factor in scale]
-    return [[S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
+    return _similar(S, J) if S else J
 
 
 def _second(
@@ -164,9 +165,14 @@ def _second(
         slopes = [evaluate(row, values, dual(_duals)).slopes for row in rows]
         S = [evaluate(factor, inner, _duals) for factor in scale]
         J = [[row.get(k, zero) for k in range(len(names))] for row in slopes]
-        return [[S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
+        return _similar(S, J) if S else J
     except Undefined:
         return None
+
+
+def _similar(S: Sequence[Any], J: list[list[Any]]) -> list[list[Any]]:
+    """S J S^-1, whose diagonal is that of J, which S would make wider."""
+    return [[x if i == j else S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)]
 
 
 def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:

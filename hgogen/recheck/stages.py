@@ -21,7 +21,6 @@ from typing import Any
 
 from .box import NotShown
 from .file import part
-from .interval import point
 from .matrix import (
     Matrix,
     column,
@@ -38,7 +37,6 @@ from .matrix import (
     unit,
     zeros,
 )
-from .slope import positive
 from .text import number
 
 _ROWS = 60  # of an inequality
@@ -180,17 +178,6 @@ def corner(alpha: Fraction, evidence: Mapping[str, Any], size: int) -> Matrix:
         for j, value in enumerate(row):
             whole[i][j] = alpha * value
     return whole
-
-
-def definite(what: str, form: Matrix) -> None:
-    """That a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
-
-    Raises: `NotShown`.
-    """
-    negated = scaled(Fraction(-1), form)
-    if transposed(negated) == negated and positive([[point(value) for value in row] for row in negated]):
-        return
-    demand_positive({f"{what}, negated,": negated})
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:

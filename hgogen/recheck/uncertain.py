@@ -76,7 +76,7 @@ class ErrorInclusion:
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """N and the slopes of the file's observer, from its numbers and the plant. Raises: `NotShown`."""
     _ = context.equations
-    return (_of_gain if observer.name == "high_gain" else _of_core)(context, observer, evidence)
+    return (_of_core if observer.name in CORES else _of_gain)(context, observer, evidence)
 
 
 def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:

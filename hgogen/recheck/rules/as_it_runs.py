@@ -15,7 +15,8 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CORES
+from ..cores import CONSTANT
+from ..falling import demand_negative
 from ..file import Claim, part
 from ..matrix import (
     Matrix,
@@ -29,7 +30,7 @@ from ..matrix import (
     times,
     transposed,
 )
-from ..stages import corner, definite, ends, form_of, method_of, place, within
+from ..stages import corner, ends, form_of, method_of, place, within
 from ..structure import on_chains
 from ..uncertain import ErrorInclusion, error_inclusion
 
@@ -45,7 +46,7 @@ def step(context: Context, claim: Claim) -> Shown:
         raise NotShown("theta, dt and alpha are not positive, or alpha dt is not below 1")
     error, method = error_inclusion(context, observer, evidence), method_of(evidence)
     form = form_of(error.at(theta), method, h, evidence)
-    definite("its inequality", plus(form, corner(alpha, evidence, len(form))))
+    demand_negative("its inequality", plus(form, corner(alpha, evidence, len(form))))
     rate = f"|e|_P^2 falls by {short(alpha * h, -1)} of itself at each call"
     return Shown(f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}, {rate}", error.boxes)
 
@@ -72,7 +73,7 @@ def throughout(context: Context, claim: Claim) -> Shown:
         values = [form_of(parts, method, low + (high - low) * Fraction(k, degree), piece) for k in range(degree + 1)]
         size = len(values[0])
         for each in times(_bernstein(degree), [list(chain(*value)) for value in values]):
-            definite("its polynomial", [each[i : i + size] for i in range(0, len(each), size)])
+            demand_negative("its polynomial", [each[i : i + size] for i in range(0, len(each), size)])
         end = high
     at = f"theta = {short(theta)} and every dt up to {short(end, -1)}"
     beyond = f"at each larger theta while theta dt is at most {short(theta * end, -1)}"
@@ -104,7 +105,7 @@ def noise(context: Context, claim: Claim) -> Shown:
             raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
         entering = ends(method, [theta * row[output] for row in error.measured])
         form = form_of(error.at(theta), method, h, one, entering)
-        definite("its inequality", plus(form, corner(alpha, one, len(form))))
+        demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
         within(one, error.picks[state], error.scales(context, theta), bound)
         said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
     if not said:
@@ -129,7 +130,7 @@ def start(context: Context, claim: Claim) -> Shown:
         raise NotShown("a peak is no object")
     begins = []
     for one in (clear, *peaks):
-        definite("its inequality", form_of(error.at(theta), method, h, one))
+        demand_negative("its inequality", form_of(error.at(theta), method, h, one))
         begins.append(_largest(error, scales, first, matrix(one, "P", len(scales), len(scales))))
     multiple, limits = above_zero(clear, "multiple"), _limits(clear, error)
     for k, limit in limits.items():
@@ -178,7 +179,7 @@ def _bernstein(degree: int) -> list[list[Fraction]]:
 _OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
 RULES = tuple(
     rule
-    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CORES))
+    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CONSTANT))
     for keys in [("scale", "slopes", "method", *own)]
     for rule in (
         *on_chains(name, "step", step, (*keys, "dt", "alpha", "P", "S")),

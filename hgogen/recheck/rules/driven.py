@@ -15,9 +15,10 @@ from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
 from ..cores import CORES
+from ..falling import demand_negative
 from ..file import Claim, part
 from ..matrix import above_zero, column, entries, plus, scalar
-from ..stages import Input, Method, corner, definite, ends, form_of, method_of, place, within
+from ..stages import Input, Method, corner, ends, form_of, method_of, place, within
 from ..structure import on_chains
 from ..text import number
 from ..uncertain import ErrorInclusion, error_inclusion
@@ -56,7 +57,7 @@ def error(context: Context, claim: Claim) -> Shown:
             if not (0 < alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
                 raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
             form = form_of(inclusion.at(theta), method, h, one, inputs)
-            definite("its inequality", plus(form, corner(alpha, one, len(form))))
+            demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
             within(one, k, scales, bound / unit)
             totals[k] += bound
     states = zip(context.z, inclusion.picks, strict=True)

@@ -4,123 +4,167 @@
     stubborn: i(e) = sat e = e - q,   dead_zone: i(e) = e - sat e = e - s,   |sat e| <= sqrt sigma
 
 `gains` are K, `decay` is lambda. In eps_i = units_i l^(1-i) (w_i - plant's), units_1 = 1, with N = A - K C so scaled,
-N'P + P N <= -I, P > 0, and one mu > 0, tau >= 0 for which the symmetric form
+P > 0, and one mu > 0, tau >= 0 for which the symmetric form
 
     dead_zone  eps'(N'P + P N) eps + 2 eps'P K s + mu (r eps_1^2 - lambda s^2) + 2 tau s (eps_1 - s)
     stubborn   eps'(N'P + P N) eps + 2 eps'P K q + mu (2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2)
                + 2 tau q (eps_1 - q)
 
-is at most -eta I, the core decays: V = eps'P eps + mu sigma of the dead zone, for sigma >= s^2, s (eps_1 - s) >= 0;
-V = eps'P eps + mu max(eps_1^2 - sigma, 0) of the other, for sigma = (eps_1 - q)^2 where q is not 0. With c it does for
-
-    l > max(1, 2 L (lambda_max(P) + m)/eta, 2 L lambda_max(P)),   m = 0 of the dead zone, mu of the saturation,
-
-L >= |S dc/dw S^-1| on the box. Source of the observers: Astolfi, Alessandri, Zaccarian, IEEE TAC 66(2) (2021).
+is negative, the core decays: V = eps'P eps + mu sigma of the dead zone, for sigma >= s^2, s (eps_1 - s) >= 0; V =
+eps'P eps + mu max(eps_1^2 - sigma, 0) of the other, for sigma = (eps_1 - q)^2 where q is not 0, and where it is, N'P +
+P N is negative too. With c the error has N + J/l in the place of N, J of slopes in ranges (`uncertain`), in which both
+are affine: at their corners, or with multipliers S, d (v h' + h v') <= S h h' + v v'/S for |d| <= 1. With a/l of V
+beside them V' <= -a V, where of the dead zone a <= l lambda. What holds at a theta holds at every larger one: J/l
+shrinks, and its ranges hold 0. Source of the observers: Astolfi, Alessandri, Zaccarian, IEEE TAC 66(2) (2021).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 from ..box import NotShown
-from ..chain import built, integrators, slope
-from ..context import Context, Shown, on, short
+from ..chain import built
+from ..context import Context, Shown, is_above, on, short
+from ..falling import WORK, demand_negative
 from ..file import Built, Claim, Observer
 from ..matrix import (
     Matrix,
     above_zero,
     column,
     companion,
-    decaying,
-    demand_nonnegative,
     demand_positive,
     matrix,
-    minus,
+    plus,
     scalar,
     scaled,
     similar,
     times,
     twice,
-    unit,
 )
-from ..rule import STEEP, of_observer
+from ..rule import of_observer
 from ..structure import clamped, on_chains
-from ..threshold import above
+from ..uncertain import error_inclusion
+
+Form = Callable[[Matrix], Matrix]  # of N, in which it is affine
 
 
 def core(context: Context, claim: Claim) -> Shown:
     """The linear core decays behind its saturation or dead zone."""
-    observer = built(context, claim)
-    units = column(claim.evidence, "units", len(context.z))
-    demand_positive({"form, negated,": _form(observer, units, claim.evidence)})
+    observer, n = built(context, claim), len(context.z)
+    units = _units(claim.evidence, n)
+    N = similar(units, companion(column(observer.numbers, "gains", n)))
+    for form in _forms(observer, units, claim.evidence, Fraction(0)):
+        demand_negative("form", form(N))
     return Shown("the linear error core decays, by a quadratic form")
 
 
 def convergence(context: Context, claim: Claim) -> Shown:
-    """Every theta above the bound converges; the structure of the form is another claim."""
+    """Every theta above the least converges; the structure of the form is another claim."""
+    least = above_zero(claim.evidence, "least")
+    boxes = _falls(context, claim, claim.evidence, least, Fraction(0))
+    above = f"the error converges exponentially for every theta above {short(least, 1)}"
+    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
+
+
+def theta(context: Context, claim: Claim) -> Shown:
+    """Theta is above the bound, which is another claim's; and the error decays there, where the claim says how fast."""
+    chosen, bound = scalar(built(context, claim).numbers, "theta"), context.file.claim(f"{claim.maker}.convergence")
+    if bound is None or not chosen > scalar(bound.evidence, "least"):
+        raise NotShown(f"theta = {short(chosen)} is not above the bound")
+    known = f"theta = {is_above(chosen, scalar(bound.evidence, 'least'))}"
+    if not claim.evidence:
+        return Shown(known)
+    alpha = scalar(claim.evidence, "alpha")
+    boxes = _falls(context, claim, bound.evidence, chosen, alpha)
+    return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
+
+
+def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
+    """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
     observer, evidence = built(context, claim), claim.evidence
-    scale, n = integrators(context, evidence), len(context.z)
-    margin, peak = above_zero(evidence, "margin"), scalar(evidence, "peak")
-    P = matrix(evidence, "P", n, n)
-    demand_nonnegative(
-        {
-            "form, negated, less its margin": minus(
-                _form(observer, scale.units, evidence), scaled(margin, unit(n + 1))
-            ),
-            "peak I - P": minus(scaled(peak, unit(n)), P),
-        }
-    )
-    _, boxes = slope(context, evidence, scale.expressions)
-    above = f"the error converges exponentially for every theta above {short(threshold(observer, claim), 1)}"
-    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", scale.boxes + boxes)
+    error = error_inclusion(context, observer, slopes)
+    if alpha < 0 or (observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay")):
+        raise NotShown("its alpha is negative, or above theta decay")
+    parts = error.at(level)
+    G, H, N = parts.G, parts.H, scaled(1 / level, parts.M)
+    n, m = len(N), len(H)
+    moves = [[[row[j] * h / level for h in H[j]] for row in G] for j in range(m)]
+    forms = _forms(observer, _units(slopes, n), evidence, alpha / level)
+    if "S" in evidence:
+        S = column(evidence, "S", m)
+        if min(S, default=Fraction(1)) <= 0:
+            raise NotShown("its S is not positive")
+        for form in forms:
+            demand_negative("form", _bounded(form, N, moves, H, S))
+        return error.boxes
+    if 2**m * n**3 > WORK:
+        raise NotShown("it has no S, and more corners of its slopes than are tried one by one")
+    for form, d in product([*forms], product((-1, 1), repeat=m)):
+        demand_negative("form", form(plus(N, *(scaled(Fraction(x), move) for x, move in zip(d, moves, strict=True)))))
+    return error.boxes
 
 
-def threshold(observer: Observer, claim: Claim) -> Fraction:
-    """The bound of a claim of convergence."""
-    peak, margin, mu, bound = (scalar(claim.evidence, key) for key in ("peak", "margin", "mu", "bound"))
-    weight = peak + (mu if observer.name == "stubborn" else 0)
-    if not margin > 0:
-        raise NotShown("its margin is not positive")
-    return max(Fraction(1), 2 * bound * max(weight / margin, peak))
+def _bounded(form: Form, N: Matrix, moves: list[Matrix], H: Matrix, S: list[Fraction]) -> Matrix:
+    """The form at N, with what each slope adds to it at most."""
+    whole = base = form(N)
+    for move, read, s in zip(moves, H, S, strict=True):
+        by = plus(form(plus(N, move)), scaled(Fraction(-1), base))
+        h = [*read, *[Fraction(0)] * (len(base) - len(read))]
+        along = [sum((x * y for x, y in zip(row, h, strict=True)), Fraction(0)) for row in by]
+        twice_own = sum((x * y for x, y in zip(along, h, strict=True)), Fraction(0))
+        v = [x - y * twice_own / 2 for x, y in zip(along, h, strict=True)]
+        added = [[s * h[i] * h[j] + v[i] * v[j] / s for j in range(len(h))] for i in range(len(h))]
+        whole = plus(whole, added)
+    return whole
 
 
-def _form(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any]) -> Matrix:
-    """The form (n + 1, n + 1), times -1, of a P for which N'P + P N <= -I."""
-    n, numbers = len(units), observer.numbers
+def _units(evidence: Mapping[str, Any], n: int) -> list[Fraction]:
+    units = column(evidence, "units", n)
     if units[0] != 1 or min(units) <= 0:
         raise NotShown("its units are not positive with the first 1")
+    return units
+
+
+def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any], a: Fraction) -> Iterator[Form]:
+    """The forms of N with a times V beside them: (n + 1, n + 1), and (n, n) where all of the error is injected."""
+    n, numbers = len(units), observer.numbers
     gains, decay, r = column(numbers, "gains", n), above_zero(numbers, "decay"), above_zero(numbers, "r")
     mu, tau = above_zero(evidence, "mu"), scalar(evidence, "tau")
     if tau < 0:
         raise NotShown("its tau is negative")
-    N, K = similar(units, companion(gains)), [s * k for s, k in zip(units, gains, strict=True)]
-    P = matrix(evidence, "P", n, n)
-    demand_positive({"P": P, "-I - N'P - P N": decaying(N, P)})
-    top, side = twice(P, N), [row[0] for row in times(P, [[k] for k in K])]
-    side[0] += tau
-    if observer.name == "dead_zone":
-        top[0][0] += mu * r
-        last = -mu * decay - 2 * tau
-    else:
-        for j in range(n):
-            top[0][j] += mu * N[0][j]
-            top[j][0] += mu * N[0][j]
-        top[0][0] += mu * (decay - r)
-        side[0] += mu * (K[0] - decay)
-        last = mu * decay - 2 * tau
-    whole = [[*row, end] for row, end in zip(top, side, strict=True)]
-    return scaled(Fraction(-1), [*whole, [*side, last]])
+    K, P = [s * k for s, k in zip(units, gains, strict=True)], matrix(evidence, "P", n, n)
+    demand_positive({"P": P})
+
+    def behind(N: Matrix) -> Matrix:
+        top, side = plus(twice(P, N), scaled(a, P)), [row[0] for row in times(P, [[k] for k in K])]
+        side[0] += tau
+        if observer.name == "dead_zone":
+            top[0][0] += mu * r
+            last = mu * (a - decay) - 2 * tau
+        else:
+            for j in range(n):
+                top[0][j] += mu * N[0][j]
+                top[j][0] += mu * N[0][j]
+            top[0][0] += mu * (decay - r)
+            side[0] += mu * (K[0] - decay + a)
+            last = mu * (decay - a) - 2 * tau
+        whole = [[*row, end] for row, end in zip(top, side, strict=True)]
+        return [*whole, [*side, last]]
+
+    yield behind
+    yield lambda N: plus(twice(P, N), scaled(a, P))
 
 
 OBSERVERS = dict.fromkeys(("stubborn", "dead_zone"), Built(("theta", "decay", "r", "gains")))
-_KEYS = (*STEEP, "units", "scale", "P", "mu", "tau", "peak", "margin")
+_V = ("P", "mu", "tau", "S")
 RULES = tuple(
     rule
     for name in OBSERVERS
     for rule in (
         of_observer(name, "core", core, ("units", "P", "mu", "tau")),
-        *on_chains(name, "convergence", convergence, _KEYS),
-        *on_chains(name, "theta", above(threshold), rests=(f"{name}.convergence",)),
+        *on_chains(name, "convergence", convergence, ("scale", "slopes", "units", "least", *_V)),
+        *on_chains(name, "theta", theta, ("alpha", *_V), rests=(f"{name}.convergence",)),
         clamped(name),
     )
 )

@@ -29,7 +29,6 @@ from ..box import NotShown
 from ..chain import built, integrators, slope
 from ..context import Context, Shown, is_above, on, short
 from ..file import Built, Claim, Observer
-from ..interval import intervals, point
 from ..matrix import (
     Matrix,
     above_zero,
@@ -228,26 +227,6 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
     return P, N, spread
 
 
-# --- switched_gain
-
-
-def held(context: Context, claim: Claim) -> Shown:
-    """The time hold is long enough; that both gains are above the bound is another claim."""
-    numbers = built(context, claim).numbers
-    theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
-    bound = context.file.claim("switched_gain.convergence")
-    if bound is None:
-        raise NotShown("there is no bound on theta")
-    evidence, n, least = bound.evidence, len(context.z), above_zero(claim.evidence, "least")
-    P, peak, L = matrix(evidence, "P", n, n), above_zero(evidence, "peak"), scalar(evidence, "bound")
-    demand_nonnegative({"P - least I": minus(P, scaled(least, unit(n)))})
-    growth = (peak / least) ** 2 * (theta / low) ** (2 * (n - 1))
-    lost = intervals.function("log", (point(growth),))
-    if not theta >= low or (point((theta - 2 * peak * L) / peak * hold) - lost).sign <= 0:
-        raise NotShown(f"hold = {short(hold)} is not shown to be long enough")
-    return Shown(f"in continuous time, hold = {short(hold)} is long enough: switching keeps the error's decay")
-
-
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")
 OBSERVERS = {
     "updated_gain": Built(("p_1", "p_2", "p_3", "cap", "gains")),
@@ -262,6 +241,5 @@ RULES = (
     of_observer("adaptive_lmi", "decay", decay, ("P",)),
     *on_chains("adaptive_lmi", "convergence", convergence, (*_SLOPED, "decay")),
     *on_chains("adaptive_lmi", "attenuation", attenuation, (*_SLOPED, "G_1", "G_2", "delta_1", "share", "mu")),
-    *on_chains("switched_gain", "hold", held, ("least",), rests=("switched_gain.theta",)),
     *map(clamped, OBSERVERS),
 )

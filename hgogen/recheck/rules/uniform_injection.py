@@ -7,8 +7,8 @@
 
 for e_i = s_1 .. s_(i-1) (z_i - x_i)/theta^(i-1), x the plant's state in its ranges, N the shift, the slopes those of b,
 each with 0 in its range, as a clamp lets a share of an error pass. A slope of F_k in z_(k+1) grows as theta does, and
-the others do not grow: what decays in |e|_P at the claim's theta decays at every larger one. The matrix is affine in
-each slope and in each q_k. So P > 0 with -M'P - P M > alpha P at all combinations of ends shows |e|_P^2 to fall like
+the others do not grow: what decays in |e|_P at the least theta decays at every larger one. The matrix is affine in
+each slope and in each q_k. So P > 0 with M'P + P M + alpha P < 0 at all combinations of ends shows |e|_P^2 to fall like
 exp(-alpha t); else multipliers S >= 0 of the slopes do, each K_i q_1 .. q_(i-1) taken for a slope of its own.
 """
 
@@ -21,28 +21,14 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built, constants
-from ..context import RANGE, Context, Shown, enclosed, only, short
-from ..file import Built, Claim, Observer, part
-from ..matrix import (
-    Matrix,
-    column,
-    demand_positive,
-    entries,
-    matrix,
-    minus,
-    plus,
-    scalar,
-    scaled,
-    times,
-    transposed,
-    twice,
-    zeros,
-)
+from ..context import RANGE, Context, Shown, enclosed, is_above, on, only, short
+from ..falling import demand_falls
+from ..file import Built, Claim
+from ..matrix import above_zero, column, entries, plus, scalar, times, zeros
 from ..rule import Rule, of_observer
 from ..slope import at_kinks, continuous
 from ..stages import Parts
 from ..text import Expression
-from ..threshold import above
 from ..uncertain import ErrorInclusion, Slope, bounded_slopes
 
 _CORNERS = 1024  # of slopes and shares
@@ -50,26 +36,43 @@ Shares = list[tuple[Fraction, Fraction]]
 
 
 def convergence(context: Context, claim: Claim) -> Shown:
-    """Every theta above the claim's converges; the structure of the form is another claim."""
+    """Every theta above the least converges; the structure of the form is another claim."""
+    least = above_zero(claim.evidence, "least")
+    boxes = _falls(context, claim, claim.evidence, least, Fraction(0))
+    above = f"the error against the plant converges exponentially for every theta above {short(least, 1)}"
+    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
+
+
+def theta(context: Context, claim: Claim) -> Shown:
+    """Theta is above the bound, which is another claim's; and the error decays there, where the claim says how fast."""
+    chosen, bound = scalar(built(context, claim).numbers, "theta"), context.file.claim(f"{claim.maker}.convergence")
+    if bound is None or not chosen > scalar(bound.evidence, "least"):
+        raise NotShown(f"theta = {short(chosen)} is not above the bound")
+    known = f"theta = {is_above(chosen, scalar(bound.evidence, 'least'))}"
+    if not claim.evidence:
+        return Shown(known)
+    alpha = scalar(claim.evidence, "alpha")
+    if alpha < 0:
+        raise NotShown("its alpha is negative")
+    boxes = _falls(context, claim, bound.evidence, chosen, alpha)
+    return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
+
+
+def _falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
+    """V' <= -alpha V at a theta, by the claim's P, whatever the slopes; with how many boxes these are shown."""
     _ = context.equations
-    observer, evidence, n = built(context, claim), claim.evidence, len(context.z)
+    observer, n = built(context, claim), len(context.z)
     K, s = column(observer.numbers, "gains", n), _above(context)
     only(context.form.output[0].names & set(context.z), context.z[:1], "the output")
     _ = context.first_gain(0)
-    slopes, boxes = _slopes(context, evidence, s)
-    shares, more = _shares(context, evidence, s)
-    theta, alpha, P = scalar(evidence, "level"), scalar(evidence, "alpha"), matrix(evidence, "P", n, n)
-    if not (theta > 0 and alpha > 0):
-        raise NotShown("its theta or its rate is not positive")
-    demand_positive({"P": P})
-    if part(evidence, "S", list):
-        error = _inclusion(n, [*slopes, *_of_products(K, shares)])
-        _by_multipliers(error.at(theta), P, alpha, evidence)
+    slopes, boxes = _slopes(context, ranges, s)
+    shares, more = _shares(context, ranges, s)
+    if "S" in claim.evidence:
+        demand_falls(_inclusion(n, [*slopes, *_of_products(K, shares)]).at(level), alpha, claim.evidence)
     else:
-        for M in _corners(_inclusion(n, slopes).at(theta), K, shares, theta):
-            demand_positive({"-M'P - P M - alpha P": minus(scaled(Fraction(-1), twice(P, M)), scaled(alpha, P))})
-    above_ = f"the error against the plant converges exponentially for every theta above {short(theta, 1)}"
-    return Shown(f"in continuous time, without noise, {above_}", boxes + more)
+        for corner in _corners(_inclusion(n, slopes).at(level), K, shares, level):
+            demand_falls(corner, alpha, claim.evidence)
+    return boxes + more
 
 
 def _above(context: Context) -> list[Fraction]:
@@ -141,8 +144,8 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
         yield Slope(0, [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
 
 
-def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Matrix]:
-    """The matrix of the error at all combinations of ends. Raises: `NotShown`."""
+def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
+    """What the error obeys at all combinations of ends. Raises: `NotShown`."""
     M, G, H = parts.M, parts.G, parts.H
     ends = [sorted(set(pair)) for pair in shares]
     if 2 ** len(H) * prod(map(len, ends)) > _CORNERS:
@@ -151,31 +154,8 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
         moved = plus(M, times(G, [[x * value for value in row] for x, row in zip(d, H, strict=True)])) if d else M
         for q in product(*ends):
             push = _injected(K, q)
-            yield [[x - theta * push[i] * (j == 0) for j, x in enumerate(row)] for i, row in enumerate(moved)]
-
-
-def _by_multipliers(parts: Parts, P: Matrix, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
-    """-[M'P + P M + alpha P + H'S H, P G; G'P, -S] > 0, S >= 0 diagonal. Raises: `NotShown`."""
-    M, G, H = parts.M, parts.G, parts.H
-    S, n = column(evidence, "S", len(H)), len(M)
-    if any(value < 0 for value in S):
-        raise NotShown("its S has a negative number")
-    weighed = times(transposed(H), [[value * x for x in row] for value, row in zip(S, H, strict=True)])
-    corner, side = plus(twice(P, M), scaled(alpha, P), weighed), times(P, G)
-    whole = zeros(n + len(S), n + len(S))
-    for i in range(n):
-        for j in range(n):
-            whole[i][j] = -corner[i][j]
-        for j in range(len(S)):
-            whole[i][n + j] = whole[n + j][i] = -side[i][j]
-    for j, value in enumerate(S):
-        whole[n + j][n + j] = value
-    demand_positive({"its inequality, negated,": whole})
-
-
-def threshold(observer: Observer, claim: Claim) -> Fraction:
-    """The theta of a claim of convergence."""
-    return scalar(claim.evidence, "level")
+            whole = [[x - theta * push[i] * (j == 0) for j, x in enumerate(row)] for i, row in enumerate(moved)]
+            yield replace(parts, M=whole, G=[[] for _ in whole], H=[])
 
 
 def _rule(rule: Rule, *rests: str) -> Rule:
@@ -183,9 +163,13 @@ def _rule(rule: Rule, *rests: str) -> Rule:
 
 
 _NAME = "uniform_injection"
-_KEYS = ("scale", "slopes", "shares", "level", "alpha", "P", "S")
+_NORM = ("P", "S")
 OBSERVERS = {_NAME: Built(("theta", "gains"))}
 RULES = (
-    _rule(of_observer(_NAME, "convergence", convergence, _KEYS), "uniform.structure", "uniform.slope_1"),
-    _rule(of_observer(_NAME, "theta", above(threshold)), f"{_NAME}.convergence"),
+    _rule(
+        of_observer(_NAME, "convergence", convergence, ("scale", "slopes", "shares", "least", *_NORM)),
+        "uniform.structure",
+        "uniform.slope_1",
+    ),
+    _rule(of_observer(_NAME, "theta", theta, ("alpha", *_NORM)), f"{_NAME}.convergence"),
 )

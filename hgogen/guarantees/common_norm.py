@@ -1,0 +1,314 @@
+"""One norm in which an error falls, whatever its slopes: in continuous time, at a theta, and from which theta on.
+
+    V = e'P e,   V' <= -alpha V:   M'P + P M + alpha P < 0   for every M = M_0 + G diag(d) H, |d_j| <= 1
+
+M is affine in each slope d_j, so that the corners, 2^m of m slopes, stand for all. Of more slopes than are worth that,
+one form has a multiplier S_j >= 0 for each:
+
+    [M_0'P + P M_0 + alpha P + H'S H, P G; G'P, -S] < 0
+
+A P that serves a theta at the corners serves every larger one: M/theta is N and the slopes over theta^(degree + 1), and
+those of a degree above -1 have 0 in their ranges, which shrink. What the form shows holds at the corners.
+
+A solver finds P and S, rationals prove them. Without a solver, or of more rows than it is asked for, P is that of large
+theta alone, N'P + P N = -I with all that moves in N at its middle: it may serve too, from a larger theta on.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property, partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from hgogen.algebra.definite import number
+from hgogen.evidence.grounds import Evidence
+from hgogen.guarantees.contracting import farthest
+from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain
+from hgogen.guarantees.lmi import NoSolver, cones
+from hgogen.guarantees.quadratic import Array, Quadratic, Weights, negative, proved, rational, verified
+from hgogen.guarantees.semidefinite import Margin, widest
+from hgogen.guarantees.stagewise import corners, flowing
+from hgogen.intervals import outward
+from hgogen.intervals.digits import up
+from hgogen.sentence import NONE, Reason, because, point
+
+WORK = 2**13  # corners times fields^3, up to which corners are taken one by one
+ROWS = 48  # of one form with multipliers: beyond, a solver takes longer than a check may
+_WHAT = "one norm for all slopes"
+LOWEST = Fraction(1, 100)  # theta that is looked for
+FACTOR, TIMES = 4, 24  # by which theta is raised, and how often, until there is a norm
+_STEP, _ROUNDS = 1.1, 8  # shorter ones are not worth new weights
+CLOSE = 1.003  # where a search with known weights ends
+_FINE, _ABOUT = 1.02, 1.1  # where one for weights ends: for theta, for a rate
+SLOW = Fraction(1, 2**12)  # of the fastest rate: where a rate is looked for first
+SHARES = tuple(Fraction(k, 200) for k in (200, 199, 190, 100, 0))  # of a rate that is proved
+_BEYOND = tuple(Fraction(k, 1000) for k in (1000, 1001, 1010, 1050))  # of a theta that is proved
+_BELOW = tuple(1 - Fraction(1, 2**k) for k in (10, 20, 30))  # of a theta, for one that is hardly smaller
+_JOIN = 2  # forms at a time
+_NARROWER = Fraction(99, 100)
+
+Pair = tuple[Array, Array]  # P and S, in floats
+
+
+@dataclass(frozen=True)
+class Falls:
+    """A proof that V' <= -alpha V at `theta`, by the `weights`; their S is empty where corners stand one by one."""
+
+    theta: Fraction
+    alpha: Fraction
+    weights: Weights
+
+    @property
+    def rate(self) -> float:
+        """r (1/s) with |e|_P <= exp(-r t), rounded down."""
+        return outward.number(self.alpha / 2)[0]
+
+    @property
+    def written(self) -> Evidence:
+        """P, and S where there are multipliers."""
+        return {"P": self.weights.P} | ({"S": self.weights.S} if self.weights.S else {})
+
+
+def one_by_one(n: int, m: int) -> bool:
+    """Whether the corners of m slopes of n fields are taken one by one."""
+    return bool(2**m * n**3 <= WORK)
+
+
+def worth_trying(last: Fraction, first: Fraction, declared: Fraction) -> Iterator[Fraction]:
+    """Thetas at which a proof is tried, of which floats know it from `last` to `first`: short ones, from the smallest
+    on; below the declared one where that is the first."""
+    tried = [Fraction(up(last * share, 3)) for share in _BEYOND] + [first * share for share in _BELOW] + [first]
+    return (theta for theta in tried if first > declared or theta < first)
+
+
+def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
+    """The forms that are all negative where V' <= -alpha V, in the arithmetic of e and alpha; of slopes that keep to a
+    `hull`, where they do."""
+    n, m = e.G.shape
+    if not (hull or one_by_one(n, m)):
+        return (flowing(e, alpha),)
+    places: Sequence[Sequence[Any]] = hull or tuple(product((-1, 1), repeat=m))
+    ends = np.array(places, dtype=float) if e.G.dtype == float else rational(places)
+    return tuple(flowing(replace(e, M=e.M + (e.G * d) @ e.H, G=e.G[:, :0], H=e.H[:0]), alpha) for d in ends)
+
+
+@dataclass(frozen=True)
+class Flow:
+    """The `error` of an observer in continuous time, for which norms are sought, at `theta` and beyond."""
+
+    error: Inclusion
+    theta: Fraction
+    how: str = "one norm"
+
+    @cached_property
+    def fastest(self) -> Falls | None:
+        """A proof at theta with a rate close to the largest; None where none is found."""
+        theta, weights, limit = self.theta, self._known, -2 * self.slowest[0]
+        if weights is None:
+            return None
+        most, alpha = Fraction(limit), Fraction(0)
+        if self._holds(theta, most * SLOW, weights):
+
+            def holds(by: Pair, a: Fraction) -> bool:
+                return self._holds(theta, a, by)
+
+            alpha = _reached(most * SLOW, most, weights, holds, lambda a: self._weights(theta, a), _ABOUT)
+        tried = (self._proved(theta, alpha * share) for share in SHARES)
+        return next(filter(None, tried), None)
+
+    @cached_property
+    def least(self) -> Falls | None:
+        """A proof at a theta close to the least, which is below the one at hand where there are weights at that; None
+        where none is found."""
+        first = self._first
+        if first is None:
+            return None
+        theta, weights = first
+        lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
+        end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
+        last = _reached(theta, end, weights, lambda by, at: self._holds(at, Fraction(0), by), self._weights, _FINE)
+        return next(filter(None, map(self._proved, worth_trying(last, theta, self.theta))), None)
+
+    def obstacle(self, states: Sequence[Any]) -> Reason:
+        """Why there is no proof at theta: slopes at which, held, errors do not decay, or the one that hinders most."""
+        held = self.unstable(states)
+        if held:
+            return held
+        try:
+            most = self._hindrance
+        except NoSolver as missing:
+            return missing.reason
+        if most is None or most.entry is None:
+            return because("no norm is found for all slopes in their ranges")
+        (i, j), low, high = most.entry, float(most.low), float(most.high)
+        pattern = "no norm is found for all slopes in their ranges, db_{i}/d{z} in [{low:.3g}, {high:.3g}] hinders most"
+        return because(pattern, i=i + 1, z=states[j], low=low, high=high)
+
+    def by(self, weights: Weights, alpha: Fraction) -> Falls | None:
+        """A proof at theta by these weights; None where they show nothing."""
+        P, S = rational(weights.P), rational(weights.S)
+        forms = self._exactly(self.theta, alpha)
+        return Falls(self.theta, alpha, weights) if verified(forms, P, S) else None
+
+    def unstable(self, states: Sequence[Any]) -> Reason:
+        """The slopes at which, held, errors do not decay at theta; `NONE` where none of those tried is so."""
+        speed, d = self.slowest
+        if speed < 0:
+            return NONE
+        return because("with {slopes}, held there, errors do not decay", slopes=point(self.error.named(states, d)))
+
+    @property
+    def missing(self) -> Reason:
+        """Why there is no norm at any theta."""
+        try:
+            cones(_WHAT)
+        except NoSolver as missing:
+            return missing.reason
+        return because("no norm is found in which the linear part of the error falls, whatever moves in it")
+
+    @cached_property
+    def _hindrance(self) -> Slope | None:
+        """The slope of b whose narrowing would bring the forms at theta nearest to being negative."""
+        forms = self._floats(self.theta, Fraction(0))
+        best = widest(forms, _WHAT, self._coordinates) if forms[0].size <= ROWS else None
+        if best is None:
+            return None
+        values, gains = [form.value(best.P, best.S) for form in forms], dict[Slope, float]()
+        for k, slope in enumerate(self.error.slopes):
+            if slope.entry is None or slope.low == slope.high:
+                continue
+            less = replace(slope, low=slope.low * _NARROWER, high=slope.high * _NARROWER)
+            slopes = (*self.error.slopes[:k], less, *self.error.slopes[k + 1 :])
+            others = replace(self, error=replace(self.error, slopes=slopes))._floats(self.theta, Fraction(0))
+            moved = (form.value(best.P, best.S) - value for form, value in zip(others, values, strict=True))
+            gains[slope] = sum(float((price * by).sum()) for price, by in zip(best.prices, moved, strict=True))
+        return min(gains, key=gains.__getitem__, default=None)
+
+    @cached_property
+    def _known(self) -> Pair | None:
+        """Weights at theta; None where there are none, or an error does not decay with slopes that are held."""
+        return self._weights(self.theta) if self.slowest[0] < 0 else None
+
+    @cached_property
+    def _first(self) -> tuple[Fraction, Pair] | None:
+        """The first theta from the one at hand on at which there are weights, and these."""
+        if self._known is not None:
+            return self.theta, self._known
+        for k in range(1, TIMES):
+            weights = self._weights(self.theta * FACTOR**k)
+            if weights is not None:
+                return self.theta * FACTOR**k, weights
+        return None
+
+    def _proved(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+        weights = self._weights(theta, alpha)
+        known = weights and proved(self._exactly(theta, alpha), *weights)
+        return Falls(theta, alpha, known) if known else None
+
+    def _weights(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Pair | None:
+        """Weights in floats with which the forms are negative."""
+        forms = self._floats(theta, alpha)
+        weights = self._sought(forms)
+        return weights if weights is not None and negative(forms, *weights) else None
+
+    def _sought(self, forms: tuple[Quadratic, ...]) -> Pair | None:
+        if forms[0].size > ROWS:
+            return self._plain(forms)
+        try:
+            best = self._widest(forms)
+        except NoSolver:
+            return self._plain(forms)
+        return (best.P, best.S) if best is not None and best.margin > 0 else None
+
+    def _widest(self, forms: tuple[Quadratic, ...]) -> Margin | None:
+        """The weights with the largest margin for the forms that ask for most: these are few, and are remembered. The
+        others are checked, and join them until no form has less than half of the margin."""
+        W, few, last = self._coordinates, self._binding, len(forms) - 1
+        while True:
+            few.extend({0, last} - {*few} if not few else ())
+            best = widest([forms[k] for k in few], _WHAT, W)
+            if best is None or best.margin <= 0 or len(few) == len(forms):
+                return best
+            values = [form.value(best.P, best.S) for form in forms]
+            seen = np.array(values if W is None else [W.T @ value @ W for value in values])
+            largest = np.linalg.eigvalsh(seen).max(axis=1)
+            order = [int(k) for k in largest.argsort()[::-1] if largest[k] > -best.margin / 2 and k not in few]
+            if not order:
+                return best
+            few.extend(order[:_JOIN])
+
+    @cached_property
+    def _binding(self) -> list[int]:
+        """The numbers of the forms that ask for most, as far as they are known."""
+        return []
+
+    def _plain(self, forms: tuple[Quadratic, ...]) -> Pair | None:
+        """P of large theta, and S with which slopes take least from it."""
+        if self._alone is None:
+            return None
+        n = len(self._alone)
+        return self._alone, np.linalg.norm(self._alone @ forms[0].pairs[0][1][:, n:], axis=0)
+
+    def _holds(self, theta: Fraction, alpha: Fraction, weights: Pair) -> bool:
+        return negative(self._floats(theta, alpha), *weights)
+
+    def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
+        return falling(self.error.at(theta), number(alpha), self.error.hull)
+
+    def _floats(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
+        return falling(self.error.at(theta).floats, float(alpha), self.error.hull)
+
+    def _slowest(self, theta: Fraction) -> tuple[float, Array]:
+        """The largest real part of an eigenvalue at the corners that are tried, and the corner."""
+        e = self.error.at(theta).floats
+        d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
+        parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
+        return float(parts.max()), d[parts.argmax()]
+
+    @cached_property
+    def slowest(self) -> tuple[float, Array]:
+        """That at theta."""
+        return self._slowest(self.theta)
+
+    @cached_property
+    def _alone(self) -> Array | None:
+        """P (n, n) with N'P + P N = -c I, its trace n; None where it shows nothing."""
+        N = self.error.limit
+        n, one = len(N), np.eye(len(N))
+        try:
+            P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
+        except np.linalg.LinAlgError:
+            return None
+        P = (P + P.T) / 2
+        return P * n / np.trace(P) if np.linalg.eigvalsh(P).min() > 0 else None
+
+    @cached_property
+    def _coordinates(self) -> Array | None:
+        """P^(-1/2) of it, near which the P that are sought are."""
+        if self._alone is None:
+            return None
+        values, vectors = np.linalg.eigh(self._alone)
+        return np.asarray(vectors / np.sqrt(values) @ vectors.T)
+
+
+def _reached(
+    start: Fraction,
+    end: Fraction,
+    weights: Pair,
+    holds: Callable[[Pair, Fraction], bool],
+    seek: Callable[[Fraction], Pair | None],
+    close: float,
+) -> Fraction:
+    """How far from the start towards the end there are weights: first as far as those reach that are known, and from
+    there again with those that are sought there; then by halving."""
+    for _ in range(_ROUNDS):
+        value = farthest(partial(holds, weights), start, end, CLOSE)
+        better = seek(value) if not 1 / _STEP < value / start < _STEP else None
+        start = value
+        if better is None:
+            break
+        weights = better
+    return farthest(lambda at: seek(at) is not None, start, end, close)

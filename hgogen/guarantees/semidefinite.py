@@ -1,0 +1,198 @@
+"""Weights P > 0 and S >= 0 with which quadratic forms are negative, by a cone program in floats: no proof of it.
+
+    margin    maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
+    shortest  minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
+
+F is linear in P and S (`quadratic`), c P^-1 c' <= t. The programs are written down for Clarabel as it takes them, A x +
+s = b with s in cones, without a language for models, which would take longer than the solver.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hgogen.algebra.threads import one_thread
+from hgogen.guarantees.lmi import cones
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even
+
+_LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
+_CLOSE = 1e-6  # how well a margin is found
+_CLOSER = 1e-8
+_USABLE = ("Solved", "AlmostSolved")  # what the solver says of its solution
+
+Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `_short` has them
+Rows = tuple[Array, Array, bool]  # A and b of one cone, and whether it is that of definite matrices, or of signs
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """The `margin` of weights `P` (n, n) and `S` (k), all in floats, below 0 where no weights make the forms negative;
+    `prices`, for each form (N, N): <price, D> is what a small change D of that form takes from the margin."""
+
+    P: Array
+    S: Array
+    margin: float
+    prices: tuple[Array, ...]
+
+
+def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
+    """Weights in floats with which a solver takes all forms to be negative; None where it finds none. `W` (n, n): what
+    decays is W times coordinates in which P is expected to be near the unit matrix.
+
+    Raises: `NoSolver` of `what` needs it.
+    """
+    best = widest(forms, what, W)
+    return (best.P, best.S) if best is not None and best.margin > 0 else None
+
+
+def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> Margin | None:
+    """The same weights, also where the forms are not negative: by the largest margin in those coordinates.
+
+    Raises: `NoSolver`.
+    """
+    if W is None:
+        return margin([form.floats for form in forms], what)
+    g = even(forms[0].floats, W)
+    views = [Seen(form.floats, W, g) for form in forms]
+    best = margin([view.form for view in views], what)
+    if best is None:
+        return None
+    P, S = views[0].back(best.P, best.S)
+    return replace(best, P=P, S=S)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def margin(forms: Sequence[Quadratic], what: str) -> Margin | None:
+    """The margin of forms of floats, with the same P and S; None where the solver leaves no numbers.
+
+    Raises: `NoSolver` of `what` needs it.
+    """
+    n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
+    one, p = np.eye(n), n * (n + 1) // 2
+    zero = np.zeros((p, 1 + k))
+    of_forms = [_definite(_entries(form), np.eye(form.size)[None], 0 * np.eye(form.size)) for form in forms]
+    positive: Rows = (np.hstack([-_packed(_basis(n)), zero]), -_LEAST * _packed(one[None])[:, 0], True)
+    trace: Rows = (np.hstack([_short(one[None]).T, zero[:1]]), np.array([float(n)]), False)
+    solution = _solved(np.append(np.zeros(p + k), -1.0), [*of_forms, positive, trace, _signs(p, k)], _CLOSE, what)
+    if solution is None:
+        return None
+    (P, S, largest), prices = _parts(solution[0], n), solution[1]
+    of_each = zip(pairwise(np.cumsum([0, *(len(A) for A, _, _ in of_forms)])), forms, strict=True)
+    return Margin(
+        P, S, largest, tuple(_matrix(prices[i:j] / _weights(form.size), form.size) for (i, j), form in of_each)
+    )
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def shortest(form: Quadratic, rows: Array, limits: Limits, by: float, what: str) -> tuple[Array, Array] | None:
+    """P and S of a form of floats that is negative `by` that, with a small largest c P^-1 c' of the `rows` c (r, n);
+    None where the solver leaves no numbers.
+
+    Raises: `NoSolver` of `what` needs it.
+    """
+    n, k = rows.shape[1], len(form.Q)
+    p, small = n * (n + 1) // 2, -by * np.eye(form.size)
+    wide, corner, (A, b) = np.zeros((p + k, n + 1, n + 1)), np.zeros((1, n + 1, n + 1)), limits
+    wide[:p, 1:, 1:], corner[0, 0, 0] = -_basis(n), -1.0
+    of_rows = []
+    for c in rows:
+        beside = np.zeros((n + 1, n + 1))
+        beside[0, 1:] = beside[1:, 0] = c
+        of_rows.append(_definite(wide, corner, beside))
+    others: Rows = (np.hstack([A, np.zeros((len(A), 1))]), b, False)
+    all_rows = [_definite(_entries(form), 0 * small[None], small), *of_rows, others, _signs(p, k)]
+    solution = _solved(np.append(np.zeros(p + k), 1.0), all_rows, _CLOSER, what)
+    return solution and _parts(solution[0], n)[:2]
+
+
+def together(form: Quadratic, q: int, most: float) -> Limits:
+    """That the last q of S are together at most `most`."""
+    n, k = len(form.pairs[0][0]), len(form.Q)
+    return np.append(np.zeros(n * (n + 1) // 2 + k - q), np.ones(q))[None], np.array([most])
+
+
+def holding(form: Quadratic, points: Array) -> Limits:
+    """That |x|_P <= 1 at the `points` x (r, n)."""
+    n, k = points.shape[1], len(form.Q)
+    j, i = np.tril_indices(n)
+    squares = points[:, i] * points[:, j] * np.where(i == j, 1.0, 2.0)
+    return np.hstack([squares, np.zeros((len(points), k))]), np.ones(len(points))
+
+
+def _definite(entries: Array, last: Array, end: Array) -> Rows:
+    """That `end` less what the variables bring, the last one of them `last`, is a definite matrix."""
+    return _packed(np.concatenate([entries, last])), _packed(end[None])[:, 0], True
+
+
+def _signs(p: int, k: int) -> Rows:
+    """S >= 0."""
+    return np.hstack([np.zeros((k, p)), -np.eye(k), np.zeros((k, 1))]), np.zeros(k), False
+
+
+def _solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
+    """The variables with the least <goal, x>, and the prices of the rows; None where the solver finds none.
+
+    Raises: `NoSolver`."""
+    solver, sparse = cones(what)
+    sizes = [len(A) for A, _, _ in rows]
+    kinds = [
+        solver.PSDTriangleConeT(int(np.sqrt(2 * size))) if of_matrices else solver.NonnegativeConeT(size)
+        for size, (_, _, of_matrices) in zip(sizes, rows, strict=True)
+        if size
+    ]
+    A, b = sparse.csc_matrix(np.vstack([A for A, _, _ in rows])), np.concatenate([b for _, b, _ in rows])
+    settings = solver.DefaultSettings()
+    settings.verbose, settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = False, close, close, close
+    with one_thread():
+        solution = solver.DefaultSolver(sparse.csc_matrix((len(goal),) * 2), goal, A, b, kinds, settings).solve()
+    x, prices = np.array(solution.x), np.array(solution.z)
+    usable = str(solution.status) in _USABLE and np.isfinite(x).all() and np.isfinite(prices).all()
+    return (x, prices) if usable else None
+
+
+def _parts(x: Array, n: int) -> tuple[Array, Array, float]:
+    """P, S and the last variable."""
+    p = n * (n + 1) // 2
+    return _matrix(x[:p], n), np.maximum(x[p:-1], 0.0), float(x[-1])
+
+
+def _entries(form: Quadratic) -> Array:
+    """What each entry of P on and above the diagonal, and each of S, brings into the form: (p + k, N, N)."""
+    halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
+    whole = halves + halves.transpose(0, 1, 3, 2)
+    j, i = np.tril_indices(len(whole))
+    both = whole[i, j] + whole[j, i]
+    of_P = both / np.where(i == j, 2.0, 1.0)[:, None, None]
+    of_S = np.einsum("ka,kb->kab", form.Q, form.Q) - np.einsum("ka,kb->kab", form.Z, form.Z)
+    return np.concatenate([of_P, of_S])
+
+
+def _basis(n: int) -> Array:
+    """The symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
+    return np.array([_matrix(row, n) for row in np.eye(n * (n + 1) // 2)])
+
+
+def _short(matrices: Array) -> Array:
+    """Symmetric matrices (q, N, N) as the columns of their entries on and above the diagonal, column by column."""
+    j, i = np.tril_indices(matrices.shape[-1])
+    return np.asarray(matrices[:, i, j].T)
+
+
+def _packed(matrices: Array) -> Array:
+    """The same as the solver takes them, so that a scalar product is that of the matrices."""
+    return np.asarray(_short(matrices) * _weights(matrices.shape[-1])[:, None])
+
+
+def _weights(size: int) -> Array:
+    j, i = np.tril_indices(size)
+    return np.where(i == j, 1.0, np.sqrt(2.0))
+
+
+def _matrix(entries: Array, size: int) -> Array:
+    j, i = np.tril_indices(size)
+    matrix = np.zeros((size, size))
+    matrix[i, j] = matrix[j, i] = entries
+    return matrix

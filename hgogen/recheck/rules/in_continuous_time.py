@@ -1,0 +1,142 @@
+"""The convergence of an observer of a constant injection in continuous time, verified again.
+
+    high_gain            z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z), on a chain for each output
+    switched_gain        the same with one of two theta, held for a time
+    filtered             w_i' = w_(i+1) + c_i + L_i eta_i,   eta_i' = -theta alpha eta_i + theta^2 beta eta_(i-1)
+    filtered_injection   w' = A w + c + diag(theta, .., theta^n) NH eta,   eta' = theta F eta + theta G (y - w_1)
+    low_power            p_i' = q_i + c_i + theta k_i1 e_i,   q_i' = q_(i+1) + c_(i+1) + theta^2 k_i2 e_i,   i < n
+    peaking_free         the same with sat q_(i+1) in q_i', e_i = sat q_(i-1) - p_i, and p_n' = c_n + theta last e_n
+
+with eta_0 = y - w_1, e_1 = y - p_1, e_i = q_(i-1) - p_i, q_n = 0; b and c take the estimate clamped to the box, sat is
+to the range of the state; `gains` are K, L, or the pairs k. The errors e of fields, in units and over powers of theta,
+obey e' = M e with slopes in ranges (`uncertain`); P > 0 with M'P + P M + alpha P < 0 for all of them shows V' <= -alpha
+V, V = e'P e. What holds at the `least` theta holds at every larger one: M/theta is N and slopes over
+theta^(degree + 1), those of a degree above -1 have 0 in their ranges, which shrink, and the others stay.
+
+A switch between gains multiplies e by D = diag((low/theta)^p), so that V becomes at most `up` times what it was, or
+`down` times: up P_low - D P_high D >= 0, down P_high - D^-1 P_low D^-1 >= 0. Held for a time T with alpha T > log(up
+down) in the high gain, V falls from cycle to cycle.
+
+Sources of the observers: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992); Ahrens, Khalil, Automatica 45 (2009); Astolfi,
+Jungers, Zaccarian, ECC (2018); Astolfi, Marconi, IEEE TAC 60 (2015); Astolfi, Marconi, Praly, Teel, Automatica 98
+(2018).
+"""
+
+from fractions import Fraction
+
+from ..box import NotShown
+from ..chain import built
+from ..context import Context, Shown, is_above, on, short
+from ..falling import demand_falls
+from ..file import Built, Claim, Observer
+from ..interval import intervals, point
+from ..matrix import above_zero, demand_nonnegative, matrix, minus, scalar, scaled
+from ..rule import Verify
+from ..structure import clamped, on_chains
+from ..uncertain import ErrorInclusion, error_inclusion
+
+
+def convergence(context: Context, claim: Claim) -> Shown:
+    """Every theta above the least converges; the structure of the form is another claim."""
+    observer, least = built(context, claim), above_zero(claim.evidence, "least")
+    error = error_inclusion(context, observer, claim.evidence)
+    demand_falls(error.at(least), Fraction(0), claim.evidence)
+    outcome = (
+        "decays exponentially between switches, in" if "hold" in observer.numbers else "converges exponentially for"
+    )
+    every = "every gain" if "hold" in observer.numbers else "every theta"
+    above = f"the error {outcome} {every} above {short(least, 1)}"
+    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", error.boxes)
+
+
+def above(which: str) -> Verify:
+    """The rule that the observer's theta, or the lower one of two, is above the bound, which is another claim's; and
+    that the error decays there, where the claim says at which rate."""
+
+    def shown(context: Context, claim: Claim) -> Shown:
+        observer = built(context, claim)
+        chosen, bound = _chosen(observer, which), _bound(context, claim)
+        if not chosen > scalar(bound.evidence, "least"):
+            raise NotShown(f"{which} = {short(chosen)} is not above the bound")
+        known = f"{which} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
+        if not claim.evidence:
+            return Shown(known)
+        error, alpha = _falls(context, claim, chosen)
+        return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", error.boxes)
+
+    return shown
+
+
+def held(context: Context, claim: Claim) -> Shown:
+    """The time hold is long enough; that the low gain's norm falls is another claim."""
+    numbers, evidence = built(context, claim).numbers, claim.evidence
+    theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
+    up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
+    error, alpha = _falls(context, claim, theta)
+    size, other = len(error.N), context.file.claim(f"{claim.maker}.theta")
+    if other is None or not other.evidence:
+        raise NotShown("there is no norm of the low gain")
+    high, slow = matrix(evidence, "P", size, size), matrix(other.evidence, "P", size, size)
+    D = [(low / theta) ** p for p in error.power]
+    entering = [[x * D[i] * D[j] for j, x in enumerate(row)] for i, row in enumerate(high)]
+    leaving = [[x / D[i] / D[j] for j, x in enumerate(row)] for i, row in enumerate(slow)]
+    demand_nonnegative({"up P_low - D P_high D": minus(scaled(up, slow), entering)})
+    demand_nonnegative({"down P_high - D^-1 P_low D^-1": minus(scaled(down, high), leaving)})
+    lost = intervals.function("log", (point(up * down),))
+    if (point(alpha * hold) - lost).sign <= 0:
+        raise NotShown(f"hold = {short(hold)} is not shown to be long enough")
+    return Shown(f"in continuous time, hold = {short(hold)} is long enough: switching keeps the error's decay")
+
+
+def _chosen(observer: Observer, which: str) -> Fraction:
+    """That theta of the observer. Raises: `NotShown` where it is not the lower one of two."""
+    chosen = scalar(observer.numbers, which)
+    if chosen > scalar(observer.numbers, "theta"):
+        raise NotShown("theta_low is above theta")
+    return chosen
+
+
+def _bound(context: Context, claim: Claim) -> Claim:
+    bound = context.file.claim(f"{claim.maker}.convergence")
+    if bound is None:
+        raise NotShown("there is no bound on theta")
+    return bound
+
+
+def _falls(context: Context, claim: Claim, theta: Fraction) -> tuple[ErrorInclusion, Fraction]:
+    """The error, with the slopes of the claim of convergence, and the claim's alpha, at which V falls at a theta."""
+    alpha = scalar(claim.evidence, "alpha")
+    if alpha < 0:
+        raise NotShown("its alpha is negative")
+    error = error_inclusion(context, built(context, claim), _bound(context, claim).evidence)
+    demand_falls(error.at(theta), alpha, claim.evidence)
+    return error, alpha
+
+
+_OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
+_SWITCHED = Built(("theta", "theta_low", "hold"), ("gains",))
+_CORES = {
+    "filtered": Built(("theta", "alpha", "beta", "gains")),
+    "filtered_injection": Built(("theta", "F", "G", "NH")),
+    "low_power": Built(("theta", "gains")),
+    "peaking_free": Built(("theta", "gains", "last")),
+}
+OBSERVERS = {"high_gain": Built(("theta",), ("gains",)), "switched_gain": _SWITCHED, **_CORES}
+_NORM = ("P", "S")
+_EACH = (
+    ("high_gain", _OF_GAIN, "theta"),
+    ("switched_gain", _OF_GAIN, "theta_low"),
+    *((name, _OF_CORE, "theta") for name in _CORES),
+)
+RULES = (
+    *(
+        rule
+        for name, own, which in _EACH
+        for rule in (
+            *on_chains(name, "convergence", convergence, ("scale", "slopes", *own, "least", *_NORM)),
+            *on_chains(name, "theta", above(which), ("alpha", *_NORM), rests=(f"{name}.convergence",)),
+            clamped(name),
+        )
+    ),
+    *on_chains("switched_gain", "hold", held, ("alpha", *_NORM, "up", "down"), rests=("switched_gain.theta",)),
+)
