@@ -211,13 +211,13 @@ def test_an_unknown_verdict_and_an_unknown_reason_fail_alone() -> None:
 def test_the_last_line_counts(tmp_path: Path) -> None:
     file = tmp_path / "p.json"
     command("check", str(ROOT / "models" / "pendulum.py"), "--certificate", str(file))
-    assert command("recheck", str(file)).stdout.splitlines()[-1] == "10 verified, 0 open, 0 stated, 0 failed"
+    assert command("recheck", str(file)).stdout.splitlines()[-1] == "11 verified, 0 open, 0 stated, 0 failed"
     content = json.loads(file.read_text())
     answer = json.loads(command("recheck", str(file), "--json").stdout)
     assert (answer["model"], answer["observer"], answer["verified"]) == (content["model"], "high_gain", True)
     claim_of(content, "triangular.lipschitz")["evidence"]["bound"] = "1"
     file.write_text(sealed(content))
-    assert command("recheck", str(file)).stdout.splitlines()[-1] == "9 verified, 0 open, 0 stated, 1 failed"
+    assert command("recheck", str(file)).stdout.splitlines()[-1] == "10 verified, 0 open, 0 stated, 1 failed"
 
 
 def test_a_file_of_which_nothing_is_verified_does_not_pass(tmp_path: Path) -> None:

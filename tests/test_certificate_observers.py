@@ -336,7 +336,7 @@ def _converges(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) ->
 
 def _steep(content: dict[str, Any], evidence: dict[str, Any]) -> str:
     """A slope outside of its range, in the coordinates scale z."""
-    parsed = [sp.sympify(text) for text in evidence["scale"]]
+    parsed = [as_sympy(text) for text in evidence["scale"]]
     for at, _, _, J in samples(content):
         S = np.array([float(entry.subs(at)) for entry in parsed])
         within = np.zeros((2, *J.shape))

@@ -176,11 +176,7 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
     N_, K_, P_ = (array.astype(float) for array in (N, gain, P))
     mus, taus = np.array(_PAIRS).T
     margins = -np.linalg.eigvalsh(adaptation.form(N_, K_, P_, mus, taus))[:, -1]
-    mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / _size(adaptation, solution.peak)))])
+    size = float(solution.peak) + adaptation.shape.kept[0] * mus  # of V at most, over |eps|^2
+    mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / size))])
     shown = positive(exact(-adaptation.form(N, gain, P, mu, tau)))
     return Decay(adaptation, growth, solution.P, mu, tau) if shown else None
-
-
-def _size(adaptation: Adaptation, peak: Fraction) -> np.ndarray:
-    """How large V is at most, over |eps|^2, for each mu that is tried."""
-    return float(peak) + adaptation.shape.kept[0] * np.array([mu for mu, _ in _PAIRS])
