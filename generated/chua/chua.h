@@ -127,8 +127,8 @@
  *   proved: triangular.a_2: it is 10
  *   proved: triangular.a_3: it is 1
  *   proved: triangular.lipschitz: L_b <= 16.36
- *   proved: high_gain.convergence: above 205.4 = max(1, 2 lambda_max(P) L_b)
- *   unknown: high_gain.theta: not shown: 5 is below the certified 205.4
+ *   proved: high_gain.convergence: above 5.44
+ *   unknown: high_gain.theta: not shown: 5 is below the certified 5.44
  * Hypotheses of its theorem, and the evidence of the claims: chua.md
  * @endverbatim
  */

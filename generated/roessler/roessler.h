@@ -127,8 +127,8 @@
  *   proved: triangular.a_2: it is 1
  *   proved: triangular.a_3: it is 1
  *   proved: triangular.lipschitz: L_b <= 30.65
- *   proved: high_gain.convergence: above 263.3 = max(1, 2 lambda_max(P) L_b)
- *   unknown: high_gain.theta: not shown: 5 is below the certified 263.3
+ *   proved: high_gain.convergence: above 19
+ *   unknown: high_gain.theta: not shown: 5 is below the certified 19
  * Hypotheses of its theorem, and the evidence of the claims: roessler.md
  * @endverbatim
  */

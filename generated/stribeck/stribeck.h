@@ -133,8 +133,8 @@
  *   proved: triangular.a_1: it is 1
  *   proved: triangular.a_2: it is 1
  *   proved: triangular.lipschitz: L_b <= 20.01
- *   proved: high_gain.convergence: above 68.29 = max(1, 2 lambda_max(P) L_b)
- *   proved: high_gain.theta: above 68.29
+ *   proved: high_gain.convergence: above 8.01
+ *   proved: high_gain.theta: above 8.01
  * Hypotheses of its theorem, and the evidence of the claims: stribeck.md
  * @endverbatim
  */

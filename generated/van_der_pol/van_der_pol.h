@@ -125,8 +125,8 @@
  *   proved: triangular.a_1: it is 1
  *   proved: triangular.a_2: it is 1
  *   proved: triangular.lipschitz: L_b <= 37.86
- *   proved: high_gain.convergence: above 91.98 = max(1, 2 lambda_max(P) L_b)
- *   unknown: high_gain.theta: not shown: 5 is below the certified 91.98
+ *   proved: high_gain.convergence: above 7.02
+ *   unknown: high_gain.theta: not shown: 5 is below the certified 7.02
  * Hypotheses of its theorem, and the evidence of the claims: van_der_pol.md
  * @endverbatim
  */

@@ -140,8 +140,8 @@
  *   proved: triangular.a_1: it is 1
  *   proved: triangular.a_2: it is 1
  *   proved: triangular.lipschitz: L_b <= 24.01
- *   proved: high_gain.convergence: above 81.95 = max(1, 2 lambda_max(P) L_b)
- *   proved: high_gain.theta: above 81.95
+ *   proved: high_gain.convergence: above 14.1
+ *   proved: high_gain.theta: above 14.1
  * Hypotheses of its theorem, and the evidence of the claims: warm_bearing.md
  * @endverbatim
  */
