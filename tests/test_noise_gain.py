@@ -1,6 +1,7 @@
 """How far noise moves an estimate: known answers, noise that is searched for the worst, and forged bounds."""
 
 import copy
+import random
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -181,3 +182,17 @@ def test_the_last_state_is_not_one_before_the_first() -> None:
     assert last["state"] == "2"
     last["state"] = "0"
     assert verdict(content) == "fails"
+
+
+def test_a_file_of_long_numbers_is_refused_at_once() -> None:
+    """Without an elimination in fractions, which takes many times as long as one in intervals."""
+    content, rng = copy.deepcopy(certified("filtered")), random.Random(1)
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".noise"))
+    for one in claim["evidence"]["bounds"]:
+        for i, row in enumerate(one["P"]):
+            for j in range(i + 1):
+                long = Fraction(rng.randrange(10**9), 10**270 + rng.randrange(10**269))
+                row[j] = one["P"][j][i] = str(Fraction(row[j]) + long)
+        one["S"][0] = "0"
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".noise"))
+    assert (row.found, row.sentence) == ("fails", "its inequality is not negative")

@@ -13,7 +13,7 @@ from typing import Any
 from .box import NotShown
 from .interval import point
 from .matrix import Matrix, column, demand_positive, matrix, plus, scaled, times, transposed, twice, unit, zeros
-from .slope import positive
+from .slope import definite
 from .stages import Parts
 
 WORK = 2**16  # corners times fields^3
@@ -61,6 +61,8 @@ def demand_negative(what: str, form: Matrix) -> None:
     Raises: `NotShown`.
     """
     negated = scaled(Fraction(-1), form)
-    if transposed(negated) == negated and positive([[point(value) for value in row] for row in negated]):
-        return
-    demand_positive({f"{what}, negated,": negated})
+    known = definite([[point(value) for value in row] for row in negated]) if transposed(negated) == negated else 0
+    if known < 0:
+        raise NotShown(f"{what} is not negative")
+    if not known:
+        demand_positive({f"{what}, negated,": negated})

@@ -228,13 +228,18 @@ def _dot(a: Sequence[Interval], b: Sequence[Interval]) -> Interval:
 
 def positive(M: list[list[Interval]]) -> bool:
     """Whether every symmetric matrix within M is positive definite."""
+    return definite(M) > 0
+
+
+def definite(M: list[list[Interval]]) -> int:
+    """1 where every symmetric matrix within M is positive definite, -1 where none is, else 0: by signs of pivots."""
     M = [list(row) for row in M]
     n = len(M)
     for k in range(n):
         if M[k][k].sign <= 0:
-            return False
+            return M[k][k].sign
         for i in range(k + 1, n):
             factor = M[k][i] / M[k][k]
             for j in range(i, n):
                 M[i][j] = M[i][j] - factor * M[k][j]
-    return True
+    return 1
