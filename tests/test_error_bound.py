@@ -78,7 +78,8 @@ def test_no_run_errs_further(observer: str, method: str) -> None:
             errors = np.abs(run(step, first + 300, push, follow))[first:]
             assert (errors <= 1.1 * bounds).all()
             reached = np.maximum(reached, errors.max(axis=0))
-    assert (reached > 0.15 * bounds).all()
+    method = np.array([known.shares["method"][name] for name in known.bounds])  # of a plant anywhere in its ranges
+    assert (reached > 0.15 * (bounds - method)).all()
 
 
 def run(step: hg.Step, calls: int, push: int, follow: str) -> np.ndarray:
