@@ -12,22 +12,20 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-import numpy as np
 import sympy as sp
 
-from hgogen.algebra.definite import fraction
 from hgogen.algebra.points import exact
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.guarantees.confined import confined
+from hgogen.guarantees.confined import confined, reached
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.entering import Sizes
 from hgogen.guarantees.inclusion import of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded
-from hgogen.guarantees.quadratic import floats, rational
+from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.step_evidence import Share, UnderInputs
 from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Down, Up
@@ -215,13 +213,11 @@ def _multiple(steps: Steps, proof: Contracts, start: Start, totals: Mapping[int,
 def _calls(proof: Contracts, start: Start, multiple: Fraction, left: Mapping[int, Fraction]) -> int:
     """The calls after which what is left of the start is that much at most, by field: from V(0) at most the largest of
     the corners V falls to (1 - alpha h)^k of it."""
-    P, taken = rational(proof.weights.P), min(multiple, Fraction(1))
-    begins = float(fraction(max(corner @ P @ corner for corner in start.corners)) * taken**2)
-    inverse, calls = np.linalg.inv(floats(P)), 0
+    begins = reached(rational(proof.weights.P), start.corners, {k: of_state(start.scales, k) for k in left})
+    falls, calls = -math.log1p(-float(proof.alpha * proof.h)) / 2, 0
     for k, most in left.items():
-        c = floats(of_state(start.scales, k)[None])[0]
-        ratio = float(c @ inverse @ c) * begins / float(most) ** 2
-        calls = max(calls, math.ceil(math.log(max(ratio, 1.0)) / -math.log1p(-float(proof.alpha * proof.h)) * _UP))
+        ratio = number(begins[k] * min(multiple, Fraction(1)) / most)[1]
+        calls = max(calls, math.ceil(math.log(max(ratio, 1.0)) / falls * _UP))
     return calls
 
 

@@ -42,10 +42,10 @@ def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array
         return None
     asked = form.floats, floats(corners), floats(np.array(list(rows.values()))), W
     exactly = confirmed(form, lambda margin: _sought(*asked, margin))
-    return Confined(Weights.of(*exactly), _bounds(exactly[0], corners, rows)) if exactly else None
+    return Confined(Weights.of(*exactly), reached(exactly[0], corners, rows)) if exactly else None
 
 
-def _bounds(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
+def reached(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
     """How far |c e| goes at most: the root of c P^-1 c' times the largest |e(0)|_P^2."""
     begins, inverse = max(corner @ P @ corner for corner in corners), fmpq_mat(P.tolist()).inv()
     bounds = {}
