@@ -103,7 +103,7 @@ class ByTableau(OnErrors, Protocol):
     """One that moves the plant, which nothing is injected into, by a tableau."""
 
     @property
-    def tableau(self) -> Tableau:
+    def plain(self) -> Tableau:
         """The stages."""
         ...
 
@@ -125,6 +125,11 @@ class Explicit:
     def equations(self) -> tuple[str, ...]:
         """The stages of the tableau, and what they lead to."""
         return self.tableau.equations
+
+    @property
+    def plain(self) -> Tableau:
+        """The tableau."""
+        return self.tableau
 
     def obstacle(self, error: Inclusion) -> Reason:
         """None: whatever the error obeys, the stages read it."""

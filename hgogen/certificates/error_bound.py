@@ -103,7 +103,7 @@ def error_bound(
         return _unknown(step, known.checks[0].reason)
     if not isinstance(step.method, ByTableau):
         return _unknown(step, because("the plant's own step is not known for {rule}", rule=step.rule))
-    plant = PlantStep(form, step.method.tableau, known.proof.h, moving)
+    plant = PlantStep(form, step.method.plain, known.proof.h, moving)
     try:
         entering = _entering(plant, sizes)
         if not entering:

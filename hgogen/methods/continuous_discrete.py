@@ -42,7 +42,7 @@ class ContinuousDiscrete:
     equations: tuple[str, ...] = EQUATIONS
 
     @property
-    def tableau(self) -> Tableau:
+    def plain(self) -> Tableau:
         """That of classical Runge-Kutta."""
         return RK4
 
@@ -52,7 +52,7 @@ class ContinuousDiscrete:
 
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """Its stages."""
-        return stagewise(self.tableau, h, e)
+        return stagewise(self.plain, h, e)
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """The step of an ordinary differential equation by classical Runge-Kutta."""
