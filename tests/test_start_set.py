@@ -15,7 +15,7 @@ from plants import MODELS, model
 import hgogen as hg
 from hgogen.certificates.contraction import contraction
 from hgogen.certificates.start_set import start_of
-from hgogen.guarantees.confined import _bounds
+from hgogen.guarantees.confined import reached
 from hgogen.guarantees.quadratic import rational
 from hgogen.model import load
 from hgogen.program import Place
@@ -263,7 +263,7 @@ def test_a_field_that_estimates_nothing_begins_without_an_error(observer: str) -
 
 def test_a_box_of_twice_the_size_goes_twice_as_far() -> None:
     P, corners, c = (rational(np.array(each)) for each in ([[2, 1], [1, 2]], [[1, 1], [1, -1]], [1, 0]))
-    one, other = (_bounds(P, size * corners, {0: c})[0] for size in (1, 2))
+    one, other = (reached(P, size * corners, {0: c})[0] for size in (1, 2))
     assert float(one) == pytest.approx(2)
     assert float(other) == pytest.approx(4)
 

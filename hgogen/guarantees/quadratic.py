@@ -20,7 +20,7 @@ from hgogen.algebra.definite import Matrix, fraction, number, positive
 
 Array = np.ndarray  # of floats, or of FLINT's rationals as objects
 
-_MARGINS = (1e-7, 1e-6, 1e-5)  # by which a form is negative, so that it is when it is rounded
+_MARGINS = (1e-6, 1e-5)  # by which a form is negative, so that it is when it is rounded
 _FINE = (34, 48)  # bits after the point, where P is of any size
 _NOTHING = Fraction(0)
 _GRIDS = (30, 44)  # bits after the point to which P and S are rounded, where the trace of P is its size

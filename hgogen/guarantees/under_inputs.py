@@ -21,7 +21,7 @@ from hgogen.guarantees.semidefinite import shortest, together
 from hgogen.guarantees.stagewise import Inputs
 
 _WHAT = "a bound of what inputs do"
-_SEARCHED = 8  # values of alpha
+_SEARCHED = 6  # values of alpha
 _SHARES = (math.log(1 / 32), 0.0)  # of the rate, that are searched for it; logarithms
 _LARGE = 1e30  # in the place of a bound, where none is proved
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
