@@ -5,17 +5,23 @@ M is affine in each |d_j| <= 1, so that the corners stand for all; with multipli
     [M'P + P M + alpha P + H'S H, P G; G'P, -S] < 0
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from itertools import product
 from typing import Any
 
 from .box import NotShown
+from .chain import built
+from .context import Context, Shown, is_above, short
+from .file import Claim
 from .interval import point
-from .matrix import Matrix, column, demand_positive, matrix, plus, scaled, times, transposed, twice, unit, zeros
+from .matrix import Matrix, column, demand_positive, matrix, plus, scalar, scaled, times, transposed, twice, unit, zeros
+from .rule import Verify
 from .slope import definite
 from .stages import Parts
 
+# V' <= -alpha V at a theta, by the claim's V, whatever the slopes that the second evidence bounds; in how many boxes
+Falls = Callable[[Context, Claim, Mapping[str, Any], Fraction, Fraction], int]
 WORK = 2**16  # corners times fields^3
 _ROWS = 100  # of one form
 
@@ -30,9 +36,35 @@ def demand_falls(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> 
         return
     if 2**m * n**3 > WORK:
         raise NotShown("it has no S, and more corners of its slopes than are tried one by one")
-    for d in product((-1, 1), repeat=m):
-        moved = times([[x * sign for x, sign in zip(row, d, strict=True)] for row in G], H) if m else zeros(n, n)
-        demand_negative("its inequality", plus(twice(P, plus(M, moved)), scaled(alpha, P)))
+    for corner in corners_of(parts):
+        demand_negative("its inequality", plus(twice(P, corner), scaled(alpha, P)))
+
+
+def corners_of(parts: Parts) -> Iterator[Matrix]:
+    """M + G diag(d) H at all corners of the slopes."""
+    for d in product((-1, 1), repeat=len(parts.H)):
+        signed = [[x * sign for x, sign in zip(row, d, strict=True)] for row in parts.G]
+        yield plus(parts.M, times(signed, parts.H)) if d else parts.M
+
+
+def above_least(which: str, falls: Falls) -> Verify:
+    """The rule that the observer's theta, of the name `which`, is above the least of its claim of convergence; and that
+    V `falls` there by the claim's evidence, where it says at which rate."""
+
+    def shown(context: Context, claim: Claim) -> Shown:
+        chosen, bound = scalar(built(context, claim).numbers, which), context.file.claim(f"{claim.maker}.convergence")
+        if bound is None or not chosen > scalar(bound.evidence, "least"):
+            raise NotShown(f"{which} = {short(chosen)} is not above the bound")
+        known = f"{which} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
+        if not claim.evidence:
+            return Shown(known)
+        alpha = scalar(claim.evidence, "alpha")
+        if alpha < 0:
+            raise NotShown("its alpha is negative")
+        boxes = falls(context, claim, bound.evidence, chosen, alpha)
+        return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
+
+    return shown
 
 
 def _at_once(P: Matrix, S: list[Fraction], M: Matrix, G: Matrix, H: Matrix) -> None:

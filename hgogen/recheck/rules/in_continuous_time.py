@@ -22,49 +22,31 @@ Jungers, Zaccarian, ECC (2018); Astolfi, Marconi, IEEE TAC 60 (2015); Astolfi, M
 (2018).
 """
 
+from collections.abc import Mapping
 from fractions import Fraction
+from typing import Any
 
 from ..box import NotShown
 from ..chain import built
-from ..context import Context, Shown, is_above, on, short
-from ..falling import demand_falls
-from ..file import Built, Claim, Observer
+from ..context import Context, Shown, on, short
+from ..falling import above_least, demand_falls
+from ..file import Built, Claim
 from ..interval import intervals, point
 from ..matrix import above_zero, demand_nonnegative, matrix, minus, scalar, scaled
-from ..rule import Verify
 from ..structure import clamped, on_chains
-from ..uncertain import ErrorInclusion, error_inclusion
+from ..uncertain import error_inclusion
 
 
 def convergence(context: Context, claim: Claim) -> Shown:
     """Every theta above the least converges; the structure of the form is another claim."""
     observer, least = built(context, claim), above_zero(claim.evidence, "least")
-    error = error_inclusion(context, observer, claim.evidence)
-    demand_falls(error.at(least), Fraction(0), claim.evidence)
+    boxes = _falls(context, claim, claim.evidence, least, Fraction(0))
     outcome = (
         "decays exponentially between switches, in" if "hold" in observer.numbers else "converges exponentially for"
     )
     every = "every gain" if "hold" in observer.numbers else "every theta"
     above = f"the error {outcome} {every} above {short(least, 1)}"
-    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", error.boxes)
-
-
-def above(which: str) -> Verify:
-    """The rule that the observer's theta, or the lower one of two, is above the bound, which is another claim's; and
-    that the error decays there, where the claim says at which rate."""
-
-    def shown(context: Context, claim: Claim) -> Shown:
-        observer = built(context, claim)
-        chosen, bound = _chosen(observer, which), _bound(context, claim)
-        if not chosen > scalar(bound.evidence, "least"):
-            raise NotShown(f"{which} = {short(chosen)} is not above the bound")
-        known = f"{which} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
-        if not claim.evidence:
-            return Shown(known)
-        error, alpha = _falls(context, claim, chosen)
-        return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", error.boxes)
-
-    return shown
+    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
 def held(context: Context, claim: Claim) -> Shown:
@@ -72,7 +54,11 @@ def held(context: Context, claim: Claim) -> Shown:
     numbers, evidence = built(context, claim).numbers, claim.evidence
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
     up, down = above_zero(evidence, "up"), above_zero(evidence, "down")
-    error, alpha = _falls(context, claim, theta)
+    alpha, bound = scalar(evidence, "alpha"), context.file.claim(f"{claim.maker}.convergence")
+    if alpha < 0 or bound is None:
+        raise NotShown("its alpha is negative, or there is no bound on theta")
+    error = error_inclusion(context, built(context, claim), bound.evidence)
+    demand_falls(error.at(theta), alpha, evidence)
     size, other = len(error.N), context.file.claim(f"{claim.maker}.theta")
     if other is None or not other.evidence:
         raise NotShown("there is no norm of the low gain")
@@ -88,31 +74,22 @@ def held(context: Context, claim: Claim) -> Shown:
     return Shown(f"in continuous time, hold = {short(hold)} is long enough: switching keeps the error's decay")
 
 
-def _chosen(observer: Observer, which: str) -> Fraction:
-    """That theta of the observer. Raises: `NotShown` where it is not the lower one of two."""
-    chosen = scalar(observer.numbers, which)
-    if chosen > scalar(observer.numbers, "theta"):
+def _lower(context: Context, claim: Claim) -> Shown:
+    """That the lower one of two theta is above the bound, and below the other."""
+    numbers = built(context, claim).numbers
+    if scalar(numbers, "theta_low") > scalar(numbers, "theta"):
         raise NotShown("theta_low is above theta")
-    return chosen
+    return _LOWER(context, claim)
 
 
-def _bound(context: Context, claim: Claim) -> Claim:
-    bound = context.file.claim(f"{claim.maker}.convergence")
-    if bound is None:
-        raise NotShown("there is no bound on theta")
-    return bound
+def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
+    """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
+    error = error_inclusion(context, built(context, claim), slopes)
+    demand_falls(error.at(level), alpha, claim.evidence)
+    return error.boxes
 
 
-def _falls(context: Context, claim: Claim, theta: Fraction) -> tuple[ErrorInclusion, Fraction]:
-    """The error, with the slopes of the claim of convergence, and the claim's alpha, at which V falls at a theta."""
-    alpha = scalar(claim.evidence, "alpha")
-    if alpha < 0:
-        raise NotShown("its alpha is negative")
-    error = error_inclusion(context, built(context, claim), _bound(context, claim).evidence)
-    demand_falls(error.at(theta), alpha, claim.evidence)
-    return error, alpha
-
-
+_ABOVE, _LOWER = (above_least(which, _falls) for which in ("theta", "theta_low"))
 _OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
 _SWITCHED = Built(("theta", "theta_low", "hold"), ("gains",))
 _CORES = {
@@ -124,17 +101,17 @@ _CORES = {
 OBSERVERS = {"high_gain": Built(("theta",), ("gains",)), "switched_gain": _SWITCHED, **_CORES}
 _NORM = ("P", "S")
 _EACH = (
-    ("high_gain", _OF_GAIN, "theta"),
-    ("switched_gain", _OF_GAIN, "theta_low"),
-    *((name, _OF_CORE, "theta") for name in _CORES),
+    ("high_gain", _OF_GAIN, _ABOVE),
+    ("switched_gain", _OF_GAIN, _lower),
+    *((name, _OF_CORE, _ABOVE) for name in _CORES),
 )
 RULES = (
     *(
         rule
-        for name, own, which in _EACH
+        for name, own, above in _EACH
         for rule in (
             *on_chains(name, "convergence", convergence, ("scale", "slopes", *own, "least", *_NORM)),
-            *on_chains(name, "theta", above(which), ("alpha", *_NORM), rests=(f"{name}.convergence",)),
+            *on_chains(name, "theta", above, ("alpha", *_NORM), rests=(f"{name}.convergence",)),
             clamped(name),
         )
     ),

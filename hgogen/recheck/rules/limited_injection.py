@@ -25,8 +25,8 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built
-from ..context import Context, Shown, is_above, on, short
-from ..falling import WORK, demand_negative
+from ..context import Context, Shown, on, short
+from ..falling import WORK, above_least, demand_negative
 from ..file import Built, Claim, Observer
 from ..matrix import (
     Matrix,
@@ -67,25 +67,12 @@ def convergence(context: Context, claim: Claim) -> Shown:
     return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
-def theta(context: Context, claim: Claim) -> Shown:
-    """Theta is above the bound, which is another claim's; and the error decays there, where the claim says how fast."""
-    chosen, bound = scalar(built(context, claim).numbers, "theta"), context.file.claim(f"{claim.maker}.convergence")
-    if bound is None or not chosen > scalar(bound.evidence, "least"):
-        raise NotShown(f"theta = {short(chosen)} is not above the bound")
-    known = f"theta = {is_above(chosen, scalar(bound.evidence, 'least'))}"
-    if not claim.evidence:
-        return Shown(known)
-    alpha = scalar(claim.evidence, "alpha")
-    boxes = _falls(context, claim, bound.evidence, chosen, alpha)
-    return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
-
-
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
     observer, evidence = built(context, claim), claim.evidence
     error = error_inclusion(context, observer, slopes)
-    if alpha < 0 or (observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay")):
-        raise NotShown("its alpha is negative, or above theta decay")
+    if observer.name == "dead_zone" and alpha > level * above_zero(observer.numbers, "decay"):
+        raise NotShown("its alpha is above theta decay")
     parts = error.at(level)
     G, H, N = parts.G, parts.H, scaled(1 / level, parts.M)
     n, m = len(N), len(H)
@@ -164,7 +151,7 @@ RULES = tuple(
     for rule in (
         of_observer(name, "core", core, ("units", "P", "mu", "tau")),
         *on_chains(name, "convergence", convergence, ("scale", "slopes", "units", "least", *_V)),
-        *on_chains(name, "theta", theta, ("alpha", *_V), rests=(f"{name}.convergence",)),
+        *on_chains(name, "theta", above_least("theta", _falls), ("alpha", *_V), rests=(f"{name}.convergence",)),
         clamped(name),
     )
 )

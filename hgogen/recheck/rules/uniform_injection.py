@@ -21,10 +21,10 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built, constants
-from ..context import RANGE, Context, Shown, enclosed, is_above, on, only, short
-from ..falling import demand_falls
+from ..context import RANGE, Context, Shown, enclosed, on, only, short
+from ..falling import above_least, corners_of, demand_falls
 from ..file import Built, Claim
-from ..matrix import above_zero, column, entries, plus, scalar, times, zeros
+from ..matrix import above_zero, column, entries, zeros
 from ..rule import Rule, of_observer
 from ..slope import at_kinks, continuous
 from ..stages import Parts
@@ -41,21 +41,6 @@ def convergence(context: Context, claim: Claim) -> Shown:
     boxes = _falls(context, claim, claim.evidence, least, Fraction(0))
     above = f"the error against the plant converges exponentially for every theta above {short(least, 1)}"
     return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
-
-
-def theta(context: Context, claim: Claim) -> Shown:
-    """Theta is above the bound, which is another claim's; and the error decays there, where the claim says how fast."""
-    chosen, bound = scalar(built(context, claim).numbers, "theta"), context.file.claim(f"{claim.maker}.convergence")
-    if bound is None or not chosen > scalar(bound.evidence, "least"):
-        raise NotShown(f"theta = {short(chosen)} is not above the bound")
-    known = f"theta = {is_above(chosen, scalar(bound.evidence, 'least'))}"
-    if not claim.evidence:
-        return Shown(known)
-    alpha = scalar(claim.evidence, "alpha")
-    if alpha < 0:
-        raise NotShown("its alpha is negative")
-    boxes = _falls(context, claim, bound.evidence, chosen, alpha)
-    return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
 
 
 def _falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
@@ -146,12 +131,10 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
 
 def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
     """What the error obeys at all combinations of ends. Raises: `NotShown`."""
-    M, G, H = parts.M, parts.G, parts.H
     ends = [sorted(set(pair)) for pair in shares]
-    if 2 ** len(H) * prod(map(len, ends)) > _CORNERS:
+    if 2 ** len(parts.H) * prod(map(len, ends)) > _CORNERS:
         raise NotShown(f"its slopes have more than {_CORNERS} combinations of ends")
-    for d in product((-1, 1), repeat=len(H)):
-        moved = plus(M, times(G, [[x * value for value in row] for x, row in zip(d, H, strict=True)])) if d else M
+    for moved in corners_of(parts):
         for q in product(*ends):
             push = _injected(K, q)
             whole = [[x - theta * push[i] * (j == 0) for j, x in enumerate(row)] for i, row in enumerate(moved)]
@@ -171,5 +154,5 @@ RULES = (
         "uniform.structure",
         "uniform.slope_1",
     ),
-    _rule(of_observer(_NAME, "theta", theta, ("alpha", *_NORM)), f"{_NAME}.convergence"),
+    _rule(of_observer(_NAME, "theta", above_least("theta", _falls), ("alpha", *_NORM)), f"{_NAME}.convergence"),
 )
