@@ -12,17 +12,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-import sympy as sp
-
-from hgogen.algebra.points import exact
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.form import Form
 from hgogen.guarantees.confined import confined, reached
 from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.entering import Sizes
+from hgogen.guarantees.entering import Sizes, heads_of
 from hgogen.guarantees.inclusion import of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded
 from hgogen.guarantees.quadratic import rational
@@ -163,7 +159,7 @@ def _entering(plant: PlantStep, sizes: Mapping[str, Sequence[Fraction]]) -> dict
 
 def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, entering: Mapping[str, Sizes]) -> ErrorBound:
     error, form = steps.error, step.observer.form
-    scales, shown = error.scales(steps.theta), _shown(form) if error.B.size else None
+    scales, shown = error.scales(steps.theta), heads_of(form) if error.B.size else None
     if scales is None or shown is None:
         return _unknown(step, because("the gains of its chain are no numbers"))
     fields = sorted({k for k, fed in enumerate(error.layout.fed) if fed})
@@ -184,19 +180,11 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
     samples = [
         sum(each, Fraction(0)) for each in zip(*(s.samples for s in entering.values() if s.samples), strict=True)
     ]
-    left = room(step, samples or [Fraction(0)] * len(form.output), margins, totals, error.layout)
+    left = room(step, samples or [Fraction(0)] * len(form.output), margins, totals, error.layout, shown)
     if start and multiple:
         settles = step.dt * _calls(proof, start, multiple, {k: _CLOSE * totals[k] for k in error.layout.picks})
         alone = left is not None and _calls(proof, start, multiple, left) < patient(step)
     return _stated(step, steps, shares, totals, margins, settles, multiple, alone or (left == {}))
-
-
-def _shown(form: Form) -> dict[int, tuple[int, Fraction]] | None:
-    """By the place of a first state of a chain, its output's place and dy/dz; None where that is no number."""
-    slopes = [exact(sp.sympify(sp.diff(y, form.states[head]))) for y, head in zip(form.output, form.heads, strict=True)]
-    if not all(slope.is_Rational for slope in slopes):
-        return None
-    return {head: (j, Fraction(s.p, s.q)) for j, (head, s) in enumerate(zip(form.heads, slopes, strict=True))}
 
 
 def _multiple(steps: Steps, proof: Contracts, start: Start, totals: Mapping[int, Fraction]) -> Fraction | None:

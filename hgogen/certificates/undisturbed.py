@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from hgogen.algebra.points import exact
+from hgogen.guarantees.entering import Heads
 from hgogen.guarantees.inclusion import Layout
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
@@ -22,14 +22,19 @@ _CLOSE = 1 - Fraction(1, 10**9)  # of a limit, which a program compares in float
 
 
 def room(
-    step: Step, samples: Sequence[Fraction], inside: Sequence[Fraction], totals: Mapping[int, Fraction], layout: Layout
+    step: Step,
+    samples: Sequence[Fraction],
+    inside: Sequence[Fraction],
+    totals: Mapping[int, Fraction],
+    layout: Layout,
+    shown: Heads,
 ) -> dict[int, Fraction] | None:
     """By field, what an error may be beside its bound of the `totals` for no guard to act; None where one may act with
     no more than these. `samples` (p): by how much a sample may err; `inside` (n): how clear the plant keeps."""
     if not all(_plausible(step, samples)):
         return None
     left = dict[int, Fraction]()
-    for state, most in _limits(step, samples, inside):
+    for state, most in _limits(step, samples, inside, shown):
         k = layout.picks[state]
         left[k] = min(most * _CLOSE - totals[k], left.get(k, most))
     return left if all(x > 0 for x in left.values()) else None
@@ -49,15 +54,16 @@ def _plausible(step: Step, samples: Sequence[Fraction]) -> Iterator[bool]:
         yield known.low - size >= low - width and known.high + size <= high + width
 
 
-def _limits(step: Step, samples: Sequence[Fraction], inside: Sequence[Fraction]) -> Iterator[tuple[int, Fraction]]:
+def _limits(
+    step: Step, samples: Sequence[Fraction], inside: Sequence[Fraction], shown: Heads
+) -> Iterator[tuple[int, Fraction]]:
     """States, by place, and up to which error no sign of the estimate being lost shows."""
     form = step.observer.form
     spans = [high - low for low, high in readings(form)]
     for sign in step.signs:
         if sign.output is not None:
-            head, y = form.heads[sign.output], form.output[sign.output]
-            slope = Fraction(str(abs(exact(sp.sympify(sp.diff(y, form.states[head]))))))
-            yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / slope
+            head = form.heads[sign.output]
+            yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / abs(shown[head][1])
             continue
         own = all(row.is_Symbol or (-row).is_Symbol for row in form.from_form)
         for i, (state, clear) in enumerate(zip(form.states, inside, strict=True)):

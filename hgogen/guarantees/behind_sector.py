@@ -105,8 +105,13 @@ class Behind:
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
         """Why there is none at theta."""
-        held = Flow(self.error, self.theta).unstable(states)
+        held = self._flow.unstable(states)
         return held or because("no function is found for all slopes in their ranges")
+
+    @cached_property
+    def _flow(self) -> Flow:
+        """The error with all of it injected, at theta."""
+        return Flow(self.error, self.theta)
 
     def _reach(self, one: Decay) -> Iterator[tuple[Fraction, Fraction]]:
         """The least theta of a V in floats, and the first from the declared one on at which it serves, where there is
@@ -122,7 +127,7 @@ class Behind:
         """The largest alpha of a V at theta, in floats; below 0 where it does not fall."""
         if not self._holds(one, self.theta):
             return Fraction(-1)
-        most = Fraction(-2 * Flow(self.error, self.theta).slowest[0])
+        most = Fraction(-2 * self._flow.slowest[0])
         if one.adaptation.shape.most:
             most = min(most, self.theta * one.adaptation.decay)
         first = most * SLOW

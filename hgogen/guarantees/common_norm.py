@@ -28,7 +28,7 @@ from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.contracting import farthest
 from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain
 from hgogen.guarantees.lmi import NoSolver, cones
-from hgogen.guarantees.quadratic import Array, Quadratic, Weights, negative, proved, rational, verified
+from hgogen.guarantees.quadratic import Array, Quadratic, Weights, inverse_root, negative, proved, rational, verified
 from hgogen.guarantees.semidefinite import Margin, widest
 from hgogen.guarantees.stagewise import corners, flowing
 from hgogen.intervals import outward
@@ -288,10 +288,7 @@ class Flow:
     @cached_property
     def _coordinates(self) -> Array | None:
         """P^(-1/2) of it, near which the P that are sought are."""
-        if self._alone is None:
-            return None
-        values, vectors = np.linalg.eigh(self._alone)
-        return np.asarray(vectors / np.sqrt(values) @ vectors.T)
+        return None if self._alone is None else inverse_root(self._alone)
 
 
 def _reached(

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from flint import fmpq_mat
 
 from hgogen.algebra.definite import fraction, root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, floats
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, extent, floats
 from hgogen.guarantees.semidefinite import holding, shortest
 
 _WHAT = "a bound of the errors from a start"
@@ -47,12 +46,8 @@ def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array
 
 def reached(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fraction]:
     """How far |c e| goes at most: the root of c P^-1 c' times the largest |e(0)|_P^2."""
-    begins, inverse = max(corner @ P @ corner for corner in corners), fmpq_mat(P.tolist()).inv()
-    bounds = {}
-    for place, c in rows.items():
-        row = fmpq_mat([c.tolist()])
-        bounds[place] = root(fraction((row * inverse * row.transpose())[0, 0] * begins))
-    return bounds
+    begins = fraction(max(corner @ P @ corner for corner in corners))
+    return {place: root(extent(P, c) * begins) for place, c in rows.items()}
 
 
 def _sought(of: Quadratic, corners: Array, rows: Array, W: Array, margin: float) -> tuple[Array, Array] | None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from hgogen.algebra.definite import number
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.quadratic import Array, Weights, negative, proved
+from hgogen.guarantees.quadratic import Array, Weights, inverse_root, negative, proved
 from hgogen.guarantees.semidefinite import sought
 from hgogen.guarantees.stagewise import ErrorStep, Stagewise, corners, flowing
 
@@ -81,10 +81,7 @@ class Steps:
     def coordinates(self) -> Array | None:
         """P^(-1/2) (N, N) of continuous time, near which the P of a step are; None where a solver finds none."""
         weights = sought((flowing(self._uncertain, number(_NOTHING)),), _WHAT)
-        if weights is None:
-            return None
-        values, vectors = np.linalg.eigh(weights[0])
-        return np.asarray(vectors / np.sqrt(values) @ vectors.T)
+        return None if weights is None else inverse_root(weights[0])
 
     def proved(self, h: Fraction) -> Contracts | None:
         """A proof with a rate that is close to the largest that the inequality gives; None where none is found.

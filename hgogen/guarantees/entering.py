@@ -10,12 +10,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+import sympy as sp
+
+from hgogen.algebra.points import exact
+from hgogen.form import Form
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.stagewise import Inputs, Stagewise
 
 _NOTHING = Fraction(0)
 ENTERING = ("noise", "rounded", "late", "disturbance", "parameters", "rates")  # of which a user says how large they are
+
+
+Heads = Mapping[int, tuple[int, Fraction]]  # by the place of a first state of a chain, its output's place and dy/dz
+
+
+def heads_of(form: Form) -> Heads | None:
+    """What outputs show of the first states of their chains; None where a slope is no number."""
+    slopes = [exact(sp.sympify(sp.diff(y, form.states[head]))) for y, head in zip(form.output, form.heads, strict=True)]
+    if not all(slope.is_Rational for slope in slopes):
+        return None
+    return {head: (j, Fraction(slope)) for j, (head, slope) in enumerate(zip(form.heads, slopes, strict=True))}
 
 
 @dataclass(frozen=True)
@@ -36,11 +51,8 @@ class Sizes:
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
         return Sizes(tuple(x / size for x in self.samples), rows, tuple(x / size for x in self.beside))
 
-    def inputs(
-        self, step: Stagewise, error: Inclusion, scales: Sequence[Fraction], shown: Mapping[int, tuple[int, Fraction]]
-    ) -> Inputs:
-        """The inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them, `shown`: by the place of
-        a first state of a chain, its output's place and dy/dz."""
+    def inputs(self, step: Stagewise, error: Inclusion, scales: Sequence[Fraction], shown: Heads) -> Inputs:
+        """The inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them."""
         each = list[Inputs]()
         for output, size in enumerate(self.samples):
             each += [end * size for end in step.ends(output) if size]

@@ -33,11 +33,12 @@ from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import Box, box
+from hgogen.intervals.box import Box, End, box
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed, signals
 
+_THIRD = 3  # order of the Taylor coefficient of a line
 _SHORT = 10_000  # the largest denominator of a tableau's coefficients
 
 
@@ -75,9 +76,8 @@ class PlantStep:
         (a, b, c), rate = self._coefficients, self._shown(output)
         by = zip((*self.form.states, *self.form.system.inputs), (*self.speeds, *self._moving), strict=True)
         bend = sum((self._largest(sp.diff(rate, x)) * most for x, most in by), Fraction(0))
-        rows = [(*row, *[Fraction(0)] * (len(b) - len(row))) for row in a]
-        away = [sum(map(abs, row), Fraction(0)) for row in rows]  # of a stage from the start, over h sup|F|
-        weights = [[abs(at * w - x) for w, x in zip(b, row, strict=True)] for at, row in zip(c, rows, strict=True)]
+        away = [sum(map(abs, row), Fraction(0)) for row in a]  # of a stage from the start, over h sup|F|
+        weights = [[abs(at * w - x) for w, x in zip(b, row, strict=True)] for at, row in zip(c, a, strict=True)]
         shares = [sum(w * far for w, far in zip(row, away, strict=True)) for row in weights]
         coarse = [self.h**2 * share * bend for share in shares]
         fine = (self._bent(output, i) for i in range(len(c)))
@@ -86,20 +86,18 @@ class PlantStep:
     def _bent(self, output: int, stage: int) -> Fraction | None:
         """The bound of a line by its third Taylor coefficient, where the second is 0; None elsewhere."""
         (a, b, c), y = self._coefficients, self.form.output[output]
-        rows = [(*row, *[Fraction(0)] * (len(b) - len(row))) for row in a]
-        weights = [c[stage] * w - x for w, x in zip(b, rows[stage], strict=True)]
+        weights = [c[stage] * w - x for w, x in zip(b, a[stage], strict=True)]
         second = sum((w * at for w, at in zip(weights, c, strict=True)), Fraction(0))
-        if [sum(row) for row in rows] != c or second:
+        if [sum(row) for row in a] != c or second:
             return None
         try:
-            stages, end = self._step_series(4)
+            stages, end = self._step_series
         except (Undecided, ZeroDivisionError, NoTape):
             return None
-        by = zip(self.form.states, end, stages[stage], strict=True)
-        terms = (
-            self._largest(sp.diff(y, z)) * _above(last[3] * flint.arb(number(c[stage])) - one[3]) for z, last, one in by
-        )
-        return self.h**3 * sum(terms, Fraction(0))
+        at = flint.arb(number(c[stage]))
+        bent = (_above(last[_THIRD] * at - one[_THIRD]) for last, one in zip(end, stages[stage], strict=True))
+        terms = (self._largest(sp.diff(y, z)) * most for z, most in zip(self.form.states, bent, strict=True))
+        return self.h**_THIRD * sum(terms, Fraction(0))
 
     def shown(self, output: int, beside: Sequence[Fraction]) -> Fraction:
         """sup|y'| of an output of a plant whose rates are beside F by at most these sizes (n). Raises: `Unbounded`."""
@@ -166,7 +164,7 @@ class PlantStep:
         """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
         order = self.tableau.order
         try:
-            flow, (_, step) = self._flow_series(order + 2), self._step_series(order + 2)
+            flow, (_, step) = self._flow_series(order + 2), self._step_series
         except (Undecided, ZeroDivisionError, NoTape) as error:
             raise Unbounded(
                 because("the method's remainder has no bound on the ranges: {flow}", flow=self.flow)
@@ -183,9 +181,11 @@ class PlantStep:
                 row.append(rate[k] / (k + 1))
         return states
 
-    def _step_series(self, order: int) -> tuple[list[list[list[Any]]], list[list[Any]]]:
-        """Those of the stages (s) and of the step in its length, at any length up to h."""
+    @cached_property
+    def _step_series(self) -> tuple[list[list[list[Any]]], list[list[Any]]]:
+        """Those of the stages (s) and of the step in its length, at any length up to h: as many as are read."""
         (a, b, c), (states, inputs, _) = self._coefficients, self._balls
+        order = max(_THIRD + 1, self.tableau.order + 2)
         length = flint.arb_series([_ball(Fraction(0), self.h), flint.arb(1)], prec=order)
         slopes, stages = list[list[Any]](), list[list[list[Any]]]()
 
@@ -222,19 +222,21 @@ class PlantStep:
         for signal in (*form.states, *system.inputs):
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))
-        states, inputs = ([_ball(*map(Fraction, s.interval)) for s in each] for each in (form.states, system.inputs))
+        ends = box(signals(form), system.nominal)
+        each = (form.states, system.inputs, system.parameters)
+        states, inputs, parameters = ([_ball(*ends[x]) for x in group] for group in each)
         rates = [_ball(-most, most) for most in self._moving]
-        ends = [s.interval if s.bounded else (system.nominal[s],) * 2 for s in system.parameters]
-        return states, list(zip(inputs, rates, strict=True)), [_ball(*map(_fraction, pair)) for pair in ends]
+        return states, list(zip(inputs, rates, strict=True)), parameters
 
     @property
     def _coefficients(self) -> tuple[list[list[Fraction]], list[Fraction], list[Fraction]]:
-        """a, b and c as the tableau means them."""
+        """a, its rows as long as b, b and c as the tableau means them."""
 
         def exactly(values: Sequence[float]) -> list[Fraction]:
             return [Fraction(value).limit_denominator(_SHORT) for value in values]
 
-        return [exactly(row) for row in self.tableau.a], exactly(self.tableau.b), exactly(self.tableau.c)
+        rows = [(*row, *[0.0] * (len(self.tableau.b) - len(row))) for row in self.tableau.a]
+        return [exactly(row) for row in rows], exactly(self.tableau.b), exactly(self.tableau.c)
 
     @property
     def _moving(self) -> tuple[Fraction, ...]:
@@ -278,8 +280,8 @@ def _steepest(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
     return Fraction(known.high)
 
 
-def _ball(low: Fraction, high: Fraction) -> Any:
-    return flint.arb(number(low)).union(flint.arb(number(high)))
+def _ball(low: End, high: End) -> Any:
+    return flint.arb(number(Fraction(low))).union(flint.arb(number(Fraction(high))))
 
 
 def _above(value: Any) -> Fraction:
@@ -290,7 +292,3 @@ def _above(value: Any) -> Fraction:
 
 def _padded(values: list[Any], order: int) -> list[Any]:
     return [*values, *[flint.arb(0)] * (order - len(values))]
-
-
-def _fraction(value: Any) -> Fraction:
-    return Fraction(value.p, value.q) if isinstance(value, sp.Rational) else Fraction(value)

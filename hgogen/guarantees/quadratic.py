@@ -139,6 +139,18 @@ def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
     return all(positive(fmpq_mat((-form.value(P, S)).tolist())) for form in forms)
 
 
+def extent(P: Array, c: Array) -> Fraction:
+    """c P^-1 c', the largest |c e|^2 where |e|_P <= 1; of FLINT's rationals."""
+    row = fmpq_mat([c.tolist()])
+    return fraction((row * fmpq_mat(P.tolist()).solve(row.transpose()))[0, 0])
+
+
+def inverse_root(P: Array) -> Array:
+    """P^(-1/2) of a P > 0 in floats: coordinates x, e = P^(-1/2) x, in which P is the unit matrix."""
+    values, vectors = np.linalg.eigh(P)
+    return np.asarray(vectors / np.sqrt(values) @ vectors.T)
+
+
 def floats(M: Array) -> Array:
     """An array of rationals, or of floats already, as floats."""
     if M.dtype == float:

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from flint import fmpq_mat
 
-from hgogen.algebra.definite import fraction, root
+from hgogen.algebra.definite import root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, floats
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, extent, floats
 from hgogen.guarantees.semidefinite import shortest, together
 from hgogen.guarantees.stagewise import Inputs
 
@@ -65,8 +64,7 @@ def _at(steps: Steps, h: Fraction, inputs: Inputs, c: Array, alpha: Fraction) ->
     exactly = confirmed(form, lambda margin: _sought(*asked, margin), q, alpha)
     if exactly is None:
         return None
-    row, inverse = fmpq_mat([c.tolist()]), fmpq_mat(exactly[0].tolist()).inv()
-    return InputBound(alpha, Weights.of(*exactly), root(fraction((row * inverse * row.transpose())[0, 0])))
+    return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
 
 
 def _sought(of: Quadratic, c: Array, alpha: float, W: Array, q: int, margin: float) -> tuple[Array, Array] | None:
