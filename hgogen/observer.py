@@ -345,7 +345,7 @@ def any_theta(theta: Any) -> Field:
     return high_gain_parameter(value) if value >= 1 else gain("theta", value, value, value, "high-gain parameter")
 
 
-def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:
+def parameter_fields(parameters: Iterable[Signal]) -> tuple[Field, ...]:
     """The plant's parameters that have a range, as fields of places `plant.NAME`."""
     return tuple(
         Field(
@@ -356,7 +356,7 @@ def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:
             unit=s.unit,
             meaning=s.meaning,
         )
-        for s in system_signals
+        for s in parameters
         if s.bounded
         for low, high in (s.interval,)
     )

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.method import Method
-from hgogen.observer import Observer, tunable
+from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Clock, Pieces
 from hgogen.program import (
     INF,
@@ -293,7 +293,7 @@ def _pieces(observer: Observer, method: Method, clock: Clock) -> tuple[Pieces, .
 def _assembled(observer: Observer, method: Method, clock: Clock, limit: float) -> Step:
     pieces, system = _pieces(observer, method, clock), observer.form.system
     made = Assembly(observer, clock, pieces)
-    plant = tunable(system.parameters)
+    plant = parameter_fields(system.parameters)
     step = Step(
         name=system.name,
         observer=observer,

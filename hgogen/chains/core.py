@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
-from hgogen.observer import Observer, tunable
+from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Ode
 from hgogen.program import Block, Place, address, sym
 
@@ -67,7 +67,7 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:
     """The numbers of the places of parameters, gains and what is derived of them, all as declared."""
-    fields = [("plant", field) for field in tunable(observer.form.system.parameters)]
+    fields = [("plant", field) for field in parameter_fields(observer.form.system.parameters)]
     fields += [("gain", field) for field in observer.gains]
     values = {Place(kind, field.name): np.array(field.initial) for kind, field in fields}
     for part in observer.parts:

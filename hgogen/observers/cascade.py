@@ -31,7 +31,7 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
-from hgogen.observer import Observer, founded, high_gain_parameter, tunable
+from hgogen.observer import Observer, founded, high_gain_parameter, parameter_fields
 from hgogen.program import INF, Field, Place, column, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.signal import resting
@@ -146,7 +146,7 @@ def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] 
     w, n = chain.field(initial, float(slopes[0])), chain.n
     system = chain.form.system
     u = column(map(resting, system.inputs))
-    places = {Place("plant", field.name): np.array(field.initial) for field in tunable(system.parameters)}
+    places = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(system.parameters)}
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), places).reshape(-1)
     rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]
     bottom, top = _span(chain)
