@@ -7,7 +7,7 @@ or by the way the observer is built; what remains is about the plant in operatio
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from hgogen.check import Check, ClaimId, Claims, Verdict, worst
 from hgogen.sentence import NONE, Reason, because, joined
@@ -36,6 +36,13 @@ def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
     return Convergence.ABOVE if enough else Convergence.BELOW
 
 
+class Beyond(NamedTuple):
+    """A claim of the step as it runs that, where it is proved, says more than the theorem does: `reason`, what of."""
+
+    claims: Claims
+    reason: str
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """One hypothesis of a theorem.
@@ -43,7 +50,8 @@ class Hypothesis:
     `claim`: a sentence; `checks`: which claims know it; `verdict`: what is known without a check, by construction, None
     where only the user can know; `reason`: how, or what the user should see to, or what the checks do not say, a
     constant text; `reference`: where the theorem says so. With `optional`, it is dropped where no check makes such a
-    claim.
+    claim. `beyond`: by what a proof of the step makes it needless, or shows when it holds; its reason then stands
+    in the place of the other.
     """
 
     claim: str
@@ -52,6 +60,7 @@ class Hypothesis:
     reason: str = ""
     reference: str = ""
     optional: bool = False
+    beyond: Beyond | None = None
 
 
 @dataclass(frozen=True)
@@ -103,8 +112,8 @@ class Row:
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
     """The theorem's hypotheses, each with the verdict of its worst check; unknown where no check knows it."""
     known = tuple(checks)
-    candidates = (_row(hypothesis, known) for hypothesis in theorem.hypotheses)
-    return tuple(row for row in candidates if row is not None)
+    candidates = ((hypothesis, _row(hypothesis, known)) for hypothesis in theorem.hypotheses)
+    return tuple(_as_it_runs(row, each.beyond, known) for each, row in candidates if row is not None)
 
 
 def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
@@ -120,6 +129,14 @@ def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
     elif hypothesis.checks:
         verdict, reason = Verdict.UNKNOWN, because("the form makes no such check")
     return Row(hypothesis.claim, verdict, reason, tuple(check.id for check in telling), hypothesis.reference)
+
+
+def _as_it_runs(row: Row, beyond: Beyond | None, known: Iterable[Check]) -> Row:
+    """The row, which names what is proved of the step in the place of what trials and the status show."""
+    if beyond is None:
+        return row
+    ids = tuple(check.id for check in known if check.verdict is Verdict.PROVED and check.id in beyond.claims)
+    return replace(row, reason=because(beyond.reason), checks=(*row.checks, *ids)) if ids else row
 
 
 # Hypotheses that theorems on form (3) of Boizot, Busvelle, Gauthier 2010 have in common.
@@ -170,23 +187,31 @@ OPERATION = (
     Hypothesis(
         "the model is exact: its parameters are the plant's and constant, no state jumps",
         reason="after a jump the theorem starts again",
+        beyond=Beyond(
+            Claims(fact="error"),
+            "bounds what disturbances and parameters within their tolerances do to the step as it runs",
+        ),
     ),
     Hypothesis(
         "y is measured without noise",
         reason="noise leaves an error that trials measure",
+        beyond=Beyond(Claims(fact="noise"), "bounds what it does to the step as it runs"),
     ),
     Hypothesis(
         "y and the input are known at all times",
         verdict=Verdict.UNKNOWN,
         reason="a step takes samples of them: the theorem is of continuous time, and trials measure the difference",
+        beyond=Beyond(Claims(fact="step"), "is of the samples that the step takes"),
     ),
     Hypothesis(
         "the gains have their declared values",
         reason="each can be tuned within its range, and what is known here is known of the declared value",
+        beyond=Beyond(Claims(fact="tuned"), "is of a whole range"),
     ),
     Hypothesis(
         "the estimate does not touch its outer box",
         reason="watch the status STATE_LIMITED, which suspends the theorem",
+        beyond=Beyond(Claims(fact="start"), "shows from which first errors it does not"),
     ),
     Hypothesis(
         "no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as long "

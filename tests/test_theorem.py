@@ -9,7 +9,7 @@ import hgogen as hg
 from hgogen.check import Check, ClaimId, Claims, Refuted, Verdict
 from hgogen.model import load
 from hgogen.structure.dynamics import Dynamics
-from hgogen.theorem import YOURS, Hypothesis, Row, Theorem, rows
+from hgogen.theorem import YOURS, Beyond, Hypothesis, Row, Theorem, rows
 
 
 def check(id: ClaimId, verdict: Verdict) -> Check:
@@ -73,6 +73,28 @@ def test_an_optional_hypothesis_without_a_check_is_dropped() -> None:
     hypothesis = Hypothesis("coordinates", (Claims("recast"),), optional=True)
     assert one(hypothesis) == ()
     assert one(hypothesis, check(ClaimId("recast", "inverse"), Verdict.REFUTED))[0].verdict is Verdict.REFUTED
+
+
+def test_what_is_proved_of_the_step_stands_in_the_place_of_what_trials_show() -> None:
+    """And an open claim of the step says nothing; the hypothesis is the theorem's, and left to the user as before."""
+    hypothesis = Hypothesis("no noise", reason="look", beyond=Beyond(Claims(fact="b"), "bounds what it does"))
+    (proved,) = one(hypothesis, check(a(1), Verdict.PROVED), check(B, Verdict.PROVED))
+    assert (proved.verdict, str(proved.reason), proved.checks) == (None, "bounds what it does", (B,))
+    for verdict in set(Verdict) - {Verdict.PROVED}:
+        (open_,) = one(hypothesis, check(a(1), Verdict.PROVED), check(B, verdict))
+        assert (open_.verdict, str(open_.reason), open_.checks) == (None, "look", ())
+
+
+def test_the_claims_of_a_step_are_named_by_the_theorem() -> None:
+    observer = load(MODELS / "pendulum.py").step().observer
+    facts = ("step", "noise", "tuned", "start", "error")
+    proofs = [check(ClaimId("high_gain", fact), Verdict.PROVED) for fact in facts]
+    named = {row.claim: row.checks for row in rows(observer.theorem, (*observer.checks, *proofs))}
+    assert named["y is measured without noise"] == ("high_gain.noise",)
+    assert named["y and the input are known at all times"] == ("high_gain.step",)
+    assert named["the gains have their declared values"] == ("high_gain.tuned",)
+    assert named["the estimate does not touch its outer box"] == ("high_gain.start",)
+    assert sum("high_gain.error" in checks for checks in named.values()) == 1
 
 
 def test_what_only_the_user_knows_is_left_to_him() -> None:
