@@ -13,11 +13,12 @@ Numbers are exact and texts, "7/2" or "0.05"; an infinite end of a range is null
 value as both ends. x' = flow(x, u), y = output(x, u) is the plant as first declared, z = to_form(x), x = from_form(z),
 z' = A z + b, y = output the form, with the number of states of each output's chain, and how chains may read each other.
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
-the box; an output whose chain has no states, and that is a multiple of another's, shares the mean of their errors
-(`structure.spare`); of a form "phase.recovered" b is taken at the recovered state instead. from_form is the plain
-inverse: what an observer evaluates is the same on the image of the plant's ranges, and beyond keeps its denominators
-off 0. The equations of the others, with their numbers, stand where they are verified, in the files of
-`hgogen.recheck.rules`.
+the box; of several chains gains act chain by chain, or are a matrix, row by row, whose entry for the state i and the
+output of chain k stands times theta^(p(i) - p(k) + 1), p the powers of theta that scale states; an output whose chain
+has no states, and that is a multiple of another's, shares the mean of their errors (`structure.spare`); of a form
+"phase.recovered" b is taken at the recovered state instead. from_form is the plain inverse: what an observer evaluates
+is the same on the image of the plant's ranges, and beyond keeps its denominators off 0. The equations of the others,
+with their numbers, stand where they are verified, in the files of `hgogen.recheck.rules`.
 `model` stands in the banner of the C as well. The digests find accidents; they are no signature.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in

@@ -1,16 +1,17 @@
-"""The constant gain of a high-gain observer, chain by chain: from poles, or as given.
+"""The constant gain of a high-gain observer on chains: from poles, or as given.
 
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
 Poles make K_j = p_j/(a_1..a_j), p the coefficients of their polynomial: the linear error core has theta times them,
 whatever the parameters. A gain K as given serves an A(u) and C(u) as well: A - K C is Hurwitz at the ends of the ranges
-of all a_j, by exact test; that one quadratic function decays for every u is what `common_norm` proves.
+of all a_j, by exact test; that one quadratic function decays for every u is what `common_norm` proves. One for several
+chains is a sequence for each, which acts on the output of its own chain, or a matrix, each of whose rows acts on all.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import casadi as ca
@@ -18,6 +19,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.columns import Column, columns
 from hgogen.chains.gains import coefficients
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators, demand_divisor, no_chain
@@ -29,59 +31,76 @@ from hgogen.intervals.digits import same
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.sentence import Reason
-from hgogen.structure.polytope import Corner, chains, corners
+from hgogen.structure.polytope import chains, several_corners
+from hgogen.structure.scaling import power
+
+Chain = tuple[sp.Expr, ...]
+
+_OWN = 2  # numbers in the index of an entry for its own chain
 
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """The gain `K` (n), of parameters, for chains of the `sizes`.
+    """The gain of the entries `K`, of parameters, at their `places`.
 
     `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
     `error` is what the error obeys.
     """
 
     K: tuple[sp.Expr, ...]
-    sizes: tuple[int, ...]
+    places: tuple[Column, ...]
     driven: bool
     vertices: np.ndarray
     error: Inclusion | Nothing
 
     def __str__(self) -> str:
-        heads = [sum(self.sizes[:i]) for i in range(len(self.sizes))]
         numbers = {x: sp.Symbol(same(float(x))) for k in self.K for x in k.atoms(sp.Float)}
-        texts = [str(k.xreplace(numbers)) for k in self.K]
-        each = (", ".join(texts[head : head + size]) for head, size in zip(heads, self.sizes, strict=True))
-        return ", ".join(f"({chain})" for chain in each)
+        texts = dict(zip(self.places, (str(k.xreplace(numbers)) for k in self.K), strict=True))
+        groups = groupby(texts, lambda place: place.row if self.whole else place.chain)
+        return ", ".join(f"({', '.join(texts[place] for place in group)})" for _, group in groups)
+
+    @property
+    def whole(self) -> bool:
+        """Whether rows act on outputs of other chains, too."""
+        return any(len(place.index) > _OWN for place in self.places)
 
     @property
     def labels(self) -> tuple[str, ...]:
         """theta K_1, theta^2 K_2, ..; chain by chain of several."""
-        place = "K_({0},{1})" if len(self.sizes) > 1 else "K_{1}"
-        powers = [(i, j) for i, size in enumerate(self.sizes, 1) for j in range(1, size + 1)]
-        return tuple(f"theta{f'^{j}' if j > 1 else ''} {place.format(i, j)}" for i, j in powers)
+        return tuple(f"{_power(place.power)}K_{_index(place.index)}" for place in self.places)
 
     def scaled(self, form: Form) -> Any:
-        """theta^j K_(i,j) (n), SX of the places of gains and parameters."""
+        """theta^j K_(i,j), entry by entry, SX of the places of gains and parameters."""
         constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
         parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
         values: list[Any] = to_casadi([k.subs(constants) for k in self.K], parameters)
-        powered: list[Any] = []
-        for size in self.sizes:
-            power = ca.SX(1)
-            for _ in range(size):
-                power = power * sym("gain", "theta")
-                powered.append(power * values[len(powered)])
+        powered = (_powered(place.power) * value for place, value in zip(self.places, values, strict=True))
         return ca.vertcat(*powered)
 
     def onto(self, e: Any) -> Any:
-        """The place derived.K (n) times the error (q) of each chain's output."""
+        """The place derived.K, times the error (q) of each chain's output: (n)."""
         K = sym("derived", "K", len(self.K))
-        chain = [i for i, size in enumerate(self.sizes) for _ in range(size)]
-        return ca.vertcat(*(K[row] * e[i] for row, i in enumerate(chain)))
+        rows = groupby(zip(self.places, ca.vertsplit(K), strict=True), lambda pair: pair[0].row)
+        return ca.vertcat(*(sum(k * e[place.chain] for place, k in row) for _, row in rows))
+
+
+def _power(exponent: int) -> str:
+    return "" if exponent == 0 else "theta " if exponent == 1 else f"theta^{exponent} "
+
+
+def _index(index: tuple[int, ...]) -> str:
+    return str(index[0]) if len(index) == 1 else f"({','.join(map(str, index))})"
+
+
+def _powered(exponent: int) -> Any:
+    """theta^exponent as products."""
+    theta = sym("gain", "theta")
+    return power(theta, exponent) if exponent >= 0 else 1 / power(theta, -exponent)
 
 
 def constant_gain(observer: str, form: Form, poles: Any, gains: Any) -> ConstantGain:
-    """The gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for each.
+    """The gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for each; gains
+    may be a matrix (n, q), of a column for each chain's output.
 
     Raises: `BadGain`, `BadPoles`, `NotHurwitz`.
     """
@@ -105,7 +124,7 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
     error = on_companion(Integrators(form, form.gains), tuple(p))
-    return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), error)
+    return ConstantGain(K, columns(form, form.n), False, np.empty((0, form.n, form.n)), error)
 
 
 def _polynomial(poles: Any, n: int) -> np.ndarray:
@@ -119,33 +138,54 @@ def _polynomial(poles: Any, n: int) -> np.ndarray:
 def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -> ConstantGain:
     if isinstance(gains, Nothing):
         raise BadGain("gains", f"were not found: {gains.reason}")
-    sizes, K, ends = tuple(len(chain) for chain in each if chain), [], []
-    for chain_gains, chain in zip(_split("gains", gains, sizes), filter(None, each), strict=True):
-        k = reals("gains", chain_gains)
-        if k.shape != (len(chain),) or not np.isfinite(k).all():
-            raise BadGain(f"gains = {gains!r}", f"must be {' and '.join(map(str, sizes))} finite numbers")
-        vertices = corners(chain, form)
+    K, ends = list[float](), []
+    for group, k in _groups(gains, [chain for chain in each if chain]):
+        vertices = several_corners(group, form)
         if isinstance(vertices, Reason):
             raise BadGain(f"gains = {gains!r}", f"cannot be judged: {vertices}; declare ranges, or use riccati")
-        closed = [_closed(corner, k) for corner in vertices]
+        closed = [A - gain @ C for gain in (_exact(k),) for A, C in vertices]
         fix = "take others for the ranges of the a_i, such as hg.design.constant_gain(form)"
         for matrix in closed:
             demand_hurwitz("gains", matrix, fix)
-        K.extend(k.tolist())
+        K.extend(k.ravel().tolist())
         ends.append(np.array(closed, dtype=float))
     driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)
     error = with_gains(form, [*map(Fraction, K)])
-    return ConstantGain(tuple(map(sp.Float, K)), sizes, driven, _stacked(ends), error)
+    return ConstantGain(tuple(map(sp.Float, K)), columns(form, len(K)), driven, _stacked(ends), error)
 
 
-def _closed(corner: Corner, k: np.ndarray) -> np.ndarray:
-    """A - K C in fractions."""
-    (A, C), gain = corner, [Fraction(x) for x in k.tolist()]
-    return np.array([[a - gain[i] * c for a, c in zip(row, C, strict=True)] for i, row in enumerate(A)], dtype=object)
+def _groups(gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
+    """Chains that the gain ties to each other, with its block for them: all for a matrix, else one after the other.
+
+    Raises: `BadGain`.
+    """
+    sizes = tuple(map(len, each))
+    n, q = sum(sizes), len(sizes)
+    whole = _shape(gains) == (n, q)
+    parts = (gains,) if whole else _split("gains", gains, sizes, f", or a matrix of {n} x {q}")
+    groups = [each] if whole else [[chain] for chain in each]
+    for group, values in zip(groups, parts, strict=True):
+        k, rows = reals("gains", values), sum(map(len, group))
+        if k.shape not in ((rows, len(group)), (rows,) * (len(group) == 1)) or not np.isfinite(k).all():
+            said = f"{n} x {q}" if whole and q > 1 else " and ".join(map(str, sizes))
+            raise BadGain(f"gains = {gains!r}", f"must be {said} finite numbers")
+        yield group, k.reshape(rows, len(group))
+
+
+def _shape(values: Any) -> tuple[int, ...]:
+    """That of an array, () of what is none, as rows of different lengths are not."""
+    try:
+        return np.shape(values)
+    except ValueError:
+        return ()
+
+
+def _exact(values: np.ndarray) -> np.ndarray:
+    return np.array([[Fraction(x) for x in row] for row in values.tolist()], dtype=object)
 
 
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:
-    """Each chain's matrices (k_i, n_i, n_i) along the diagonal; all eigenvalues are there, not all combinations."""
+    """Each group's matrices (k_i, n_i, n_i) along the diagonal; all eigenvalues are there, not all combinations."""
     n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
     stacked = np.zeros((most, n, n))
     for each, (head, end) in zip(ends, pairwise(np.cumsum([0, *(each.shape[1] for each in ends)])), strict=True):
@@ -153,13 +193,14 @@ def _stacked(ends: list[np.ndarray]) -> np.ndarray:
     return stacked
 
 
-def _split(what: str, values: Any, sizes: tuple[int, ...]) -> Sequence[Any]:
+def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") -> Sequence[Any]:
     """The values for each chain. Raises: `BadGain` where they are not one sequence for each."""
     if len(sizes) == 1:
         return (values,)
     count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0
-    if count != len(sizes) or any(np.ndim(each) != 1 for each in values):
-        raise BadGain(f"{what} = {values!r}", f"must be {len(sizes)} sequences, one for each output with a chain")
+    if count != len(sizes) or any(len(_shape(each)) != 1 for each in values):
+        known = f"must be {len(sizes)} sequences, one for each output with a chain{instead}"
+        raise BadGain(f"{what} = {values!r}", known)
     return tuple(values)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.definite import Matrix, number
+from hgogen.chains.columns import as_matrix
 from hgogen.chains.integrators import Integrators
 from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grammar import outward, tree
@@ -225,22 +226,21 @@ def on_companion(chain: Integrators, p: Sequence[float]) -> Inclusion | Nothing:
 
 
 def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
-    """The inclusion of a constant gain K (n) in the form's own coordinates, whose a_i may move with inputs."""
+    """The inclusion of a constant gain of the entries K (n, or n q: `columns`) in the form's own coordinates, whose a_i
+    may move with inputs."""
     reason = obstacle(form)
     if reason:
         return Nothing(reason)
     n, slopes, ranges = form.n, list[Slope](), list[Evidence | None]()
-    head = [at for at, size in zip(form.heads, form.blocks, strict=True) for _ in range(size)]
+    heads, gain = [form.heads[k] for k in form.leads], as_matrix(form, K)
     for at, a in enumerate(a for chain in chains(form) for a in chain):
         known = span(a, form)
         if not (known and known.defined and known.finite):
             return Nothing(because("a = {a} has no finite range on the box", a=a))
         ranges.append(enclosure(form, a, known))
         ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
-        onto = [-k if head[i] == at else Fraction(0) for i, k in enumerate(K)]
-        if at != head[at]:
-            onto[at - 1] = Fraction(1)
-        slopes.append(Slope(at, tuple(onto), *ends, -1))
+        onto = -gain[:, heads.index(at)] if at in heads else np.arange(n) == at - 1
+        slopes.append(Slope(at, tuple(map(Fraction, onto.tolist())), *ends, -1))
     numbers = {"gains": tuple(map(sp.Rational, K))}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
     error = inclusion(form, plain(form), np.zeros((n, n)), by_chain(form, K), ones, one, numbers, slopes)
@@ -253,12 +253,11 @@ def of_state(scales: Sequence[Fraction], field: int) -> Array:
 
 
 def by_chain(form: Form, gains: Sequence[Any]) -> Array:
-    """The gains (n) as a matrix (n, p), each in the column of its chain's output; where outputs share a chain (n, 0)
+    """The entries of a gain as a matrix (n, p), each in the column of its output; where outputs share a chain (n, 0)
     entries, as noise enters by their weights."""
     if len(form.leads) < len(form.blocks):
         return np.zeros((form.n, 0), dtype=object)
-    chain = [i for i, size in enumerate(form.blocks) for _ in range(size)]
-    return np.array([[k if i == j else 0 for j in range(len(form.blocks))] for i, k in zip(chain, gains, strict=True)])
+    return as_matrix(form, gains)
 
 
 def plain(form: Form) -> Layout:

@@ -2,7 +2,8 @@
 
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
-A - K C Hurwitz, by its poles or by the gains K given; for several outputs chain by chain. The argument of b is
+A - K C Hurwitz, by its poles or by the gains K given; for several outputs chain by chain, or of all chains at once by
+a matrix K. The argument of b is
 saturated to the declared box, the linear part never. On a plant in its own coordinates with the Jacobian of
 Phi = (h, L h, .., L^(n-1) h), forms.phase,
 
@@ -39,6 +40,7 @@ from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
 _STANDARD = "z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)"
 _SEVERAL = f"{_STANDARD}, on the chain of each output"
+_WHOLE = "z' = A z + b(sat z, u) + (theta^(p(i) - p(k) + 1) K_ik) (y - C z), p(i) the power of theta that scales z_i"
 _ORIGINAL = "z' = f(sat z, u) + (dPhi/dx)^-1 diag(theta, .., theta^n) K (y - h(z, u)), Phi = (h, L h, .., L^(n-1) h)"
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state",
@@ -94,7 +96,9 @@ def high_gain(
 
     Args: `theta` > 0; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta,
     for a_i free of inputs; or `gains` K (n), for any a_i in ranges, such as hg.design.constant_gain(form); of several
-    chains either is a sequence of such, one for each; `initial` the plant's state; `saturate` limits of b in value, by
+    chains either is a sequence of such, one for each, and gains may be a matrix (n, q), each of whose rows acts on the
+    errors of all q chains' outputs, that of a row in the chain k times theta^(p(row) - p(k) + 1), theta^j of aligned
+    tops; `initial` the plant's state; `saturate` limits of b in value, by
     the state whose row it is in, and `arguments` whether its argument is clamped as well; `singular` (0..1) switches
     the correction off near a zero of det dPhi/dx, where that is not proved to have none; `weights` of outputs that show
     the same state in the mean of their errors, by name (1 for one that is not named): of noise that is 1/v_j, v_j its
@@ -112,7 +116,7 @@ def high_gain(
     part = replace(
         _part(dynamics, chosen, theta, least, weighted(form, weights)),
         fields=(z,),
-        derived=(Field("K", (0.0,) * form.n, labels=chosen.labels, meaning="observer gain"),),
+        derived=(Field("K", (0.0,) * len(chosen.K), labels=chosen.labels, meaning="observer gain"),),
         tune=(Block("observer gain", {Place("derived", "K"): chosen.scaled(form)}),),
     )
     return Observer(
@@ -125,15 +129,18 @@ def high_gain(
         checks=(*form.checks, *clamped("high_gain", form), *theta_checks("high_gain", form, theta, chosen.error)),
         accepted=accept,
         theorem=_theorem(form, chosen),
-        equations=(_equation(form), f"K = {chosen}", *_means(form, weights), *described(form)),
+        equations=(_equation(form, chosen), f"K = {chosen}", *_means(form, weights), *described(form)),
         reference=REFERENCE,
         notices=() if least is None else _notices(dynamics, least),
         error=chosen.error,
     )
 
 
-def _equation(form: Form) -> str:
-    return _ORIGINAL if form.jacobian is not None else _SEVERAL if len(form.blocks) > 1 else _STANDARD
+def _equation(form: Form, chosen: ConstantGain) -> str:
+    if form.jacobian is not None:
+        return _ORIGINAL
+    several = _WHOLE if chosen.whole else _SEVERAL
+    return several if len(form.blocks) > 1 else _STANDARD
 
 
 def _means(form: Form, weights: Any) -> Iterator[str]:

@@ -6,7 +6,7 @@ w_i = a_1 .. a_i z_i:   w_i' = w_(i+1) + c_i(w, u),   c_i = a_1 .. a_i b_i,   y 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeVar
 
 from .algebra import Quotient
 from .box import NotShown, covered
@@ -15,6 +15,8 @@ from .file import Claim, Observer, part
 from .matrix import Matrix, column, entries, scalar
 from .slope import Norm, continuous, spectral, steep
 from .text import Expression, expression
+
+Value = TypeVar("Value")
 
 
 def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
@@ -94,17 +96,25 @@ def steady(context: Context, gains: Sequence[Expression]) -> int:
     return sum(finite(k, context.form.box) for k in constants(context, [k.text for k in gains]))
 
 
+def gain_of(blocks: Sequence[int], entries: Sequence[Value], none: Value) -> list[list[Value]]:
+    """The gain (n, p) of its entries: one for each state, which acts on the output of the state's own chain, or one for
+    each state and chain, state by state; `none` elsewhere."""
+    chain = [k for k, size in enumerate(blocks) for _ in range(size)]
+    onto = [[k] for k in chain] if len(entries) == len(chain) else [[k for k, size in enumerate(blocks) if size]]
+    columns, rest = onto * (len(chain) // len(onto)), iter(entries)
+    return [[next(rest) if k in each else none for k in range(len(blocks))] for each in columns]
+
+
 def core_of(context: Context, scale: Sequence[Expression], gains: Sequence[Expression], N: Matrix) -> Matrix:
     """N, with S (A - K C) = N S whatever the parameters. Raises: `NotShown`."""
     algebra, form = context.algebra, context.form
-    S, K = ([context.value(text) for text in texts] for texts in (scale, gains))
-    column = {z: k for k, z in enumerate(context.heads)}
-    chain = [k for k, size in enumerate(form.blocks) for _ in range(size)]
+    S, entries = ([context.value(text) for text in texts] for texts in (scale, gains))
+    column, K = {z: k for k, z in enumerate(context.heads)}, gain_of(form.blocks, entries, algebra.number(Fraction(0)))
     for i, row in enumerate(form.A):
         for j, text in enumerate(row):
             entry, at = context.value(text), column.get(context.z[j])
-            if at is not None and chain[i] == at:
-                entry = entry - K[i] * context.first_gain(at)
+            if at is not None:
+                entry = entry - K[i][at] * context.first_gain(at)
             if not algebra.is_zero(S[i] * entry - algebra.number(N[i][j]) * S[j]):
                 raise NotShown(f"its core[{i + 1},{j + 1}] is not that of S (A - K C) S^-1")
     return N

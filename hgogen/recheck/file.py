@@ -6,7 +6,7 @@ The file says nothing twice that could disagree: a claim's expressions are compa
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any
@@ -72,8 +72,8 @@ class FormFile:
 
 @dataclass(frozen=True)
 class Built:
-    """What an observer is built with: the names of `numbers`, or lists of them, and of `expressions`, one for each
-    state."""
+    """What an observer is built with: the names of `numbers`, or lists of them, and of `expressions`, the entries of a
+    gain: one for each state, or one for each state and chain."""
 
     numbers: tuple[str, ...]
     expressions: tuple[str, ...] = ()
@@ -81,8 +81,8 @@ class Built:
 
 @dataclass(frozen=True)
 class Observer:
-    """An observer; where something is proved of it, the `numbers` that it is built with, and its `gains` where they may
-    hold parameters."""
+    """An observer; where something is proved of it, the `numbers` that it is built with, and the entries of its gain,
+    `gains`, where they may hold parameters."""
 
     name: str
     numbers: Mapping[str, Any]
@@ -223,7 +223,7 @@ def _read(content: Mapping[str, Any], observers: Mapping[str, Built]) -> Certifi
             blocks=_blocks(form, len(z)),
             alignment=part(form, "alignment", str),
         ),
-        observer=_observer(content, observers, z_box, len(z)),
+        observer=_observer(content, observers, z_box, _blocks(form, len(z))),
         inputs=tuple(inputs),
         parameters=tuple(parameters),
         claims=_claims(content),
@@ -260,7 +260,7 @@ def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
 
 
 def _observer(
-    content: Mapping[str, Any], observers: Mapping[str, Built], names: Mapping[str, Any], count: int
+    content: Mapping[str, Any], observers: Mapping[str, Built], names: Mapping[str, Any], blocks: Sequence[int]
 ) -> Observer | None:
     if content.get("observer", 0) is None:
         return None
@@ -276,8 +276,16 @@ def _observer(
     _parts("observer", parts, wanted)
     if missing := sorted(set(wanted) - parts.keys()):
         raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
-    gains = [gain for key in known.expressions for gain in _rows(parts, key, names, count)]
+    gains = [gain for key in known.expressions for gain in _gain(part(parts, key, list), names, blocks)]
     return Observer(name, {key: _numbers(parts[key]) for key in known.numbers}, tuple(gains))
+
+
+def _gain(texts: list[Any], names: Mapping[str, Any], blocks: Sequence[int]) -> Iterable[Expression]:
+    """The entries of a gain, one for each state, or one for each state and chain."""
+    chains, states = sum(size > 0 for size in blocks), sum(blocks)
+    if len(texts) not in (states, states * chains):
+        raise NoCertificate(f"its gains are not {states} entries, nor {states} for each of {chains} chains")
+    return (expression(text, names) for text in texts)
 
 
 def _numbers(value: Any, depth: int = 0) -> Any:

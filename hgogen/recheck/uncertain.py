@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any
 
 from .box import NotShown, covered
-from .chain import constants, core_of, integrators, invertible, steady, wanted_gain
+from .chain import constants, core_of, gain_of, integrators, invertible, steady, wanted_gain
 from .context import RANGE, Context, enclosed, narrowed
 from .cores import CORES
 from .file import Claim, Observer, part
@@ -116,37 +116,34 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
-    """S K, each gain in the column of its chain's output; empty where they are no numbers, or where outputs without a
-    chain may share the one of another, so that the file does not tell how noise enters."""
-    blocks = context.form.blocks
+    """S K; empty where its entries are no numbers, or where outputs without a chain may share the one of another, so
+    that the file does not tell how noise enters."""
+    blocks, none = context.form.blocks, context.algebra.number(Fraction(0))
     if 0 in blocks:
         return []
-    chain = [k for k, size in enumerate(blocks) for _ in range(size)]
-    values = [(context.value(s) * context.value(k)).number for s, k in zip(scale, observer.gains, strict=True)]
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
-        return []
-    return [[x if k == j else Fraction(0) for j in range(len(blocks))] for k, x in zip(chain, known, strict=True)]
+    K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
+    values = [[(context.value(s) * k).number for k in row] for s, row in zip(scale, K, strict=True)]
+    known = [[value for value in row if value is not None] for row in values]
+    return known if all(len(row) == len(blocks) for row in known) else []
 
 
 def _moving(
     context: Context, observer: Observer, evidence: Mapping[str, Any], scale: list[Expression]
 ) -> tuple[list[Slope], int]:
-    """The a_i in their ranges: a_1 of a chain by -K, the others from state to state; S and K are numbers."""
+    """The a_i in their ranges: a_1 of a chain by its column of -K, others from state to state; S and K are numbers."""
     blocks, slopes, boxes = context.form.blocks, [], 0
-    S, K = ([_number(context, text) for text in texts] for texts in (scale, observer.gains))
+    S, entering = ([_number(context, text) for text in texts] for texts in (scale, observer.gains))
+    K = gain_of(blocks, entering, Fraction(0))
     if any(s != 1 for s in S):
         raise NotShown("its scale is not 1, which the a_i of ranges want")
     places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
-    heads = [sum(blocks[: k - 1]) for k, _ in places]
     for at, (place, range_) in enumerate(zip(places, entries(evidence, "ranges", len(places)), strict=True)):
         if not isinstance(range_, Mapping) or range_.keys() != set(RANGE):
             raise NotShown(f"a range of an a_i is no object with {', '.join(RANGE)}")
         low, high, shown = enclosed(context, _as_claim(range_), *wanted_gain(context, place))
         boxes += shown.boxes
-        onto = [-k if heads[i] == at else Fraction(0) for i, k in enumerate(K)]
-        if at != heads[at]:
-            onto[at - 1] = Fraction(1)
+        chain, level = place
+        onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(K)]
         slopes.append(Slope(at, onto, low, high, -1))
     return slopes, boxes
 

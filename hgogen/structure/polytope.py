@@ -7,7 +7,9 @@ ends of their ranges are the vertices of a polytope that holds it for every inpu
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import product
+from math import prod
 
+import numpy as np
 import sympy as sp
 
 from hgogen.algebra.points import exact
@@ -74,3 +76,24 @@ def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
         )
         for a in product(*ends)
     ]
+
+
+def several_corners(each: Sequence[Sequence[sp.Expr]], form: Form) -> list[tuple[np.ndarray, np.ndarray]] | Reason:
+    """The pairs A (n, n) and C (q, n) of q chains at the ends of the ranges of all their a_i, arrays of fractions; or
+    the reason why there are none."""
+    ends = [corners(chain, form) for chain in each]
+    known = [end for end in ends if not isinstance(end, Reason)]
+    if len(known) < len(ends):
+        return next(end for end in ends if isinstance(end, Reason))
+    if prod(map(len, known)) > 2**VARYING:
+        return because("more than {most} of the a_i vary, whose ranges have too many vertices", most=VARYING)
+    return [_beside(one) for one in product(*known)]
+
+
+def _beside(each: Sequence[Corner]) -> tuple[np.ndarray, np.ndarray]:
+    sizes = [len(C) for _, C in each]
+    A, C = (np.full((rows, sum(sizes)), Fraction(0), dtype=object) for rows in (sum(sizes), len(sizes)))
+    for k, ((inner, shown), end) in enumerate(zip(each, np.cumsum(sizes).tolist(), strict=True)):
+        at = slice(end - sizes[k], end)
+        A[at, at], C[k, at] = inner, shown
+    return A, C
