@@ -106,7 +106,7 @@ def constant_gain(observer: str, form: Form, poles: Any, gains: Any) -> Constant
     """
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
-    each = _chains(observer, form)
+    each = constant_chains(observer, form)
     return _placed(form, each, poles) if gains is None else _from_gains(form, each, gains)
 
 
@@ -204,8 +204,8 @@ def _split(what: str, values: Any, sizes: tuple[int, ...], instead: str = "") ->
     return tuple(values)
 
 
-def _chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
-    """a_(i,1), .. of each output, free of states; those of the phase coordinates are 1."""
+def constant_chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
+    """a_(i,1), .. of each output, free of states; those of the phase coordinates are 1. Raises: `BadGain`."""
     if len(form.output) != len(form.blocks):
         reason = f"takes a chain for each output, {form.system.name} has {len(form.output)} outputs and no chains"
         raise BadGain(observer, f"{reason}; use the form block_triangular if the plant is in it, else riccati")

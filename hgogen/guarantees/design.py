@@ -1,6 +1,7 @@
 """Gains by linear matrix inequalities: found in floats, rounded, verified in rationals.
 
     constant_gain    K of `observers.high_gain`, for a_i that vary in ranges
+    steady_gain      K of the same, to which the filter `riccati` settles at a point: of Q and R, without a solver
     adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
     verified         what holds of K and P, whoever designed them
 
@@ -46,6 +47,7 @@ from hgogen.guarantees.formulas import (
 )
 from hgogen.guarantees.gain_programs import Optimum, Task, best
 from hgogen.guarantees.lmi import gains, solver
+from hgogen.guarantees.steady_gain import steady_gain
 from hgogen.guarantees.steepness import obstacle
 from hgogen.intervals.digits import down, up
 from hgogen.reading.door import Misfit
@@ -69,6 +71,7 @@ __all__ = [
     "inside_parabola",
     "least_gamma",
     "slope",
+    "steady_gain",
     "verified",
 ]
 

@@ -253,7 +253,13 @@ class Dynamics:
 
         Raises: `Singular` where one of them is not finite.
         """
-        points = self._points(samples, seed, edge)
+        return self.slopes(self._points(samples, seed, edge), affine)
+
+    def slopes(self, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """F (k, n, n) and dh/dz (k, p, n) at `points` (k, n + m) of the box, each a state and an input.
+
+        Raises: `Singular` where one of them is not finite.
+        """
         slope = ca.densify(self.affine(self._z, self._u)[0]) if affine else self.jacobian(self._z, self._u)
         F = self._numbers(slope, points)
         H = self._numbers(self.output_jacobian(self._z, self._u), points)
