@@ -366,7 +366,12 @@ def test_simulate(here: Path):
     assert (trial["trial"], trial["seeds"], trial["engine"]) == ("short", 1, "python")
     assert trial["times"] == [0.0, 2.0]
     assert len(trial["each"]) == 1
-    assert "trial short" in hgogen("simulate", "neuron", "--engine", "python", "--trial", "short", "--seeds", "1")[0]
+    (low, high), ratio = trial["falling"]["eigenvalues"], trial["falling"]["ratio"]
+    assert 0 < low < high
+    assert 0 < ratio < 1
+    said = hgogen("simulate", "neuron", "--engine", "python", "--trial", "short", "--seeds", "1")[0]
+    assert "trial short" in said
+    assert "short: shown in trials, not proved: without noise V = e' S e" in " ".join(said.split())
 
 
 def test_run(here: Path):
@@ -721,6 +726,7 @@ def test_every_command_takes_an_observer_by_name(here: Path):
     answer = as_json("check", str(PENDULUM), "--observer", "low_power")
     assert answer["theorem"]["reference"].startswith("Astolfi, Marconi")
     (trial,) = as_json("simulate", str(PENDULUM), "--observer", "low_power", "--seeds", "1")["trials"]
+    assert trial["falling"] is None
     assert trial["rms"]["w"] < 0.01
     (written,) = as_json("generate", str(PENDULUM), "--observer", "low_power", "-o", "c")["models"]
     assert str(Path("c/pendulum_low_power/pendulum.c")) in written["files"]

@@ -47,6 +47,7 @@ from hgogen.reading.named import by_name, written
 from hgogen.target import Files, Sources
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
+from hgogen.trials.falling import falling
 from hgogen.trials.within import seen
 
 C99 = "c99"
@@ -259,10 +260,12 @@ def simulate_(
     rms by state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that
     leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, bounds: of a model
     that has them a list of state, unit, bound: what is proved of its error, after: how long after an event, worst: the
-    largest error of the first seed there, null where the trial ends before, each: the same by seed, without left and
-    bounds); of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs, failed: those
-    without a truth, varied: name, what, low, high, quantiles: name, low 5 %, middle 50 %, high 95 %, worst, run: the
-    one that had it; with --repeat its run: varied, metrics, failed).
+    largest error of the first seed there, null where the trial ends before, falling: of an observer with a covariance,
+    else null, shown on the trial without noise: trial, ratio: the largest e' S e of a call over that of the call
+    before, time, calls of which it is, eigenvalues of scaled S as [least, largest]; each: the same by seed, without
+    left, bounds and falling); of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs, failed:
+    those without a truth, varied: name, what, low, high, quantiles: name, low 5 %, middle 50 %, high 95 %, worst, run:
+    the one that had it; with --repeat its run: varied, metrics, failed).
     """
     loaded = load(model).set(setting)
     step, trials = loaded.step(observer), jobs.trials(loaded)
@@ -277,10 +280,17 @@ def simulate_(
     pairs = zip(jobs.told(summaries, done), done, strict=True)
     known = jobs.proved(step, loaded, note)
     worst = [seen(step.states, one.first, known) if known else () for one in done]
+    falls = [falling(step, one, engine) for one in chosen]
     listed_ = [
-        {**summary, "bounds": [state.as_dict() for state in bounds], "each": [seed.as_dict() for seed in one.each]}
-        for (summary, one), bounds in zip(pairs, worst, strict=True)
+        {
+            **summary,
+            "bounds": [state.as_dict() for state in bounds],
+            "falling": falls_ and falls_.as_dict(),
+            "each": [seed.as_dict() for seed in one.each],
+        }
+        for (summary, one), bounds, falls_ in zip(pairs, worst, falls, strict=True)
     ]
     report = {"model": loaded.path, "gains": gains, "trials": listed_}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
-    show(as_json, report, head, tables.trials(summaries, step.time), *map(tables.within, filter(None, worst)))
+    lines = (f"{one.trial}: {one.sentence(step.time)}" for one in falls if one)
+    show(as_json, report, head, tables.trials(summaries, step.time), *map(tables.within, filter(None, worst)), *lines)
