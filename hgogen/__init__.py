@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.calling.samples import Run, Sample
     from hgogen.certificates.certificate import certificate
     from hgogen.certificates.contraction import Contraction, contraction
-    from hgogen.certificates.error_bound import ErrorBound, error_bound
+    from hgogen.certificates.error_bound import ErrorBound, error_bound, signed
     from hgogen.certificates.noise_gain import NoiseGain, noise_gain
     from hgogen.certificates.start_set import StartSet, start_set
     from hgogen.check import Check, Verdict
@@ -77,7 +77,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "from_casadi": "reading.casadi_model",
     "certificate": "certificates.certificate",
     **dict.fromkeys(("Contraction", "contraction"), "certificates.contraction"),
-    **dict.fromkeys(("ErrorBound", "error_bound"), "certificates.error_bound"),
+    **dict.fromkeys(("ErrorBound", "error_bound", "signed"), "certificates.error_bound"),
     **dict.fromkeys(("NoiseGain", "noise_gain"), "certificates.noise_gain"),
     **dict.fromkeys(("StartSet", "start_set"), "certificates.start_set"),
     **dict.fromkeys(("Check", "Verdict"), "check"),
@@ -163,6 +163,7 @@ __all__ = [
     "reference",
     "response",
     "sample",
+    "signed",
     "singularity",
     "start_set",
     "starting_gains",

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.guarantees.signed import Signed
 from hgogen.method import Method
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Clock, Pieces
@@ -110,7 +111,8 @@ class Step:
     another; `signs`: what the law of recovery counts, by which an estimate that is lost restarts. Of a step that takes
     late samples, `ages`: the signals that tell with a sample how late it comes; `inner`: sections that its own call;
     `plain`: the step without delays. `prefer`: what it is made for, "speed", or "flash", a short program;
-    `choice`: of two programs of a part, which one was taken, and why.
+    `choice`: of two programs of a part, which one was taken, and why. `signed`: what is proved of its errors as it
+    runs, where that was asked, which its code states.
     """
 
     name: str
@@ -138,6 +140,7 @@ class Step:
     guards: Guards = "all"
     prefer: Prefer = "speed"
     choice: str = ""
+    signed: Signed | None = None
 
     def __repr__(self) -> str:
         return f"<step of {self.name}: {self.observer.name} by {self.rule}, dt = {self.dt:g}>"

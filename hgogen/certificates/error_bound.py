@@ -8,9 +8,9 @@ How large the inputs are `guarantees.plant_step` says.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeVar
 
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.start_set import Start, start_of
@@ -22,6 +22,7 @@ from hgogen.guarantees.entering import Sizes, heads_of
 from hgogen.guarantees.inclusion import of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded
 from hgogen.guarantees.quadratic import rational
+from hgogen.guarantees.signed import Signed
 from hgogen.guarantees.step_evidence import Share, UnderInputs
 from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Down, Up
@@ -33,6 +34,7 @@ from hgogen.sentence import NONE, Reason, Sentence, because, joined
 from hgogen.signal import Signal
 from hgogen.step import Step
 
+AnyStep = TypeVar("AnyStep", bound=Step)
 Each = Mapping[str, float] | None
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
 _GUARDS = "while no sample is rejected, and the estimate does not restart from one"
@@ -48,7 +50,7 @@ class ErrorBound:
     within 1.1 of its bound, from first errors of min(1, `multiple`) times what the ranges allow; `multiple`: of how
     many times these the limits of the estimate are not touched. None where a state has no range. `inside`: by how much
     the plant keeps clear of the ends of its ranges for it. `check`: OBSERVER.error, which says why where nothing is
-    proved; the mappings are empty then.
+    proved; the mappings are empty then. `signed`: what the code of a step states of it.
     """
 
     check: Check
@@ -57,6 +59,7 @@ class ErrorBound:
     inside: Mapping[str, float]
     settles: float | None = None
     multiple: float | None = None
+    signed: Signed = field(default_factory=Signed, repr=False)
 
     def __str__(self) -> str:
         return str(self.check)
@@ -104,9 +107,25 @@ def error_bound(
         entering = _entering(plant, sizes)
         if not entering:
             return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
-        return _bounded(step, known.steps, known.proof, plant, entering)
+        bounded = _bounded(step, known.steps, known.proof, plant, entering)
     except Unbounded as error:
         return _unknown(step, error.args[0])
+    asked = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
+    own = {name: {key: float(x) for key, x in (each or {}).items() if x} for name, each in asked.items()}
+    own["rates"] = {u.name: float(x) for u, x in zip(form.system.inputs, moving, strict=True) if x}
+    assumed = {name: each for name, each in own.items() if each}
+    far = known.reach
+    least, longest = far.least if far.tuned else None, far.longest if far.pieces else None
+    return replace(bounded, signed=replace(bounded.signed, assumed=assumed, least=least, longest=longest))
+
+
+def signed(step: AnyStep, **bounds: Any) -> AnyStep:
+    """The step with what `error_bound` proves of it under these `bounds`, its arguments: the code that targets make of
+    it states the numbers and what they assume. Nothing else of the step is another.
+
+    Raises: as `error_bound`.
+    """
+    return replace(step, signed=error_bound(step, **bounds).signed)
 
 
 def _sizes(what: str, values: Each, signals: Sequence[Signal]) -> list[Fraction]:
@@ -184,7 +203,16 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
     if start and multiple:
         settles = step.dt * _calls(proof, start, multiple, {k: _CLOSE * totals[k] for k in error.layout.picks})
         alone = left is not None and _calls(proof, start, multiple, left) < patient(step)
-    return _stated(step, steps, shares, totals, margins, settles, multiple, alone or (left == {}))
+    first = [min(multiple, Fraction(1)) * most for most in start.first] if start and multiple else []
+    stated = _stated(step, steps, shares, totals, margins, settles, multiple, alone or (left == {}))
+    own = Signed(
+        bounds=stated.bounds,
+        settles=settles,
+        begins={x: number(most)[0] for x, most in zip(form.names, first, strict=bool(first))},
+        everywhere=multiple is not None and multiple >= 1,
+        inside=stated.inside,
+    )
+    return replace(stated, signed=own)
 
 
 def _multiple(steps: Steps, proof: Contracts, start: Start, totals: Mapping[int, Fraction]) -> Fraction | None:

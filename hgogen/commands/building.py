@@ -12,6 +12,7 @@ from hgogen import targets
 from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
+from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import jobs, tables
 from hgogen.commands.campaigning import campaigns
 from hgogen.commands.command import (
@@ -140,8 +141,9 @@ def build_(
     folder = Folder(Path("build"), name) if name and out is None else folder_of(out, loaded, observer)
     folder.demand("report.json")
     step, trials = loaded.step(observer), loaded.trials()
-    coded = prefixed(step, name) if name else step
     claims = jobs.checked(loaded, name=observer)
+    stated = jobs.stating(step, loaded, claims.known)
+    coded = prefixed(stated, name) if name else stated
     if not as_json:
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     note(*claims.notes)
@@ -152,7 +154,7 @@ def build_(
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.agreements(done, again, step.dt) if again else ()
-    figures = rendered(jobs.figures(step, done, jobs.proved(step, loaded, note)))
+    figures = rendered(jobs.figures(step, done, claims.known))
     written: dict[str, str | bytes] = {**library, **beside(figures, ecosystems)}
     paths = folder.demand(*written, "report.json")
     summaries = jobs.summaries(step, done, engine, note)
@@ -219,20 +221,24 @@ def generate_(
             reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
     steps, codes, libraries, written = list[CallableStep](), list[Sources](), list[Files](), []
+    known = list[ErrorBound | None]()
     for one, folder in zip(loaded, folders, strict=True):  # of all of them, before anything is tried or written
         note(*one.notes)
         steps.append(one.step(observer))
-        coded = prefixed(steps[-1], name) if name else steps[-1]
+        known.append(jobs.proved(steps[-1], one, note))
+        stated = jobs.stating(steps[-1], one, known[-1])
+        coded = prefixed(stated, name) if name else stated
         codes.append(_emitted(coded, one, observer, target, name))
         libraries.append(packed(coded, codes[-1], ecosystems, _real(one), folder))
         folder.demand(*libraries[-1])
     engine: Engine = engine_here() if any(one.has("trial") for one in loaded) else "python"
-    for one, folder, step, code, library in zip(loaded, folders, steps, codes, libraries, strict=True):
+    made = zip(loaded, folders, steps, known, codes, libraries, strict=True)
+    for one, folder, step, error, code, library in made:
         files: dict[str, str | bytes] = {**library}
         if one.has("trial"):
             done = _tried(step, one.trials(), engine, 1)
             note(*jobs.departures(done, step.time))
-            files |= beside(rendered(jobs.figures(step, done, jobs.proved(step, one, note))), ecosystems)
+            files |= beside(rendered(jobs.figures(step, done, error)), ecosystems)
         else:
             note(f"{one.path} defines no trial(), so there are no figures of it")
         paths = folder.write(files)

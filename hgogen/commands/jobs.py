@@ -17,6 +17,7 @@ from hgogen.check import Check, Refuted, refuted
 from hgogen.commands.process import note
 from hgogen.form import Form
 from hgogen.guarantees.lmi import NoSolver
+from hgogen.guarantees.signed import Signed
 from hgogen.model import MissingPart, Model
 from hgogen.program import Field
 from hgogen.reading.given import BadGain
@@ -46,7 +47,8 @@ class Checked:
 
     `observer`: its name, or ""; `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`:
     whether there is an observer, which needs what is refuted; `step`: the step that was built, of the tuning `tuning`,
-    "" of the model's own.
+    "" of the model's own; `known`: how far its errors go under what the model says of noise and the like, None where it
+    says nothing.
     """
 
     plant: str
@@ -59,6 +61,7 @@ class Checked:
     demanded: bool = True
     step: CallableStep | None = None
     tuning: str = ""
+    known: ErrorBound | None = None
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -150,10 +153,10 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         known = tuple(check.id for check in error.form.checks if check.id in error.accepted)
         return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer
-    known, notes = _as_it_runs(step, model)
+    known, bound, notes = _as_it_runs(step, model)
     checks = (*observer.checks, *known)
     parts = (model.plant.name, observer.form, checks, observer.accepted, observer.name, observer.theorem)
-    return Checked(*parts, (*model.notes, *notes), step=step, tuning=name or "")
+    return Checked(*parts, (*model.notes, *notes), step=step, tuning=name or "", known=bound)
 
 
 def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
@@ -182,19 +185,27 @@ def proved(step: CallableStep, model: Model, say: Callable[[str], None]) -> Erro
     return known
 
 
-def _as_it_runs(step: CallableStep, model: Model) -> tuple[tuple[Check, ...], tuple[str, ...]]:
+def stating(step: CallableStep, model: Model, known: ErrorBound | None) -> CallableStep:
+    """The step whose code states what is known of its errors, or that nothing is; as it is where the model does not
+    ask."""
+    if model.bounds is None:
+        return step
+    return replace(step, signed=known.signed if known else Signed())
+
+
+def _as_it_runs(step: CallableStep, model: Model) -> tuple[tuple[Check, ...], ErrorBound | None, tuple[str, ...]]:
     """What is proved of the step itself, of an observer of which it can be, and a note where its solver is missing.
 
     Raises: `MissingPart` for bounds in the model's file that are none.
     """
     if step.observer.error is None:
-        return (), ()
+        return (), None, ()
     try:
         known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
         error = bound_of(step, model)
-        return (*known.checks, *(bound.check for bound in (noise, start, error) if bound)), ()
+        return (*known.checks, *(bound.check for bound in (noise, start, error) if bound)), error, ()
     except NoSolver as missing:
-        return (), (str(missing),)
+        return (), None, (str(missing),)
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:

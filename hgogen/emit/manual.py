@@ -5,6 +5,7 @@ from importlib.metadata import version
 from hgogen.certificates.certificate import NotCertifiable, fingerprint
 from hgogen.emit.claims import document_name, in_short
 from hgogen.emit.cost import cost
+from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer
@@ -82,6 +83,7 @@ def mathematics(step: Step, names: str = "") -> list[str]:
     lines += [f"Between two calls the input is taken to {BETWEEN[step.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {in_short(check, observer.accepted)}" for check in observer.checks]
+    lines += promised(step)
     lines += [f"Hypotheses of its theorem, and the evidence of the claims: {document_name(step)}"]
     return [*lines, *[names] * bool(names)]
 
