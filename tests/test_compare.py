@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.cli import app
-from hgogen.commands import tables
+from hgogen.commands import jobs, tables
 from hgogen.emit.cost import cost
 from hgogen.model import MissingPart, Model, load
 from hgogen.program import Block, Kernel, Loop, Place, Statement, When, sym
@@ -308,3 +308,61 @@ def test_all_are_sampled_at_the_shortest_period(tmp_path: Path) -> None:
     assert "all sampled at dt = 0.001 s, the shortest; low_power would be sampled more slowly" in done.stderr
     assert load(path).step("low_power").dt == 2e-3
     assert isinstance(load(path).step("low_power", 1e-3), hg.Step)
+
+
+BOUNDED = """
+import hgogen as hg
+from hgogen.trial import OrnsteinUhlenbeck, Trial
+import sympy as sp
+
+q, w, y = hg.Signal("q", low=-4, high=4), hg.Signal("w", low=-20, high=20), hg.Signal("y")
+plant = hg.System("swing", states=(q, w), outputs=(y,), flow=[w, -19.6 * sp.sin(q)], output=[q])
+tuning = {"high_gain": {"theta": 20, "poles": (-1, -1), "dt": 1e-3}, "cascade": {"theta": 100, "dt": 1e-3}}
+bounds = {"noise": {"y": 1e-3}}
+
+def trial():
+    start, noise = {"q": 1, "w": 0}, {"y": OrnsteinUhlenbeck(sigma=1e-4, tau=0)}
+    long = Trial("long", 2.5, start=start, noise=noise, seeds=(0, 1))
+    return long, Trial("short", 0.1, start=start), Trial("begun", 0.1, start=start, estimate={"q": 0.5})
+"""
+
+
+def test_what_is_proved_stands_beside_what_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "swing.py"
+    path.write_text(BOUNDED)
+    arguments = ["compare", str(path), "-o", str(tmp_path), "--engine", "python"]
+    answer = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
+    each = {trial["trial"]: {one["name"]: one for one in trial["observers"]} for trial in answer["trials"]}
+    known = hg.error_bound(load(path).step("high_gain"), noise={"y": 1e-3})
+    for trial in each.values():
+        assert trial["high_gain"]["proved"] == dict(known.bounds)
+        assert (trial["high_gain"]["unproved"], trial["cascade"]["proved"], trial["cascade"]["worst"]) == ("", {}, {})
+        assert "the proof is for a constant injection" in trial["cascade"]["unproved"]
+    assert each["short"]["high_gain"]["worst"] == {"q": None, "w": None}
+    (long, *_), steps = load(path).trials(), load(path).step("high_gain")
+    assert known.settles is not None
+    errors = [np.abs(one.error[one.truth.t >= known.settles]).max(axis=0) for one in try_out(steps, long, "python")]
+    assert list(each["long"]["high_gain"]["worst"].values()) == pytest.approx(np.max(errors, axis=0))
+    assert 0 < each["long"]["high_gain"]["worst"]["w"] < known.bounds["w"]
+
+
+def test_the_table_of_what_is_proved_has_a_dash_for_what_is_not() -> None:
+    one = measured("high_gain", step("high_gain"), TRIAL, "python", (0,), lambda: None)
+    assert "proved" not in said(tables.compared("title", [one], "s", {}, {}))
+    bound = {"proved": {"x1": 0.00123451, "x2": 1.0}, "worst": {"x1": 0.001, "x2": None}}
+    other = replace(one, name="other", unproved="no norm")
+    text = said(tables.compared("title", [replace(one, **bound), other], "s", {}, {}))
+    rows = [line.split() for line in text.partition("proved: no error above")[2].splitlines()]
+    assert ["high_gain", "0.00124", "(0.001)", "1", "(-)", "-", "-"] in rows
+    assert ["other", "-", "-", "-", "-"] in rows
+    assert "other: no norm" in text
+
+
+def test_what_begins_alike_is_proved_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked, path = list[Any](), tmp_path / "swing.py"
+    path.write_text(BOUNDED)
+    monkeypatch.setattr(jobs, "bound_of", lambda step, _: asked.append(step.observer.name))
+    arguments = ["--observers", "high_gain", "--engine", "python", "--seeds", "1"]
+    done = CliRunner().invoke(app, ["compare", str(path), "-o", str(tmp_path), *arguments])
+    assert done.exit_code == 0, done.output
+    assert asked == ["high_gain", "high_gain"]  # long and short, begun

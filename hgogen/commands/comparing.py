@@ -7,6 +7,7 @@ import typer
 
 from hgogen import observers as every
 from hgogen.call import CallableStep
+from hgogen.certificates.error_bound import ErrorBound
 from hgogen.commands import jobs, log_tables, tables
 from hgogen.commands.campaigning import campaigns
 from hgogen.commands.command import (
@@ -29,6 +30,7 @@ from hgogen.commands.command import (
 from hgogen.commands.headed import file_list
 from hgogen.commands.process import note
 from hgogen.errors import HgogenError
+from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
@@ -62,14 +64,16 @@ def compare_(
 
     Settled: the median of the seeds. Steady: over the trial's own steady part, else its last tenth, the median of the
     seeds. Peaking: how far the error rises above what it is at the start or at a jump, of all seeds, over the state's
-    range. Functions: sine, exponential, root and such, of one call.
+    range. Functions: sine, exponential, root and such, of one call. Of a model that says how large noise and the like
+    are at most, beside it what is proved of each error, or why nothing is.
 
     JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, estimate and
     start: the states that all observers and that the plant begin with, left: as in `simulate`,
     observers: a list of name, observer, method,
     settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
-    in float), refused (why, by observer), files; of a campaign, with --vary or --runs, model, dt, engine, campaigns (as
-    in `simulate`), refused.
+    in float, proved: the bounds by state, worst: by state the largest error of all seeds from when on these hold, null
+    where the trial ends before, unproved: why there are none), refused (why, by observer), files; of a campaign, with
+    --vary or --runs, model, dt, engine, campaigns (as in `simulate`), refused.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -96,11 +100,13 @@ def compare_(
         show(as_json, campaign, *tables_, *without)
         return
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
+    known = _known(loaded, steps, chosen)
     tried: list[tuple[Trial, list[Measured]]] = []
     with Bar("trials", len(names) * sum(map(len, counts.values()))) as bar:
         for one in chosen:
-            each = steps[one.name].items()
-            tried.append((one, [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in each]))
+            asked_of = engine, counts[one.name], bar.tick
+            each = [(*pair, known[one.name][pair[0]]) for pair in steps[one.name].items()]
+            tried.append((one, [measured(name, step, one, *asked_of, bound) for name, step, bound in each]))
             _note_no_error(loaded.plant, one)
             note(*notes(one.name, _left(loaded.plant, tried[-1][1]), unit))
     paths = folder.write(rendered({f"{one.name}_errors": jobs.errors(each, unit) for one, each in tried}))
@@ -139,6 +145,31 @@ def _started(
             for trial, step in made.items():
                 steps[trial][name] = step
     return steps, refused
+
+
+def _known(
+    model: Model, steps: Mapping[str, Mapping[str, CallableStep]], trials: Sequence[Trial]
+) -> dict[str, dict[str, ErrorBound | None]]:
+    """Of each trial what is proved of the errors of its steps, once for all trials that begin alike; None where the
+    model does not ask."""
+    known: dict[str, dict[str, ErrorBound | None]] = {one.name: {} for one in trials}
+    for name, step in steps[trials[0].name].items():
+        begun: list[tuple[Mapping[str, float], ErrorBound | None]] = []
+        for one in trials:
+            start = one.first_estimate(step.observer.form)
+            same = [bound for other, bound in begun if other == start]
+            known[one.name][name] = same[0] if same else _bound(model, steps[one.name][name])
+            begun.append((start, known[one.name][name]))
+    return known
+
+
+def _bound(model: Model, step: CallableStep) -> ErrorBound | None:
+    """What is proved of a step's errors; None, and a note, where there is no solver."""
+    try:
+        return jobs.bound_of(step, model)
+    except NoSolver as missing:
+        note(str(missing))
+        return None
 
 
 def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]:

@@ -205,7 +205,24 @@ def compared(
         rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
         peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
     begun = f"every observer starts at {_state(estimate)}; the plant at {_state(start)}"
-    return Group(whole, "", rms, "", peak, "", *map(Text, (begun, *_meanings(each, unit))), "")
+    said = (begun, *_meanings(each, unit), *(f"{one.name}: {one.unproved}" for one in each if one.unproved))
+    return Group(whole, "", rms, "", *_proved(each, states), peak, "", *map(Text, said), "")
+
+
+def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
+    """What is proved of the errors, beside the worst of the seeds; nothing where it was not asked of any."""
+    if not any(one.proved or one.unproved for one in each):
+        return []
+    title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
+    table = headed(title, "observer", *states, numbers=len(states))
+    for one in each:
+        table.add_row(one.name, *(_beside(one.proved.get(x), one.worst.get(x)) for x in states))
+    return [table, ""]
+
+
+def _beside(bound: float | None, worst: float | None) -> str:
+    """A bound, and in brackets what was seen; a dash of what there is not."""
+    return "-" if bound is None else f"{up(bound, 3)} ({'-' if worst is None else f'{worst:.3g}'})"
 
 
 def _state(values: Mapping[str, float]) -> str:

@@ -5,22 +5,26 @@
     peaking        the largest rise of the error of each state after an event, over its range, of all seeds: max |e(t)|
                    until the next event less the |e| at the event itself, which is the start's or the jump's doing
     cost           operations of one call, bytes of the state
+    proved         the bound of each state's error, where a model says how large noise and the like are at most, and the
+                   worst that all seeds show of it from when on it holds (`within`)
 
 The range of a state: `metrics.ranges`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
+from hgogen.certificates.error_bound import ErrorBound
 from hgogen.emit.cost import Cost, cost
 from hgogen.signal import Signal
 from hgogen.trial import Trajectory, Trial, try_out
 from hgogen.trials.metrics import median, metrics, ranges
+from hgogen.trials.within import largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,9 @@ class Measured:
     """What an observer does on a trial; `name` is that of its tuning.
 
     `settled` is the time (s) to settle after each event, None where it never does; `rms` and `peak` are by state;
-    `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed.
+    `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed. By
+    state that has a bound, `proved` is the bound and `worst` the largest error from when on it holds, None where no
+    trial lasts so long; `unproved` says why there is none, "" where that was not asked.
     """
 
     name: str
@@ -41,6 +47,9 @@ class Measured:
     clamped: int
     cost: Cost
     first: Trajectory
+    proved: Mapping[str, float] = field(default_factory=dict)
+    worst: Mapping[str, float | None] = field(default_factory=dict)
+    unproved: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -49,9 +58,15 @@ class Measured:
 
 
 def measured(
-    name: str, step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Callable[[], None]
+    name: str,
+    step: CallableStep,
+    trial: Trial,
+    engine: Engine,
+    seeds: Sequence[int],
+    tick: Callable[[], None],
+    known: ErrorBound | None = None,
 ) -> Measured:
-    """The step of tuning `name` over the trial's seeds; `tick` is called after each."""
+    """The step of tuning `name` over the trial's seeds; `tick` is called after each. `known`: what is proved of it."""
     each = []
     for trajectory in try_out(step, trial, engine, seeds):
         each.append(trajectory)
@@ -70,6 +85,9 @@ def measured(
         clamped=sum(m.clamped for m in per_seed),
         cost=cost(step),
         first=each[0],
+        proved=known.bounds if known else {},
+        worst=largest(step.states, each, known) if known else {},
+        unproved=str(known.check.reason) if known and not known.bounds else "",
     )
 
 

@@ -1,6 +1,6 @@
 """The worst that a trial shows of an error, beside the bound that is proved of it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -40,3 +40,9 @@ def seen(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) ->
             worst = float(np.abs(trajectory.error[holds, k]).max()) if holds.any() else None
             rows.append(Seen(state.name, state.unit, known.bounds[state.name], known.settles, worst))
     return tuple(rows)
+
+
+def largest(states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBound) -> Mapping[str, float | None]:
+    """The worst of all trajectories by the name of each state that has a bound; None where none of them tells."""
+    rows = [one for trajectory in each for one in seen(states, trajectory, known) if one.worst is not None]
+    return {name: max((one.worst or 0.0 for one in rows if one.state == name), default=None) for name in known.bounds}
