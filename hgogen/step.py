@@ -14,8 +14,9 @@ from typing import Any, Literal
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.signed import Signed
-from hgogen.method import Method
+from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Clock, Pieces
 from hgogen.program import (
@@ -59,7 +60,8 @@ def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> 
 @dataclass(eq=False)
 class StepTooLong(HgogenError):
     """A step length at which the discretisation is unstable at a point of the declared box: above `limit` it is
-    refused, up to `take` advised; `basis` says on what the advice rests."""
+    refused, up to `take` advised; `basis` says on what the advice rests, `certified` who knows up to which dt there is
+    a proof."""
 
     dt: float
     limit: float
@@ -68,11 +70,12 @@ class StepTooLong(HgogenError):
     why: str
     basis: str
     unit: str = "s"
+    certified: str = ""
 
     def __str__(self) -> str:
         return (
             f"dt = {self.dt:g} is too long for {self.rule}: refused above {_time(self.limit, self.unit)}, {self.why}; "
-            f"{_advice(self.take, self.unit, self.basis)}"
+            f"{_advice(self.take, self.unit, self.basis)}{self.certified}"
         )
 
 
@@ -90,6 +93,11 @@ def rounded_down(value: float) -> str:
     return f"{float(decimal.Context(prec=3, rounding=decimal.ROUND_FLOOR).create_decimal(value)):g}"
 
 
+_CERTIFIED = (
+    "; up to which dt its errors are proved to decay, hgogen check tells of a model, hg.contraction of any step of it"
+)
+
+
 class StepMayFail(UserWarning):
     """A step length that is not refused, and longer than is advised: it may fail."""
 
@@ -105,14 +113,14 @@ class Step:
     """The program of an observer at the sampling period `dt`, in the unit of the model's time as all times are.
 
     `plant`, `gains`, `derived`: fields of the parameters; `state`, `groups`: what a call remembers; `bits`: the status;
-    `tuning`, `sections`, `estimate`: programs. `limit`: the dt above which it is refused. `timed`: the updates of
-    `sections` for samples that say when they were taken, of a step for sensors of different rates; `periods`: the time
-    between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
-    another; `signs`: what the law of recovery counts, by which an estimate that is lost restarts. Of a step that takes
-    late samples, `ages`: the signals that tell with a sample how late it comes; `inner`: sections that its own call;
-    `plain`: the step without delays. `prefer`: what it is made for, "speed", or "flash", a short program;
-    `choice`: of two programs of a part, which one was taken, and why. `signed`: what is proved of its errors as it
-    runs, where that was asked, which its code states.
+    `tuning`, `sections`, `estimate`: programs. `limit`: the dt above which it is refused, `advised`: up to which it was
+    tried without failure. `timed`: the updates of `sections` for samples that say when they were taken, of a step for
+    sensors of different rates; `periods`: the time between two samples of each output; `rule`: by what the observer's
+    equations go, which a method may leave to another; `signs`: what the law of recovery counts, by which an estimate
+    that is lost restarts. Of a step that takes late samples, `ages`: the signals that tell with a sample how late it
+    comes; `inner`: sections that its own call; `plain`: the step without delays. `prefer`: what it is made for,
+    "speed", or "flash", a short program; `choice`: of two programs of a part, which one was taken, and why. `signed`:
+    what is proved of its errors as it runs, where that was asked, which its code states.
     """
 
     name: str
@@ -130,6 +138,7 @@ class Step:
     sections: tuple[Section, ...]
     estimate: Program
     limit: float
+    advised: float = INF
     timed: tuple[Section, ...] = ()
     inner: tuple[Section, ...] = ()
     ages: tuple[Signal, ...] = ()
@@ -257,22 +266,31 @@ def plan(
     _pieces(observer, method, clock)  # whose demands come before those of the step's length
     lengths = _lengths(observer, method, float(dt))
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
+    proof = _CERTIFIED if _certifiable(observer, method, guards) else ""
     if dt > tightest.refused:
         rule, take = tightest.rule or method.name, min(tightest.refused, advised.take)
         why = "; ".join(filter(None, (tightest.why, tightest.other)))
-        raise StepTooLong(dt, tightest.refused, take, rule, why, advised.basis, system.time)
+        raise StepTooLong(dt, tightest.refused, take, rule, why, advised.basis, system.time, proof)
     if dt > advised.take:
         rule, above = advised.rule or method.name, f"; above {_time(tightest.refused, system.time)} it is refused"
         warnings.warn(
             f"dt = {dt:g} may fail in a part of the declared box by {rule}{above * (tightest.refused < INF)}; "
-            f"{_advice(advised.take, system.time, advised.basis)}",
+            f"{_advice(advised.take, system.time, advised.basis)}{proof}",
             StepMayFail,
             stacklevel=3,
         )
-    step = _assembled(observer, method, clock, tightest.refused)
+    step = _assembled(observer, method, clock, tightest.refused, advised.take)
     if every and not step.apart:
         raise CannotUpdate(observer.name, step.rule)
     return step
+
+
+def _certifiable(observer: Observer, method: Method, guards: Guards) -> bool:
+    """Whether a proof that errors decay as the step runs is made for the observer by the method."""
+    error = observer.error
+    if guards == "none" or error is None or isinstance(error, Nothing) or not isinstance(method, OnErrors):
+        return False
+    return not method.obstacle(error)
 
 
 def _demand_plain(observer: Observer, every: tuple[int, ...]) -> None:
@@ -293,7 +311,7 @@ def _pieces(observer: Observer, method: Method, clock: Clock) -> tuple[Pieces, .
 
 
 @lru_cache(maxsize=_LAST)
-def _assembled(observer: Observer, method: Method, clock: Clock, limit: float) -> Step:
+def _assembled(observer: Observer, method: Method, clock: Clock, limit: float, take: float) -> Step:
     pieces, system = _pieces(observer, method, clock), observer.form.system
     made = Assembly(observer, clock, pieces)
     plant = parameter_fields(system.parameters)
@@ -314,6 +332,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, limit: float) -
         inner=made.inner,
         estimate=made.estimate,
         limit=limit,
+        advised=take,
         timed=made.timed,
         periods=tuple(map(clock.period, range(clock.outputs))),
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),

@@ -16,8 +16,10 @@ from step_lengths import pairs, row
 from threadpoolctl import ThreadpoolController
 
 import hgogen as hg
+from hgogen.certificates.admitted import Admitted
 from hgogen.chains.frozen import frozen
 from hgogen.chains.transient import advised, first_unstable, stable
+from hgogen.commands.jobs import checked
 from hgogen.discretisation.growth import growth, polynomial
 from hgogen.discretisation.runge_kutta import EULER, RK4
 from hgogen.discretisation.stability import core_limit
@@ -80,6 +82,58 @@ def test_between_the_two_it_warns_with_both() -> None:
         re.findall(rf"{word} ([0-9.e+-]+) ", str(warned[0].message)) for word in ("above", "take dt <=")
     )
     assert float(take) < 0.08 < float(above) <= between.limit < 1.01 * float(above)
+
+
+def test_who_knows_of_a_proof_is_said_where_there_may_be_one() -> None:
+    """Of a constant injection by an explicit method, with guards; in both sentences."""
+    pendulum = load(MODELS / "pendulum.py")
+    high, tells = (
+        pendulum.step("high_gain").observer,
+        r"up to which dt its errors are proved to decay, hgogen check tells",
+    )
+    with pytest.warns(StepMayFail, match=tells):
+        hg.sample(high, hg.methods.rk4, dt=0.08)
+    with pytest.raises(StepTooLong, match=tells):
+        hg.sample(high, hg.methods.rk4, dt=0.2)
+    others = (
+        (high, "exponential", {}),
+        (high, "rk4", {"guards": "none"}),
+        (pendulum.step("cascade").observer, "rk4", {}),
+    )
+    for observer, method, options in others:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pytest.raises((StepTooLong, StepMayFail)) as caught:
+                hg.sample(observer, getattr(hg.methods, method), dt=2.0, **options)
+        assert "proved" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("known", "said"),
+    [
+        ((0.1129, True, 0.0506, 0.1142), "certified up to 0.112; refused above 0.114"),
+        (
+            (0.1129, True, 0.1135, 0.1142),
+            "certified up to 0.112; tried without failure up to 0.113; refused above 0.114",
+        ),
+        ((0.01, False, 0.005, None), "certified at 0.01; tried without failure up to 0.005"),
+        ((None, False, None, 0.1142), "certified at none; refused above 0.114"),
+        ((None, False, None, None), "certified at none"),
+    ],
+)
+def test_the_certified_length_comes_first(known: tuple[Any, ...], said: str) -> None:
+    assert str(Admitted(0.01, "s", *known).sentence) == f"dt = 0.01 s: {said}"
+
+
+def test_a_check_names_the_lengths_of_its_step() -> None:
+    dt = checked(load(MODELS / "pendulum.py")).dt
+    assert dt is not None
+    assert str(dt.sentence) == "dt = 0.001 s: certified up to 0.112; refused above 0.114"
+    step = load(MODELS / "pendulum.py").step("high_gain")
+    assert dt.certified is not None
+    with pytest.warns(StepMayFail):
+        assert hg.contraction(hg.sample(step.observer, hg.methods.rk4, dt=dt.certified)).proved
+    assert checked(load(MODELS / "pendulum.py"), name="cascade").dt is None
 
 
 # --- matrices -----------------------------------------------------------------------------------------------

@@ -129,7 +129,7 @@ def build_(
     written in the place of C, and its self-check is run where its compiler is there. With --for the C lies in
     src/, with what the ecosystem asks for beside it, and figures in extras/.
 
-    JSON keys: model, plant, form, coordinates, flow, outputs, gains, checks, refuted, theorem, notes (as in
+    JSON keys: model, plant, form, coordinates, flow, outputs, gains, dt, checks, refuted, theorem, notes (as in
     `check`), c_names (by signal, where the language, C or another, has another name), compiler, self_check (what it
     printed), trials (trial, criterion, seeds, engine, times, settled, worst, peak, calm, triggered, loud,
     latched, alarm_ratio, rms, clamped, left), comparison (trial, seed, until, before, after, settled, dt,

@@ -80,7 +80,9 @@ def check_(
     median, window, unit, trial, hopeless, where, direction), forms (name, verdict: null where the form was not asked or
     does not take the plant, why, why_data, fix, order, witness), bounds (expression, low, high: null where unbounded,
     defined, boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y), gains (by name,
-    those of several coordinates or outputs by the name of each), checks (id, claim, verdict, reason, reason_data: its
+    those of several coordinates or outputs by the name of each), dt (dt, time, certified: the largest at which errors
+    are proved to decay, throughout: at every one up to it, advised, refused: above it, each null where there is none;
+    null of an observer of which it cannot be proved), checks (id, claim, verdict, reason, reason_data: its
     pattern and the values that it names, a bound as its value and how it is rounded, witness, fix, accepted), refuted
     (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
     theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, reason_data, checks, reference;

@@ -12,6 +12,7 @@ import numpy as np
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
+from hgogen.certificates.admitted import Admitted, admitted
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.check import Check, Refuted, refuted
 from hgogen.commands.process import note
@@ -48,7 +49,7 @@ class Checked:
     `observer`: its name, or ""; `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`:
     whether there is an observer, which needs what is refuted; `step`: the step that was built, of the tuning `tuning`,
     "" of the model's own; `known`: how far its errors go under what the model says of noise and the like, None where it
-    says nothing.
+    says nothing; `dt`: up to which dt its step is certified, advised and admitted, where the first may be.
     """
 
     plant: str
@@ -62,6 +63,7 @@ class Checked:
     step: CallableStep | None = None
     tuning: str = ""
     known: ErrorBound | None = None
+    dt: Admitted | None = None
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -78,7 +80,8 @@ class Checked:
         """The form's coordinates and equations, and the observer's gains, line by line."""
         title, *lines = self.form.head
         gains = (Sentence.of("  {gain}", gain=written(gain)) for gain in self.gains)
-        return (title, *self._recast, *lines, *gains)
+        limits = (Sentence.of("  {limits}", limits=dt.sentence) for dt in (self.dt,) if dt)
+        return (title, *self._recast, *lines, *gains, *limits)
 
     @property
     def _recast(self) -> list[Sentence]:
@@ -117,7 +120,8 @@ class Checked:
         refused = [c.id for c in self.open]
         said = {"checks": listed, "refuted": refused, "theorem": theorem, "notes": list(self.notes)}
         gains = {gain.name: by_name(gain) for gain in self.gains}
-        return {"plant": self.plant, "form": self.form.kind, **equations, "gains": gains, **said}
+        own = {"gains": gains, "dt": self.dt and self.dt.as_dict()}
+        return {"plant": self.plant, "form": self.form.kind, **equations, **own, **said}
 
 
 def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, str]:
@@ -153,10 +157,12 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         known = tuple(check.id for check in error.form.checks if check.id in error.accepted)
         return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer
-    known, bound, notes = _as_it_runs(step, model)
-    checks = (*observer.checks, *known)
-    parts = (model.plant.name, observer.form, checks, observer.accepted, observer.name, observer.theorem)
-    return Checked(*parts, (*model.notes, *notes), step=step, tuning=name or "", known=bound)
+    plain = Checked(model.plant.name, observer.form, observer.checks, observer.accepted, observer.name)
+    own = replace(plain, theorem=observer.theorem, notes=model.notes, step=step, tuning=name or "")
+    try:
+        return _as_it_runs(own, step, model)
+    except NoSolver as missing:
+        return replace(own, notes=(*own.notes, str(missing)))
 
 
 def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
@@ -193,19 +199,17 @@ def stating(step: CallableStep, model: Model, known: ErrorBound | None) -> Calla
     return replace(step, signed=known.signed if known else Signed())
 
 
-def _as_it_runs(step: CallableStep, model: Model) -> tuple[tuple[Check, ...], ErrorBound | None, tuple[str, ...]]:
-    """What is proved of the step itself, of an observer of which it can be, and a note where its solver is missing.
+def _as_it_runs(claims: Checked, step: CallableStep, model: Model) -> Checked:
+    """The claims with what is proved of the step itself, of an observer of which it can be.
 
-    Raises: `MissingPart` for bounds in the model's file that are none.
+    Raises: `NoSolver`; `MissingPart` for bounds in the model's file that are none.
     """
     if step.observer.error is None:
-        return (), None, ()
-    try:
-        known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
-        error = bound_of(step, model)
-        return (*known.checks, *(bound.check for bound in (noise, start, error) if bound)), error, ()
-    except NoSolver as missing:
-        return (), None, (str(missing),)
+        return claims
+    known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
+    error = bound_of(step, model)
+    own = (*known.checks, *(bound.check for bound in (noise, start, error) if bound))
+    return replace(claims, checks=(*claims.checks, *own), known=error, dt=admitted(step, known))
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:
