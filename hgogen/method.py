@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import core, nominal, numbers
+from hgogen.chains.sampled import Sampled
 from hgogen.chains.transient import lengths
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
@@ -19,6 +20,7 @@ from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covar
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.realised import Realisation, realised
 from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import prior_status_of_view
@@ -26,7 +28,7 @@ from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Place, Repeat, address, sym
-from hgogen.sentence import NONE, Reason
+from hgogen.sentence import NONE, Reason, because
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 Rate = Callable[[Values, float | Graph], Values]
@@ -106,6 +108,24 @@ class ByTableau(OnErrors, Protocol):
     def plain(self) -> Tableau:
         """The stages."""
         ...
+
+
+@dataclass(frozen=True)
+class Realising(Sampled):
+    """A realisation of a linear core, of which it is known how it moves the error of an observer: by the `realisation`,
+    in which proofs have its matrices."""
+
+    realisation: Realisation
+
+    def obstacle(self, error: Inclusion) -> Reason:
+        """A core in which something varies, which is not realised."""
+        if any(slope.degree < 0 for slope in error.slopes):
+            return because("the proof by {rule} is for a linear core that does not move", rule=self.name)
+        return NONE
+
+    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+        """The core realised, and the rest by two stages."""
+        return realised(self.realisation, h, e)
 
 
 @dataclass(frozen=True)

@@ -57,17 +57,20 @@ def test_other_methods_are_verified(method: str) -> None:
     assert set(findings(content_of(observer, method)).values()) == {"verified"}
 
 
+@pytest.mark.parametrize(
+    ("method", "name"), [("bilinear", "the bilinear rule"), ("exponential", "the matrix exponential")]
+)
 @pytest.mark.parametrize("observer", ["high_gain", "filtered"])
-def test_the_bilinear_rule_is_verified_at_one_length(observer: str) -> None:
+def test_a_realised_core_is_verified_at_one_length(observer: str, method: str, name: str) -> None:
     gains = load(MODELS / "pendulum.py").module.tuning[observer]
     made = getattr(hg.observers, observer)(hg.forms.triangular(model("pendulum")), **gains)
-    content = content_of(made, "bilinear", 0.05)
+    content = content_of(made, method, 0.05)
     assert findings(content) == {"step": "verified"}
     other = copy.deepcopy(content)
     claim(other, "step")["alpha"] = times(1.1)(claim(other, "step")["alpha"])
     assert findings(other)["step"] == "fails"
     shorter = copy.deepcopy(certified(observer))
-    claim(shorter, "shorter")["method"] = "the bilinear rule"
+    claim(shorter, "shorter")["method"] = name
     assert findings(shorter)["shorter"] == "fails"
 
 

@@ -15,6 +15,7 @@ from plants import MODELS, model
 import hgogen as hg
 from hgogen.certificates.contraction import _beyond, contraction
 from hgogen.certificates.reach import Reach, _proved, reach
+from hgogen.chains.sampled import Sampled
 from hgogen.check import Verdict
 from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.bounded_theta import Nothing
@@ -155,6 +156,8 @@ def shrinking(
         ("peaking_free", "heun"),
         ("high_gain", "bilinear"),
         ("filtered", "bilinear"),
+        ("high_gain", "exponential"),
+        ("filtered", "exponential"),
         *(pytest.param(each, "rk4", marks=pytest.mark.slow) for each in FIVE[1:]),
     ],
 )
@@ -294,7 +297,7 @@ def test_no_pair_of_estimates_of_a_random_plant_grows_apart_where_it_is_proved(
     ("observer", "method", "said"),
     [
         ("riccati", "continuous_discrete", "constant injection"),
-        ("high_gain", "exponential", "not made for the matrix exponential"),
+        ("peaking_free", "exponential", "for a linear core that does not move"),
         ("peaking_free", "bilinear", "for a linear core that does not move"),
     ],
 )
@@ -303,6 +306,13 @@ def test_where_nothing_is_proved_it_is_said_why(observer: str, method: str, said
     known = hg.contraction(step)
     assert (known.proved, known.reach.longest) == (False, None)
     assert said in str(known.checks[0].reason)
+
+
+def test_nothing_is_proved_by_a_method_of_which_it_is_not_known_how_it_moves_the_error() -> None:
+    known = hg.methods.exponential
+    own = Sampled("my own", known.matrices, known.numbers, known.equations)
+    (check,) = hg.contraction(hg.sample(made("pendulum", "high_gain"), own, dt=1e-3)).checks
+    assert "not made for my own" in str(check.reason)
 
 
 def test_without_guards_nothing_is_proved() -> None:

@@ -73,9 +73,10 @@ def test_no_noise_moves_the_estimate_further(observer: str, method: str) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("method", ["bilinear", "exponential"])
 @pytest.mark.parametrize("observer", ["high_gain", "filtered"])
-def test_no_noise_moves_it_further_by_the_bilinear_rule(observer: str) -> None:
-    test_no_noise_moves_the_estimate_further(observer, "bilinear")
+def test_no_noise_moves_it_further_by_a_realised_core(observer: str, method: str) -> None:
+    test_no_noise_moves_the_estimate_further(observer, method)
 
 
 def moved(step: hg.Step, noise: np.ndarray, angle: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Signs of the eigenvalues of a symmetric rational matrix, in exact arithmetic.
+"""Signs of the eigenvalues of a symmetric rational matrix, in exact arithmetic; of one of balls as far as these tell.
 
 All eigenvalues of a symmetric M are real, and det(x I + M) = sum_k e_k x^(n-k) with e_k the elementary symmetric
 functions of them. So M >= 0 if and only if every e_k >= 0, and M > 0 if and only if every e_k > 0 (FLINT's
@@ -11,7 +11,7 @@ from math import isqrt
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mat
+from flint import arb, fmpq, fmpq_mat
 
 Matrix = tuple[tuple[Fraction, ...], ...]
 
@@ -60,6 +60,19 @@ def unit(n: int) -> Any:
 def positive(M: Any) -> bool:
     """Whether a symmetric matrix of FLINT's is positive definite: proved either way."""
     return all(value > 0 for value in _elementary(M))
+
+
+def definite(M: np.ndarray) -> bool:
+    """Whether a symmetric matrix of FLINT's rationals is positive definite, proved either way; of its balls, whether
+    every matrix within them is shown to be, by the signs of pivots."""
+    if not any(isinstance(value, arb) for value in M.flat):
+        return positive(fmpq_mat(M.tolist()))
+    rest = M.copy()
+    for k in range(len(M)):
+        if not rest[k, k] > 0:
+            return False
+        rest[k + 1 :, k + 1 :] = rest[k + 1 :, k + 1 :] - np.outer(rest[k + 1 :, k], rest[k, k + 1 :]) / rest[k, k]
+    return True
 
 
 def nonnegative(M: Any) -> bool:

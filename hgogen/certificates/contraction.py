@@ -57,8 +57,8 @@ class Contraction:
 def contraction(step: Step) -> Contraction:
     """What is proved of the error of a step at its gains and dt, and how far dt and theta may go.
 
-    Of `high_gain`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by an explicit method; of others
-    the check says why nothing is proved.
+    Of `high_gain`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by an explicit method, and but for
+    the last by one that realises the core; of others the check says why nothing is proved.
 
     Raises: `NoSolver` without cvxpy.
     """
@@ -83,7 +83,8 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
     proof, far = steps.proved(h), reach(steps, h, limit)
     if proof is None:
         return _unknown(observer, rule, dt, _why(observer, steps, h), _fix(far), far)
-    rate = because("|e|_P falls at least like exp(-{rate} t), in rational arithmetic", rate=Down(proof.rate, 3))
+    pattern = "|e|_P falls at least like exp(-{rate} t), in {arithmetic} arithmetic"
+    rate = because(pattern, rate=Down(proof.rate, 3), arithmetic=steps.at(h).arithmetic)
     known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, AtOneLength(error, rule, proof))
     return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof, steps)
 

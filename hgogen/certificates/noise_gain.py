@@ -70,16 +70,22 @@ def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: C
     outputs = [output.name for output in form.system.outputs]
     gains = {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
     known = UnderNoise(error, rule, Fraction(dt), bounds)
-    return NoiseGain(gains, _check(observer, running(observer, rule, dt), error, known, gains))
+    said = _check(observer, running(observer, rule, dt), error, known, gains, steps.at(proof.h).arithmetic)
+    return NoiseGain(gains, said)
 
 
 def _check(
-    observer: Observer, at: str, error: Inclusion, known: UnderNoise, gains: Mapping[tuple[str, str], float]
+    observer: Observer,
+    at: str,
+    error: Inclusion,
+    known: UnderNoise,
+    gains: Mapping[tuple[str, str], float],
+    arithmetic: str,
 ) -> Check:
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
     said = [
         Sentence.of("{state} by at most {gain} for 1 of {output}", state=state, gain=Up(gain, 3), output=output)
         for (state, output), gain in gains.items()
     ]
-    reason = because("{said}, in rational arithmetic", said=said)
+    reason = because("{said}, in {arithmetic} arithmetic", said=said, arithmetic=arithmetic)
     return claimed(observer, "noise", claim, reason, error, known)

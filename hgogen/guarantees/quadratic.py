@@ -14,11 +14,12 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mat
+from flint import arb, ctx, fmpq, fmpq_mat
 
-from hgogen.algebra.definite import Matrix, fraction, number, positive
+from hgogen.algebra.definite import Matrix, definite, fraction, number, positive
 
-Array = np.ndarray  # of floats, or of FLINT's rationals as objects
+Array = np.ndarray  # of floats, or of FLINT's rationals or balls as objects
+BALLS = 256  # bits of a ball
 
 _MARGINS = (1e-6, 1e-5)  # by which a form is negative, so that it is when it is rounded
 _FINE = (34, 48)  # bits after the point, where P is of any size
@@ -133,10 +134,12 @@ def negative(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
 
 
 def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
-    """Whether P > 0, S >= 0 and all forms are negative, in exact arithmetic; P and S of FLINT's rationals."""
+    """Whether P > 0, S >= 0 and all forms are negative, in exact arithmetic, of forms of balls in theirs; P and S of
+    FLINT's rationals."""
     if any(value < 0 for value in S) or not positive(fmpq_mat(P.tolist())):
         return False
-    return all(positive(fmpq_mat((-form.value(P, S)).tolist())) for form in forms)
+    with ctx.workprec(BALLS):
+        return all(definite(-form.value(P, S)) for form in forms)
 
 
 def extent(P: Array, c: Array) -> Fraction:
@@ -152,10 +155,10 @@ def inverse_root(P: Array) -> Array:
 
 
 def floats(M: Array) -> Array:
-    """An array of rationals, or of floats already, as floats."""
+    """An array of rationals or balls, or of floats already, as floats."""
     if M.dtype == float:
         return M
-    return np.array([[float(fraction(value)) for value in row] for row in M]).reshape(M.shape)
+    return np.array([[float(arb(value)) for value in row] for row in M]).reshape(M.shape)
 
 
 def on_grid(values: Array, bits: int) -> Array:

@@ -20,6 +20,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from flint import arb
 
 from hgogen.algebra.definite import fraction, number
 from hgogen.discretisation.runge_kutta import Tableau
@@ -70,6 +71,11 @@ class Stagewise:
     def rows(self) -> int:
         """The size of its form."""
         return int(self.D.shape[1])
+
+    @property
+    def arithmetic(self) -> str:
+        """The arithmetic in which its forms are shown to be negative."""
+        return "outward rounded" if any(isinstance(value, arb) for value in self.D.flat) else "rational"
 
     def contraction(self, alpha: Fraction) -> Quadratic:
         """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2."""

@@ -8,18 +8,14 @@ Source: Dabroom, Khalil, "Discrete-time implementation of high-gain observers fo
 Control 72 (1999).
 """
 
-from fractions import Fraction
-
 import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import Core
-from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
-from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.realised import by_bilinear_rule, realised
-from hgogen.guarantees.stagewise import Stagewise
+from hgogen.chains.sampled import Matrices, balanced, spread
+from hgogen.guarantees.realised import by_bilinear_rule
+from hgogen.method import Realising
 from hgogen.program import Kernel, Place
-from hgogen.sentence import NONE, Reason, because
 
 
 def _matrices(line: Core, h: float) -> Matrices:
@@ -46,19 +42,4 @@ def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.nda
 
 EQUATIONS = ("(1 - h/2 M) x+ = (1 + h/2 M) x + h/2 B (v_0 + v_1) + h/2 (r_0 + r_1)",)
 
-
-class Bilinear(Sampled):
-    """The rule, of which it is known how it moves the error of an observer: its resolvent is rational."""
-
-    def obstacle(self, error: Inclusion) -> Reason:
-        """A core in which something varies, which is not realised."""
-        if any(slope.degree < 0 for slope in error.slopes):
-            return because("the proof by {rule} is for a linear core that does not move", rule=self.name)
-        return NONE
-
-    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
-        """The core realised, and the rest by two stages."""
-        return realised(by_bilinear_rule, h, e)
-
-
-bilinear = Bilinear("the bilinear rule", _matrices, _numbers, EQUATIONS)
+bilinear = Realising("the bilinear rule", _matrices, _numbers, EQUATIONS, by_bilinear_rule)

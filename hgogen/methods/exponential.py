@@ -11,8 +11,10 @@ scheme: Cox, Matthews, "Exponential time differencing for stiff systems", J. Com
 import numpy as np
 
 from hgogen.chains.core import Core
-from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
+from hgogen.chains.sampled import Matrices, balanced, spread
 from hgogen.discretisation import kernels
+from hgogen.guarantees.realised import by_matrix_exponential
+from hgogen.method import Realising
 from hgogen.program import Kernel, Place
 
 
@@ -44,4 +46,4 @@ EQUATIONS = (
     "phi_0 = exp X, phi_1 = (phi_0 - 1) X^-1, phi_2 = (phi_1 - 1) X^-1",
 )
 
-exponential = Sampled("the matrix exponential", _matrices, _numbers, EQUATIONS)
+exponential = Realising("the matrix exponential", _matrices, _numbers, EQUATIONS, by_matrix_exponential)

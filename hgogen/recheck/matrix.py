@@ -84,6 +84,11 @@ def minus(first: Matrix, *others: Matrix) -> Matrix:
     return plus(first, *(scaled(Fraction(-1), other) for other in others))
 
 
+def sizes(M: Matrix) -> Matrix:
+    """|m_ij|."""
+    return [[abs(value) for value in row] for row in M]
+
+
 def times(A: Matrix, B: Matrix) -> Matrix:
     """A B, each row and column of whole numbers over one denominator: each entry is brought to lowest terms once."""
     rows, columns = map(_whole, A), list(map(_whole, transposed(B)))

@@ -1,7 +1,7 @@
 """The inequality of a step of a method on what the error obeys, built again.
 
     X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
-    X_2 = e + h S (L e + r_1),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h/2 S (r_2 - r_1),   S = (1 - h/2 L)^-1
+    X_2 = e + h phi_1 (L e + r_1),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h phi_2 (r_2 - r_1)
 
 e is the error of two estimates that are given the same samples (`uncertain`); M takes its slopes at their middles, G
 and H what is beside, |d_ij| <= 1 for each stage by itself. With v = (e, p_1, .., p_s), e+ = e + h D v, H X_i = Q_i v,
@@ -10,13 +10,18 @@ P > 0 and S >= 0 diagonal
     2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0   for all v
 
 shows |e+|_P^2 <= (1 - alpha h) |e|_P^2. For given P and S it is a polynomial in h of degree 2 s - 1 by a method of the
-first line: Euler's, Heun's and the classical one of Runge and Kutta. The second is the bilinear rule, which realises
-the core L of M.
+first line: Euler's, Heun's and the classical one of Runge and Kutta. The second realises the core L of M, X = h L: by
+the bilinear rule phi_1 = (1 - X/2)^-1 = 2 phi_2, by the matrix exponential phi_1 = 1 + X phi_2, phi_2 = (exp X - 1 -
+X)/X^2 but for what a program's polynomial is beside that. What that makes of the form is bounded entry by entry, in
+absolute values, and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) brings it onto the diagonal, for any s > 0.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
+from operator import mul
 from typing import Any
 
 from .box import NotShown
@@ -32,12 +37,14 @@ from .matrix import (
     plus,
     scalar,
     scaled,
+    sizes,
     times,
     transposed,
     unit,
     zeros,
 )
 from .text import number
+from .transition import weight
 
 _ROWS = 60  # of an inequality
 ONE = Fraction(1)
@@ -46,8 +53,18 @@ _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]] = {
     "Heun": (((), ("1",)), ("1/2", "1/2")),
     "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6")),
 }
-_BILINEAR = "the bilinear rule"
-Stages = tuple[Matrix, list[Matrix]]  # D, and X_i of each
+_TAKEN = Fraction(1, 2**56)  # of an element of phi_2: what a program's polynomial may be beside it
+Weights = tuple[Matrix, Matrix, Fraction]  # phi_1 and phi_2, and by how much elements of phi_2 may be beside these
+
+
+@dataclass(frozen=True)
+class Moved:
+    """D, and X_i of each stage; `off`: by how much D and the last X may be beside these, entry by entry, empty where
+    they are exact."""
+
+    D: Matrix
+    stages: list[Matrix]
+    off: tuple[Matrix, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,39 +90,65 @@ class Method:
 
     nodes: list[Fraction]
     degree: int
-    moves: Callable[[Parts, Fraction, Matrix, list[Matrix], list[Matrix]], Stages]
+    moves: Callable[[Parts, Fraction, Matrix, list[Matrix], list[Matrix]], Moved]
 
 
 def method_of(evidence: Mapping[str, Any]) -> Method:
     """The method that the evidence names. Raises: `NotShown`."""
     name = part(evidence, "method", str)
-    if name == _BILINEAR:
-        return Method([Fraction(0), ONE], 0, _realised)
+    if name in _REALISED:
+        return Method([Fraction(0), ONE], 0, partial(_realised, _REALISED[name]))
     known = _METHODS.get(name)
     if known is None:
-        raise NotShown(f"its method is none of {', '.join((*_METHODS, _BILINEAR))}")
+        raise NotShown(f"its method is none of {', '.join((*_METHODS, *_REALISED))}")
     rows, weights = [[number(a) for a in row] for row in known[0]], [number(b) for b in known[1]]
 
-    def moves(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Stages:
+    def moves(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Moved:
         rates, stages = list[Matrix](), list[Matrix]()
         for row, p_i, v_i in zip(rows, p, v, strict=True):
             stages.append(plus(e, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True))))
             rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), v_i))
-        return plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True))), stages
+        return Moved(plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True))), stages)
 
     return Method([sum(row, Fraction(0)) for row in rows], 2 * len(weights) - 1, moves)
 
 
-def _realised(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Stages:
-    """By the bilinear rule. Raises: `NotShown`."""
+def _realised(
+    weights: Callable[[Matrix], Weights], parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]
+) -> Moved:
+    """By phi_1 and phi_2 of the core. Raises: `NotShown`."""
     if parts.moving:
-        raise NotShown(f"a part of its core moves, which {_BILINEAR} does not realise")
-    n, rest = len(parts.L), minus(parts.M, parts.L)
-    S = inverse(minus(unit(n), scaled(h / 2, parts.L)))
-    half, first = scaled(Fraction(1, 2), S), plus(times(rest, e), *parts.varied(p[0]))
-    ahead = plus(times(S, plus(times(parts.L, e), first)), times(half, plus(*v)))
+        raise NotShown("a part of its core moves, which its method does not realise")
+    rest, X, (phi_1, phi_2, width) = minus(parts.M, parts.L), scaled(h, parts.L), weights(scaled(h, parts.L))
+    first = plus(times(rest, e), *parts.varied(p[0]))
+    driven = plus(times(parts.L, e), first, v[0])  # by phi_1; by phi_2 what the last sample is beside the first
+    ahead = plus(times(phi_1, driven), times(phi_2, minus(v[1], v[0])))
     after = plus(e, scaled(h, ahead))
-    return plus(ahead, times(half, minus(plus(times(rest, after), *parts.varied(p[1])), first))), [e, after]
+    change = minus(plus(times(rest, after), *parts.varied(p[1])), first)
+    D = plus(ahead, times(phi_2, change))
+    if not width:
+        return Moved(D, [e, after])
+    any_of_it = [[width] * len(X) for _ in X]
+    off = times(any_of_it, plus(times(sizes(X), sizes(driven)), sizes(minus(v[1], v[0]))))  # of `ahead`
+    bent = times(sizes(rest), scaled(h, off))
+    off_D = plus(off, times(any_of_it, plus(sizes(change), bent)), times(sizes(phi_2), bent))
+    return Moved(D, [e, after], (off_D, scaled(h, off)))
+
+
+def _bilinear(X: Matrix) -> Weights:
+    phi_1 = inverse(minus(unit(len(X)), scaled(Fraction(1, 2), X)))
+    return phi_1, scaled(Fraction(1, 2), phi_1), Fraction(0)
+
+
+def _exponential(X: Matrix) -> Weights:
+    phi_2, width = weight(X)
+    return plus(unit(len(X)), times(X, phi_2)), phi_2, width + _TAKEN
+
+
+_REALISED: Mapping[str, Callable[[Matrix], Weights]] = {
+    "the bilinear rule": _bilinear,
+    "the matrix exponential": _exponential,
+}
 
 
 @dataclass(frozen=True)
@@ -153,9 +196,9 @@ def form_of(
     start, p = one[:n], [one[n + i * m : n + (i + 1) * m] for i in range(s)]
     nothing, last = zeros(n, size + inputs), list(enumerate(entering, size))
     v = [plus(nothing, *(_beside(each.stages[i], one[k]) for k, each in last)) for i in range(s)]
-    D, stages = method.moves(parts, h, start, p, v)
-    D = plus(D, *(_beside(each.beside, one[k]) for k, each in last))
-    reads, PD = [row for X in stages for row in times(parts.H, X)], times(P, D)
+    moved = method.moves(parts, h, start, p, v)
+    D = plus(moved.D, *(_beside(each.beside, one[k]) for k, each in last))
+    reads, PD = [row for X in moved.stages for row in times(parts.H, X)], times(P, D)
     linear = times(transposed(start), PD)
     form = plus(linear, transposed(linear), scaled(h, times(transposed(D), PD)))
     if m:
@@ -163,7 +206,32 @@ def form_of(
         form = plus(form, times(transposed(reads), weighed))
     for k, value in enumerate(S):
         form[n + k][n + k] -= value
-    return form
+    return plus(form, _slack(form, h, P, S[: s * m], D, parts.H, reads, moved.off)) if moved.off else form
+
+
+def _slack(
+    form: Matrix,
+    h: Fraction,
+    P: Matrix,
+    S: list[Fraction],
+    D: Matrix,
+    H: Matrix,
+    reads: Matrix,
+    off: tuple[Matrix, ...],
+) -> Matrix:
+    """A diagonal that is at least what the form becomes larger by where D and the last X are off."""
+    off_D, off_X, n, m = *off, len(P), len(H)
+    PD = times(sizes(P), off_D)
+    linear = plus([*PD, *zeros(len(form) - n, len(form))], scaled(h, times(transposed(sizes(D)), PD)))
+    terms = [linear, transposed(linear), scaled(h, times(transposed(off_D), PD))]
+    if m:
+        read = times(sizes(H), off_X)
+        weighed = [[value * x for x in row] for value, row in zip(S[-m:], read, strict=True)]
+        mixed = times(transposed(sizes(reads[-m:])), weighed)
+        terms += [mixed, transposed(mixed), times(transposed(read), weighed)]
+    scales = [Fraction(1 / math.sqrt(abs(float(row[i])) or 1.0)) for i, row in enumerate(form)]
+    sums = [sum(map(mul, row, scales)) / own for row, own in zip(plus(*terms), scales, strict=True)]
+    return [[value * x for x in row] for value, row in zip(sums, unit(len(form)), strict=True)]
 
 
 def _beside(column: list[Fraction], row: list[Fraction]) -> Matrix:

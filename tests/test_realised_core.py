@@ -1,0 +1,191 @@
+"""The proof of a step by the matrix exponential: against SciPy's, and with the polynomials that a program takes."""
+
+import copy
+import sys
+from fractions import Fraction
+from functools import partial
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from flint import arb, ctx
+from forger import sealed
+from plants import MODELS, model
+from scipy.linalg import expm
+
+import hgogen as hg
+from hgogen.algebra.definite import definite, number
+from hgogen.check import Verdict
+from hgogen.discretisation import kernels
+from hgogen.guarantees import realised
+from hgogen.guarantees.contracting import Steps, unstable
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.quadratic import BALLS, floats, rational
+from hgogen.model import load
+from hgogen.recheck import stages
+from hgogen.recheck.transition import weight
+from hgogen.recheck.verification import recheck
+
+
+def steps_of(name: str, observer: str, theta: float | None = None) -> Steps:
+    """What is sought of the step of a shipped tuning, by the matrix exponential."""
+    gains = load(MODELS / f"{name}.py").module.tuning[observer]
+    known = gains | ({} if theta is None else {"theta": theta})
+    made = getattr(hg.observers, observer)(hg.forms.triangular(model(name)), **known)
+    assert isinstance(made.error, Inclusion)
+    return Steps(made.error, hg.methods.exponential.error_step, Fraction(known["theta"]))
+
+
+CORES = [("pendulum", "high_gain"), ("pendulum", "filtered"), ("hyperjerk", "filtered"), ("hyperjerk", "low_power")]
+
+
+@pytest.mark.parametrize(("name", "observer"), CORES)
+@pytest.mark.parametrize("h", [1e-6, 0.01, 0.3])
+def test_the_balls_hold_what_the_program_takes(name: str, observer: str, h: float) -> None:
+    """Its polynomial in fractions, with as many halvings as its kernel takes of the balanced core."""
+    steps = steps_of(name, observer)
+    core = steps.error.at(steps.theta).core
+    _, phi_2 = realised.by_matrix_exponential(core, Fraction(h))
+    x, scale = h * floats(core).reshape(-1), np.ones(len(core))
+    kernels.balance(x, scale)
+    norm = np.abs(x.reshape(core.shape)).sum(axis=1).max()
+    halvings = max(0, int(np.ceil(np.log2(2 * norm))))
+    with ctx.workprec(4 * BALLS):
+        X = core * number(Fraction(h)) / 2**halvings * arb(1)
+        one = np.eye(len(core), dtype=int) * arb(1)
+        a2 = one
+        for j in range(kernels.DEGREE, 0, -1):
+            a2 = one + X @ a2 / (j + 2)
+        a2 = a2 / 2
+        a1 = one + X @ a2
+        a0 = one + X @ a1
+        for _ in range(halvings):
+            a2, a1, a0 = (a0 @ a2 + a1 + a2) / 4, (a0 @ a1 + a1) / 2, a0 @ a0
+    assert all(ball.contains(value) for ball, value in zip(phi_2.flat, a2.flat, strict=True))
+
+
+def test_a_polynomial_that_may_be_further_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, h = steps_of("pendulum", "high_gain"), Fraction(0.01)
+    assert steps.certain(h) is not None
+    monkeypatch.setattr(realised, "WITHIN", Fraction(1, 2**120))
+    assert steps.certain(h) is None
+
+
+@pytest.mark.parametrize(("name", "observer"), CORES)
+def test_the_error_moves_as_by_scipys_exponential(name: str, observer: str) -> None:
+    """e+ = (Phi + Psi_0 J_0 + Psi_1 (J_1 (Phi + Psi_0 J_0) - J_0)) e, the phi by a block of one exponential."""
+    steps, h, rng = steps_of(name, observer), 0.03, np.random.default_rng(0)
+    e, step = steps.error.at(steps.theta), steps.at(Fraction(h))
+    M, G, H, core = map(floats, (e.M, e.G, e.H, e.core))
+    n, m = e.G.shape
+    wide = np.zeros((3 * n, 3 * n))
+    wide[:n, :n], wide[:n, n : 2 * n], wide[n : 2 * n, 2 * n :] = h * core, np.eye(n), np.eye(n)
+    phi_0, phi_1, phi_2 = (expm(wide)[:n, k * n : (k + 1) * n] for k in range(3))
+    for _ in range(5):
+        d = rng.uniform(-1, 1, (2, m))
+        J_0, J_1 = (M - core + G @ np.diag(each) @ H for each in d)
+        first = phi_0 + h * phi_1 @ J_0
+        wanted = first + h * phi_2 @ (J_1 @ first - J_0)
+        v = np.vstack([np.eye(n), d[0][:, None] * H, d[1][:, None] * (H @ first)])
+        np.testing.assert_allclose(np.eye(n) + h * floats(step.D) @ v, wanted, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(floats(step.Q) @ v, np.vstack([H, H @ first]), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "observer", "theta"), [("hyperjerk", "filtered", 10), ("hyperjerk", "low_power", 6)])
+def test_it_is_proved_to_nine_tenths_of_where_a_frozen_slope_is_unstable(
+    name: str, observer: str, theta: float
+) -> None:
+    steps = steps_of(name, observer, theta)
+    edge = next(h for h in np.geomspace(0.3, 3, 200) if unstable(steps.at(Fraction(h))) is not None)
+    assert all(steps.certain(Fraction(share * edge)) is not None for share in (0.02, 0.2, 0.5, 0.82, 0.9))
+
+
+def test_it_is_said_in_which_arithmetic() -> None:
+    gains = load(MODELS / "pendulum.py").module.tuning["high_gain"]
+    made = hg.observers.high_gain(hg.forms.triangular(model("pendulum")), **gains)
+    for method, said in (("exponential", "outward rounded arithmetic"), ("bilinear", "rational arithmetic")):
+        step = hg.sample(made, getattr(hg.methods, method), dt=0.01)
+        gain = hg.noise_gain(step)
+        assert gain is not None
+        assert all(f"in {said}" in str(check.reason) for check in (hg.contraction(step).checks[0], gain.check))
+
+
+def test_balls_are_definite_where_every_matrix_within_them_is() -> None:
+    M = np.array([[2, 1], [1, 1]], dtype=object)
+    exactly, wide = rational(M), np.array([[arb(2, 0.5), arb(1)], [arb(1), arb(1)]], dtype=object)
+    for matrix, sure in [(exactly, True), (wide, True), (wide - np.diag([arb(0.5), arb(0)]), False)]:
+        assert definite(matrix) is sure
+    assert not definite(-wide)
+    assert not definite(np.array([[arb(0, "inf")]], dtype=object))
+
+
+@pytest.mark.parametrize("size", [0.01, 0.4, 3, 40])
+def test_the_weight_is_rebuilt_to_its_width(size: float) -> None:
+    """By mpmath at many digits, as (exp X - 1 - X)/X^2."""
+    rng = np.random.default_rng(5)
+    X = [[Fraction(value) for value in row] for row in rng.normal(0, size, (4, 4)) - size * np.eye(4)]
+    middle, width = weight(X)
+    with mpmath.workdps(80):
+        big = mpmath.matrix([[mpmath.mpf(x.numerator) / x.denominator for x in row] for row in X])
+        exactly = (mpmath.expm(big) - mpmath.eye(4) - big) * (big * big) ** -1
+        away = max(
+            abs(exactly[i, j] - mpmath.mpf(middle[i][j].numerator) / middle[i][j].denominator)
+            for i in range(4)
+            for j in range(4)
+        )
+        assert away <= width.numerator / mpmath.mpf(width.denominator)
+        assert width < Fraction(1, 10**14)
+
+
+def certified(observer: str) -> dict[str, Any]:
+    """The certificate of the hyperjerk's shipped tuning, with the bound of noise."""
+    gains = load(MODELS / "hyperjerk.py").module.tuning[observer]
+    made = getattr(hg.observers, observer)(hg.forms.triangular(model("hyperjerk")), **gains)
+    step = hg.sample(made, hg.methods.exponential, dt=0.02)
+    gain = hg.noise_gain(step)
+    assert gain is not None
+    return hg.certificate(made.form, (*made.checks, *hg.contraction(step).checks, gain.check), observer)
+
+
+def findings(content: dict[str, Any]) -> dict[str, str]:
+    """What is found of the claims of the step."""
+    rows = {row.id.split(".")[1]: row.found for row in recheck(sealed(content)).rows}
+    return {fact: rows[fact] for fact in ("step", "noise")}
+
+
+def test_forged_numbers_and_a_polynomial_that_may_be_further_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = certified("high_gain")
+    assert findings(content) == {"step": "verified", "noise": "verified"}
+    for fact, forge in (
+        ("step", partial(_larger, key="alpha")),
+        ("noise", _smaller),
+        ("step", partial(_larger, key="dt", by=40)),
+    ):
+        forged = copy.deepcopy(content)
+        (one,) = (each["evidence"] for each in forged["claims"] if each["id"].endswith(f".{fact}"))
+        forge(one)
+        assert findings(forged)[fact] == "fails", fact
+    monkeypatch.setattr(stages, "_TAKEN", Fraction(1, 100))
+    assert findings(content) == {"step": "fails", "noise": "fails"}
+
+
+def _larger(one: dict[str, Any], key: str, by: float = 1.1) -> None:
+    one[key] = str(Fraction(one[key]) * Fraction(by))
+
+
+def _smaller(one: dict[str, Any]) -> None:
+    one["bounds"][0]["bound"] = str(Fraction(one["bounds"][0]["bound"]) * Fraction(9, 10))
+
+
+def test_a_core_too_fast_for_its_dt_is_not_rebuilt() -> None:
+    limit = sys.float_info.max
+    with pytest.raises(stages.NotShown, match="too fast"):
+        weight([[Fraction(limit)]])
+
+
+def test_nothing_is_proved_where_a_core_moves() -> None:
+    gains = load(MODELS / "pendulum.py").module.tuning["peaking_free"]
+    made = hg.observers.peaking_free(hg.forms.triangular(model("pendulum")), **gains)
+    (check,) = hg.contraction(hg.sample(made, hg.methods.exponential, dt=1e-3)).checks
+    assert check.verdict is Verdict.UNKNOWN
