@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.certificates.certificate import certificate
     from hgogen.certificates.contraction import Contraction, contraction
     from hgogen.certificates.error_bound import ErrorBound, error_bound, signed
+    from hgogen.certificates.input_gains import IssGain, L2Gain, iss_gain, l2_gain
     from hgogen.certificates.noise_gain import NoiseGain, noise_gain
     from hgogen.certificates.start_set import StartSet, start_set
     from hgogen.check import Check, Verdict
@@ -78,6 +79,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "certificate": "certificates.certificate",
     **dict.fromkeys(("Contraction", "contraction"), "certificates.contraction"),
     **dict.fromkeys(("ErrorBound", "error_bound", "signed"), "certificates.error_bound"),
+    **dict.fromkeys(("IssGain", "L2Gain", "iss_gain", "l2_gain"), "certificates.input_gains"),
     **dict.fromkeys(("NoiseGain", "noise_gain"), "certificates.noise_gain"),
     **dict.fromkeys(("StartSet", "start_set"), "certificates.start_set"),
     **dict.fromkeys(("Check", "Verdict"), "check"),
@@ -121,6 +123,8 @@ __all__ = [
     "Fit",
     "Form",
     "HgogenError",
+    "IssGain",
+    "L2Gain",
     "Log",
     "Model",
     "NoiseGain",
@@ -150,6 +154,8 @@ __all__ = [
     "from_casadi",
     "gramian",
     "innovation",
+    "iss_gain",
+    "l2_gain",
     "load",
     "methods",
     "noise_gain",

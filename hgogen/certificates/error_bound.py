@@ -24,7 +24,7 @@ from hgogen.guarantees.plant_step import PlantStep, Unbounded
 from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.signed import Signed
 from hgogen.guarantees.step_evidence import Share, UnderInputs
-from hgogen.guarantees.under_inputs import InputBound, input_bound
+from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import ByTableau
@@ -90,11 +90,11 @@ def error_bound(
     """
     form = step.observer.form
     sizes = {
-        "noise": _sizes("noise", noise, form.system.outputs),
-        "rounded": [size / 2 for size in _sizes("rounded", rounded, form.system.outputs)],
-        "late": _sizes("late", late, form.system.outputs),
-        "disturbance": _sizes("disturbance", disturbance, form.system.declared.states),
-        "parameters": _sizes("parameters", parameters, form.system.parameters),
+        "noise": sizes_of("noise", noise, form.system.outputs),
+        "rounded": [size / 2 for size in sizes_of("rounded", rounded, form.system.outputs)],
+        "late": sizes_of("late", late, form.system.outputs),
+        "disturbance": sizes_of("disturbance", disturbance, form.system.declared.states),
+        "parameters": sizes_of("parameters", parameters, form.system.parameters),
     }
     moving = _moving(step, rates)
     known = contraction(step)
@@ -128,17 +128,22 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
     return replace(step, signed=error_bound(step, **bounds).signed)
 
 
-def _sizes(what: str, values: Each, signals: Sequence[Signal]) -> list[Fraction]:
-    """A size >= 0 for each signal, 0 where none is given. Raises: `BadNames`, `BadGain`."""
-    sizes = _by_name(what, values, signals, 0.0)
-    return [_size(f"{what} of {signal.name}", value) for signal, value in zip(signals, sizes, strict=True)]
+def sizes_of(
+    what: str, values: Each, signals: Sequence[Signal], names: Sequence[str] = (), default: float = 0.0
+) -> list[Fraction]:
+    """A size >= 0 for each signal, by its name or those that are told, the default where none is given.
+
+    Raises: `BadNames`, `BadGain`.
+    """
+    own = names or names_of(signals)
+    sizes = _by_name(what, values, own, default)
+    return [_size(f"{what} of {name}", value) for name, value in zip(own, sizes, strict=True)]
 
 
-def _by_name(what: str, values: Each, signals: Sequence[Signal], default: float | None) -> list[Any]:
-    """What is given for each signal, or the default. Raises: `BadNames`."""
+def _by_name(what: str, values: Each, names: Sequence[str], default: float | None) -> list[Any]:
+    """What is given for each name, or the default. Raises: `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
-    names = names_of(signals)
     return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
 
 
@@ -153,7 +158,7 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
-    asked = _by_name("rates", rates, inputs, None)
+    asked = _by_name("rates", rates, names_of(inputs), None)
     known = [own if value is None else value for value, own in zip(asked, declared, strict=True)]
     most = [None if x is None else _size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
     return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)
@@ -187,7 +192,7 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
         relative = sizes.over(sizes.largest)
         if relative not in proofs:
             inputs = relative.inputs(steps.at(proof.h), error, scales, shown)
-            each = {k: input_bound(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fields}
+            each = {k: of_step(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fields}
             proofs[relative] = {k: one for k, one in each.items() if one}
         if len(proofs[relative]) < len(fields):
             return _unknown(step, because("no bound is found of what {name} does", name=name))

@@ -11,7 +11,7 @@ from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import Inclusion, of_state
 from hgogen.guarantees.stagewise import Inputs
 from hgogen.guarantees.step_evidence import UnderNoise
-from hgogen.guarantees.under_inputs import InputBound, input_bound
+from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
@@ -61,9 +61,7 @@ def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: C
     bounds: dict[tuple[int, int], InputBound] = {}
     for i, field in enumerate(error.layout.picks):
         for j in range(len(form.output)):
-            one = input_bound(
-                steps, proof.h, Inputs.of(steps.at(proof.h).ends(j)), of_state(scales, field), proof.alpha
-            )
+            one = of_step(steps, proof.h, Inputs.of(steps.at(proof.h).ends(j)), of_state(scales, field), proof.alpha)
             if one is None:
                 return None
             bounds[i, j] = one

@@ -53,6 +53,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import LOOSE, Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
+from hgogen.guarantees.attenuating import ByOneV, MovingGain
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.steepness import slope
 from hgogen.intervals.digits import Down, Up
@@ -139,7 +140,8 @@ class Disturbance:
 @dataclass(frozen=True)
 class Given:
     """What an observer guarantees: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, the
-    `slope`, as shown by `steep`; None where no k is known, for the `reason`."""
+    `slope`, as shown by `steep`; None where no k is known, for the `reason`. `moving`: what a disturbance does to the
+    error, where that is known by slope."""
 
     low: Fraction
     high: Fraction
@@ -147,6 +149,7 @@ class Given:
     reason: Reason = NONE
     disturbance: Disturbance | None = None
     steep: Steep | None = None
+    moving: MovingGain | None = None
 
 
 @dataclass(frozen=True)
@@ -285,10 +288,15 @@ def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check,
     sound = all(check.verdict is Verdict.PROVED for check in known)
     lost = NONE if sound else because("P proves nothing")
     lost = lost or (NONE if assumptions.slope is not None else assumptions.reason)
-    whole: list[tuple[Check, Candidate | Adapting]] = [(check, candidate) for check in known]
+    whole: list[tuple[Check, Candidate | Adapting | ByOneV]] = [(check, candidate) for check in known]
     whole += [(_above(maker, candidate, assumptions, lost), Adapting(candidate, assumptions))]
     if assumptions.disturbance:
-        whole += [(_gain(maker, candidate, assumptions, lost), Attenuating(candidate, assumptions))]
+        moving = None if lost or assumptions.moving is None else assumptions.moving
+        one = moving and moving.attenuation(candidate.P)
+        if moving and one:
+            whole += [(_attenuated(maker, assumptions.disturbance, Up(one.mu, 3)), ByOneV(moving, one))]
+        else:
+            whole += [(_gain(maker, candidate, assumptions, lost), Attenuating(candidate, assumptions))]
     numbers = {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
     return tuple(replace(check, proofs=(Grounds(numbers, fact),)) for check, fact in whole)
 
@@ -319,18 +327,24 @@ def _above(maker: str, candidate: Candidate, assumptions: Given, lost: Reason) -
     return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, reason)
 
 
+_ATTENUATES = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"
+
+
+def _attenuated(maker: str, disturbance: Disturbance, mu: Up) -> Check:
+    pattern = "mu <= {mu}, in the coordinates of integrators, while the estimate keeps to its outer box; {disturbance}"
+    reason = because(pattern, mu=mu, disturbance=disturbance.reason)
+    return Check(ClaimId(maker, "attenuation"), _ATTENUATES, Verdict.PROVED, reason)
+
+
 def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: Reason) -> Check:
-    claim = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"
     if lost or assumptions.disturbance is None:
-        return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, lost)
+        return Check(ClaimId(maker, "attenuation"), _ATTENUATES, Verdict.UNKNOWN, lost)
     mu = gain(candidate, assumptions)
     if mu is None:
         least = Up(candidate.least(assumptions.slope or Fraction(0)))
         low = because("not shown: (70) asks for gamma_inf above {least} at least", least=least)
-        return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
-    pattern = "mu <= {mu}, in the coordinates of integrators, while the estimate keeps to its outer box; {disturbance}"
-    reason = because(pattern, mu=Up(mu), disturbance=assumptions.disturbance.reason)
-    return Check(ClaimId(maker, "attenuation"), claim, Verdict.PROVED, reason)
+        return Check(ClaimId(maker, "attenuation"), _ATTENUATES, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
+    return _attenuated(maker, assumptions.disturbance, Up(mu))
 
 
 def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:

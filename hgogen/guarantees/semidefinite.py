@@ -2,6 +2,7 @@
 
     margin    maximise m:   F(P, S) <= -m I for every form F,   P >= least I,   trace P <= n
     shortest  minimise t:   F(P, S) <= -m I,   [t, c; c', P] >= 0 for every c,   limits on P and S
+    cheapest  minimise t:   F(P, S) + R <= -m I for every form F and its R,   the last of S <= t
 
 F is linear in P and S (`quadratic`), c P^-1 c' <= t. The programs are written down for Clarabel as it takes them, A x +
 s = b with s in cones, without a language for models, which would take longer than the solver.
@@ -105,6 +106,29 @@ def shortest(form: Quadratic, rows: Array, limits: Limits, by: float, what: str)
     others: Rows = (np.hstack([A, np.zeros((len(A), 1))]), b, False)
     all_rows = [_definite(_entries(form), 0 * small[None], small), *of_rows, others, _signs(p, k)]
     solution = _solved(np.append(np.zeros(p + k), 1.0), all_rows, _CLOSER, what)
+    return solution and _parts(solution[0], n)[:2]
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def cheapest(
+    forms: Sequence[Quadratic], rewards: Sequence[Array], q: int, by: float, what: str, others: Sequence[Quadratic] = ()
+) -> tuple[Array, Array] | None:
+    """P and S with a small largest of the last `q` of S, of forms of floats that are negative `by` that with what is
+    added to each, its reward (N, N), and of `others` without; None where the solver leaves no numbers.
+
+    Raises: `NoSolver` of `what` needs it.
+    """
+    n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
+    p, one = n * (n + 1) // 2, np.eye(n)
+    added = [*rewards, *(np.zeros((form.size, form.size)) for form in others)]
+    of_forms = [
+        _definite(_entries(form), 0 * more[None], -more - by * np.eye(form.size))
+        for form, more in zip((*forms, *others), added, strict=True)
+    ]
+    positive: Rows = (np.hstack([-_packed(_basis(n)), np.zeros((p, k + 1))]), -by * _packed(one[None])[:, 0], True)
+    last = np.hstack([np.zeros((q, p + k - q)), np.eye(q), -np.ones((q, 1))])
+    rows = [*of_forms, positive, (last, np.zeros(q), False), _signs(p, k)]
+    solution = _solved(np.append(np.zeros(p + k), 1.0), rows, _CLOSER, what)
     return solution and _parts(solution[0], n)[:2]
 
 

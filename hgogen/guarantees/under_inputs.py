@@ -8,6 +8,7 @@ to no more than sqrt(c P^-1 c'), and stays there. P is sought for the least of t
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -36,9 +37,11 @@ class InputBound:
     bound: Fraction
 
 
-def input_bound(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
-    """A small bound of |c e|, c (N) of FLINT's rationals, for a step that is proved with the rate `most`; None where
-    none is proved.
+def input_bound(
+    form: Callable[[Fraction], Quadratic], W: Array | None, q: int, c: Array, most: Fraction
+) -> InputBound | None:
+    """A small bound of |c e|, c (N) of FLINT's rationals, of the form by alpha of an error with `q` inputs, that decays
+    at the rate `most` without them; None where none is proved. `W`: coordinates in which P is expected to be near 1.
 
     Raises: `NoSolver`.
     """
@@ -46,7 +49,7 @@ def input_bound(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fract
     tried = list[InputBound]()
 
     def bound(share: float) -> float:
-        one = _at(steps, h, inputs, c, Fraction(math.exp(share)) * most)
+        one = None if W is None else _at(form, W, q, c, Fraction(math.exp(share)) * most)
         tried.extend([one] if one else [])
         return float(one.bound) if one else _LARGE
 
@@ -56,12 +59,16 @@ def input_bound(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fract
     return min(tried, key=lambda one: one.bound, default=None)
 
 
-def _at(steps: Steps, h: Fraction, inputs: Inputs, c: Array, alpha: Fraction) -> InputBound | None:
-    form, W, q = steps.at(h).bounded(alpha, inputs), steps.coordinates, inputs.D.shape[1]
-    if W is None:
-        return None
-    asked = form.floats, floats(c[None])[0], float(alpha), W, q
-    exactly = confirmed(form, lambda margin: _sought(*asked, margin), q, alpha)
+def of_step(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
+    """That of a step which is proved with the rate `most`. Raises: `NoSolver`."""
+    q = inputs.D.shape[1]
+    return input_bound(lambda alpha: steps.at(h).bounded(alpha, inputs), steps.coordinates, q, c, most)
+
+
+def _at(form: Callable[[Fraction], Quadratic], W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
+    one = form(alpha)
+    asked = one.floats, floats(c[None])[0], float(alpha), W, q
+    exactly = confirmed(one, lambda margin: _sought(*asked, margin), q, alpha)
     if exactly is None:
         return None
     return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))

@@ -28,10 +28,12 @@ from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.adaptive_gain import Given, candidate, checks, steepness
+from hgogen.guarantees.adaptive_gain import Candidate, Disturbance, Given, candidate, checks, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
+from hgogen.guarantees.attenuating import MovingGain
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.design import adaptive_gain
+from hgogen.guarantees.inclusion import by_chain, on_integrators, plain
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Ode
@@ -138,7 +140,9 @@ def adaptive_lmi(
     k, reason = (None, steep.reason) if isinstance(steep, Nothing) else (steep.proof.high, NONE)
     shown = None if isinstance(steep, Nothing) else steep
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
-    own = checks("adaptive_lmi", design, Given(Fraction(low), Fraction(high), k, reason, disturbed, shown))
+    ends = Fraction(low), Fraction(high)
+    driven = None if disturbed is None else _driven(chain, design, ends, disturbed)
+    own = checks("adaptive_lmi", design, Given(*ends, k, reason, disturbed, shown, driven))
     demand((*form.checks, *own), accept, form)
     tunable = (
         _wide("rise", rise, "alpha, rate at which gamma rises", "1/s"),
@@ -164,6 +168,17 @@ def adaptive_lmi(
         accepted=accept,
         traces=("gamma",),
     )
+
+
+def _driven(
+    chain: Integrators, design: Candidate, ends: tuple[Fraction, Fraction], disturbed: Disturbance
+) -> MovingGain | None:
+    """What a disturbance does to the error; None where no ranges of the slopes are known."""
+    K, form = np.array([float(k) for k in design.K]), chain.form
+    error = on_integrators(chain, plain(form), companion(K), by_chain(form, design.K), {})
+    if isinstance(error, Nothing):
+        return None
+    return MovingGain(error, *ends, design.sigma, disturbed.plant, disturbed.measurement)
 
 
 def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:

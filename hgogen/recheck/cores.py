@@ -124,5 +124,5 @@ CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
     "filtered_injection": _filtered_injection,
     "low_power": _low_power,
     "peaking_free": _peaking_free,
-    **dict.fromkeys(("stubborn", "dead_zone"), _injected),
+    **dict.fromkeys(("stubborn", "dead_zone", "adaptive_lmi"), _injected),
 }

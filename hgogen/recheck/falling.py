@@ -15,7 +15,20 @@ from .chain import built
 from .context import Context, Shown, is_above, short
 from .file import Claim
 from .interval import point
-from .matrix import Matrix, column, demand_positive, matrix, plus, scalar, scaled, times, transposed, twice, unit, zeros
+from .matrix import (
+    Matrix,
+    column,
+    demand_positive,
+    matrix,
+    plus,
+    scalar,
+    scaled,
+    times,
+    transposed,
+    twice,
+    unit,
+    zeros,
+)
 from .rule import Verify
 from .slope import definite
 from .stages import Parts
@@ -85,6 +98,31 @@ def _at_once(P: Matrix, S: list[Fraction], M: Matrix, G: Matrix, H: Matrix) -> N
     for j, value in enumerate(S):
         form[n + j][n + j] = -value
     demand_negative("its inequality", form)
+
+
+def driven(parts: Parts, B: Matrix, evidence: Mapping[str, Any]) -> tuple[Matrix, list[Fraction]]:
+    """[M'P + P M + H'S H, P G, P B; G'P, -S, 0; B'P, 0, -diag(lambda)] of the columns B (N, q) of inputs, and the
+    lambda, the last q of the evidence's S, which are not negative, of a P > 0. Raises: `NotShown`."""
+    n, m, q = len(parts.M), len(parts.H), len(B[0])
+    if n + m + q > _ROWS:
+        raise NotShown(f"its inequality has more than {_ROWS} rows")
+    P, S = matrix(evidence, "P", n, n), column(evidence, "S", m + q)
+    demand_positive({"P": P})
+    if any(value < 0 for value in S):
+        raise NotShown("its S has a negative number")
+    form, beside = zeros(n + m + q, n + m + q), [[*g, *b] for g, b in zip(parts.G, B, strict=True)]
+    for i, row in enumerate(twice(P, parts.M)):
+        form[i][:n] = row
+    for value, row in zip(S, parts.H, strict=False):
+        for i in range(n):
+            for j in range(n):
+                form[i][j] += value * row[i] * row[j]
+    for i, row in enumerate(times(P, beside)):
+        for k, value in enumerate(row):
+            form[i][n + k] = form[n + k][i] = value
+    for k, value in enumerate(S):
+        form[n + k][n + k] = -value
+    return form, S[m:]
 
 
 def demand_negative(what: str, form: Matrix) -> None:

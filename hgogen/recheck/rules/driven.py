@@ -14,7 +14,7 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CORES
+from ..cores import CONSTANT
 from ..falling import demand_negative
 from ..file import Claim, part
 from ..matrix import above_zero, column, entries, plus, scalar
@@ -118,6 +118,6 @@ def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
 _OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
 RULES = tuple(
     rule
-    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CORES))
+    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CONSTANT))
     for rule in on_chains(name, "error", error, ("scale", "slopes", "method", *own, "dt", "shares"))
 )

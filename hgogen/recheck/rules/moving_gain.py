@@ -9,7 +9,10 @@ told, and e the error of w scaled by the powers of the gain:
                    mu^2 >= 2 gamma_sup^(2n) s bounds the L2 gain from v to the error of w, where
                    N'P + P N + sigma (D P + P D) + lambda I + (delta_1 P P + delta_2 P K K'P)/s <= 0,
                    lambda = (4 k lambda_max(P) + 1)/(2 gamma_inf), delta_1 >= 1 + |G_1|^2,
-                   delta_2 = G_2 (I + G_1'G_1) G_2'
+                   delta_2 = G_2 (I + G_1'G_1) G_2'. Or by a V of its own, D V + V D >= 0, in e_i = units_i times the
+                   error of w_i over gamma^i: with the slopes of c as `uncertain` bounds them at gamma_inf,
+                   V' + |w - what|^2 - mu^2 |v|^2 < 0 at gamma' = -sigma gamma^2, at both ends of gamma and, each by
+                   itself, of gamma^-i in gamma^-i G_1: in gamma it is convex, in the others linear
     updated_gain   L' = L (p_1 (p_2 - L) + p_3 Gamma), N'P + P N <= -I, D P + P D > 0:
                    N'P + P N + p_1 (D P + P D) < 0,  p_3 (D P + P D) >= 2 lambda_max(P);  L' < 0 where L is at its
                    cap, Gamma <= sup |T^-1 dc/dw T|, Frobenius' norm, T = diag(cap, .., cap^n)
@@ -22,13 +25,16 @@ Automatica 45 (2009); Ahrens, Khalil, Automatica 45 (2009), with the dwell time 
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 from ..box import NotShown
 from ..chain import built, integrators, slope
 from ..context import Context, Shown, is_above, on, short
-from ..file import Built, Claim, Observer
+from ..falling import demand_negative, driven
+from ..file import Built, Claim, Observer, part
 from ..matrix import (
     Matrix,
     above_zero,
@@ -50,6 +56,7 @@ from ..matrix import (
 from ..rule import STEEP, of_observer
 from ..slope import frobenius
 from ..structure import clamped, on_chains
+from ..uncertain import error_inclusion
 
 # --- adaptive_lmi
 
@@ -91,7 +98,39 @@ def convergence(context: Context, claim: Claim) -> Shown:
 
 
 def attenuation(context: Context, claim: Claim) -> Shown:
-    """The L2 gain from the claim's disturbance has the claim's bound."""
+    """The L2 gain from the claim's disturbance has the claim's bound, by a V of its own where it has one."""
+    return (_by_one_v if "V" in claim.evidence else _by_formula)(context, claim)
+
+
+def _by_one_v(context: Context, claim: Claim) -> Shown:
+    """By the V of the claim, at the ends of gamma and of each gamma^-i that enters."""
+    observer, evidence, n = built(context, claim), claim.evidence, len(context.z)
+    (low, high), mu = column(observer.numbers, "gamma", 2), above_zero(evidence, "mu")
+    sigma, m = scalar(observer.numbers, "sigma"), len(part(evidence, "G_2", list))
+    if not 0 < low <= high or sigma < 0 or not m:
+        raise NotShown("its gamma has no range above zero, its sigma is negative, or its G_2 is no list of numbers")
+    G, g = matrix(evidence, "G_1", n, m), column(evidence, "G_2", m)
+    error = error_inclusion(context, observer, evidence)
+    units, V, parts = column(evidence, "units", n), matrix(evidence, "V", n, n), error.at(low)
+    demand_nonnegative({"D V + V D": _spread(V, Fraction(1))})
+    rest, weights = minus(parts.M, parts.L), {"P": evidence["V"], "S": evidence["S"]}
+    D = [[(i + 1) * x for x in row] for i, row in enumerate(unit(n))]
+    ends = [(low**-i, high**-i) if any(row) else (low**-i,) for i, row in enumerate(G, 1)]
+    for gamma, powers in product((low, high), product(*ends)):
+        M = plus(scaled(gamma, plus(error.N, scaled(sigma, D))), rest)
+        pushed = [[unit_ * power * x for x in row] for unit_, power, row in zip(units, powers, G, strict=True)]
+        B = minus([[row[0] * x for x in g] for row in error.measured], pushed)
+        form, lambdas = driven(replace(parts, M=M), B, weights)
+        if max(lambdas) > mu**2:
+            raise NotShown("a lambda is above mu^2")
+        for i, unit_ in enumerate(units):
+            form[i][i] += (gamma ** (i + 1) / unit_) ** 2
+        demand_negative("its inequality", form)
+    return _attenuated(context, G, [g], mu, error.boxes)
+
+
+def _by_formula(context: Context, claim: Claim) -> Shown:
+    """By (87), of the P of the other claims."""
     observer, evidence = built(context, claim), claim.evidence
     low, high, k, peak = _bounds(context, claim)
     P, n = _P(context, claim), len(context.z)
@@ -113,6 +152,10 @@ def attenuation(context: Context, claim: Claim) -> Shown:
     if low < 1 or mu**2 < 2 * share * high ** (2 * n):
         raise NotShown("its mu is too small")
     _, boxes = _at(context, claim, low)
+    return _attenuated(context, G, g, mu, boxes)
+
+
+def _attenuated(context: Context, G: Matrix, g: Matrix, mu: Fraction, boxes: int) -> Shown:
     where = f"G_1 = {_printed(G)}, G_2 = {_printed(g)}{on(context.form.box)}"
     gain = f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {short(mu, 1)}"
     return Shown(f"in continuous time, {gain}, {where}", boxes)
@@ -227,6 +270,7 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
     return P, N, spread
 
 
+_OF_V = ("slopes", "V", "S")
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")
 OBSERVERS = {
     "updated_gain": Built(("p_1", "p_2", "p_3", "cap", "gains")),
@@ -240,6 +284,6 @@ RULES = (
     of_observer("adaptive_lmi", "shrink", shrink, ("P",)),
     of_observer("adaptive_lmi", "decay", decay, ("P",)),
     *on_chains("adaptive_lmi", "convergence", convergence, (*_SLOPED, "decay")),
-    *on_chains("adaptive_lmi", "attenuation", attenuation, (*_SLOPED, "G_1", "G_2", "delta_1", "share", "mu")),
+    *on_chains("adaptive_lmi", "attenuation", attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")),
     *map(clamped, OBSERVERS),
 )

@@ -1,0 +1,221 @@
+"""How far noise and disturbances drive the error of an observer of a constant injection, in continuous time.
+
+    L2    |C e|_2 <= mu |v|_2 + what the start leaves, v the inputs in units of their sizes, |.|_2 over all time
+    ISS   |e_i| comes to at most its bound, and stays there, while each input is at most its size, whatever its course
+
+At its own theta, whatever the slopes of b in their ranges, while the plant keeps to its ranges and no guard acts. What
+runs is a step, of which `hg.error_bound` speaks; these are for design, and to compare with what papers give.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import sympy as sp
+
+from hgogen.algebra.points import exact
+from hgogen.certificates.contraction import claimed, theta_of
+from hgogen.certificates.error_bound import sizes_of
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
+from hgogen.guarantees.bounded_real import Driven, L2Bound, l2_bound
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.common_norm import Falls, Flow
+from hgogen.guarantees.inclusion import Inclusion, of_state
+from hgogen.guarantees.quadratic import floats, inverse_root, rational, stacked
+from hgogen.guarantees.under_inputs import InputBound, input_bound
+from hgogen.intervals.digits import Up
+from hgogen.intervals.outward import number
+from hgogen.observer import Observer
+from hgogen.sentence import Reason, Sentence, because
+from hgogen.structure.polytope import fixed
+
+Each = Mapping[str, float] | None
+_FIX = "Validate by trials."
+
+
+@dataclass(frozen=True)
+class L2Gain:
+    """`gain`: a bound of the L2 gain, None where none is proved; `check`: OBSERVER.l2_gain, which says why."""
+
+    gain: float | None
+    check: Check
+
+    def __str__(self) -> str:
+        return str(self.check)
+
+
+@dataclass(frozen=True)
+class IssGain:
+    """`bounds`: by the name of a state of the form, to how much its error comes at most; empty where nothing is proved.
+    `check`: OBSERVER.iss_gain, which says why."""
+
+    bounds: Mapping[str, float]
+    check: Check
+
+    def __str__(self) -> str:
+        return str(self.check)
+
+
+def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None, of: Each = None) -> L2Gain:
+    """A bound of the L2 gain from inputs to the error of a constant injection, at its own theta.
+
+    By name: `noise`, of an output, and `disturbance`, in the rate of a state of the plant, the size that counts as 1;
+    what is not named does not enter. `of`: what the error of a state of the form counts for, by default 1 each.
+
+    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
+    """
+    claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
+    weights = sizes_of("of", of, observer.form.states, observer.form.names, 1.0)
+    known = _known(observer, noise, disturbance)
+    if not any(weights):
+        known = because("nothing is counted of the error")
+    if isinstance(known, Reason):
+        return L2Gain(None, _unknown(observer, "l2_gain", claim, known))
+    rows = [of_state(known.scales, k) * w for k, w in zip(known.error.layout.picks, rational(weights), strict=True)]
+    driven = Driven(known.error.at(known.theta), known.B, stacked(rows, len(known.scales)))
+    bound = l2_bound([driven], inverse_root(floats(rational(known.falls.weights.P))))
+    if bound is None:
+        return L2Gain(
+            None, _unknown(observer, "l2_gain", claim, because("no V is found for all slopes in their ranges"))
+        )
+    reason = because("at most {mu}, {inputs}, in rational arithmetic", mu=Up(bound.mu, 4), inputs=known.said)
+    fact = Attenuated(known.error, known.noise, known.beside, tuple(weights), bound)
+    return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, fact))
+
+
+def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
+    """To how much the error of each state of the form comes at most under inputs of at most these sizes, whatever their
+    course; of inputs k times as large k times as much. Arguments as of `l2_gain`.
+
+    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
+    """
+    claim = "in continuous time, under noise and disturbances the error of every state comes to a bound"
+    known = _known(observer, noise, disturbance)
+    if isinstance(known, Reason):
+        return IssGain({}, _unknown(observer, "iss_gain", claim, known))
+    driven = Driven(known.error.at(known.theta), known.B, known.B[:0])
+    W, fields = inverse_root(floats(rational(known.falls.weights.P))), known.error.layout.picks
+    each = [input_bound(driven.form, W, known.B.shape[1], of_state(known.scales, k), known.falls.alpha) for k in fields]
+    bounds = [one for one in each if one]
+    if len(bounds) < len(each):
+        return IssGain(
+            {}, _unknown(observer, "iss_gain", claim, because("no V is found for all slopes in their ranges"))
+        )
+    by_name = dict(zip(observer.form.names, bounds, strict=True))
+    said = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 4)) for x, one in by_name.items()]
+    reason = because("{said}, {inputs}, in rational arithmetic", said=said, inputs=known.said)
+    fact = Confined(known.error, known.noise, known.beside, tuple(bounds))
+    gains = {x: number(one.bound)[1] for x, one in by_name.items()}
+    return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, fact))
+
+
+# --- what enters
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """The `error` at `theta`, which `falls` without inputs; the inputs' columns `B` (N, q), first those of the outputs,
+    of the sizes `noise` (p), then those `beside` in the form's rows, each (n); `scales` (N); and what is `said` of the
+    inputs."""
+
+    error: Inclusion
+    theta: Fraction
+    falls: Falls
+    B: np.ndarray
+    noise: tuple[Fraction, ...]
+    beside: tuple[tuple[Fraction, ...], ...]
+    scales: tuple[Fraction, ...]
+    said: tuple[Sentence, ...]
+
+
+def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
+    """What is known of the error and of what enters, or why nothing is. Raises: `NoSolver`, `BadNames`, `BadGain`."""
+    form, system = observer.form, observer.form.system
+    sizes = sizes_of("noise", noise, system.outputs), sizes_of("disturbance", disturbance, system.declared.states)
+    error: Inclusion | Nothing | None = observer.error
+    if error is None or isinstance(error, Nothing):
+        why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
+        return error.reason if error else because(why)
+    if not any((*sizes[0], *sizes[1])):
+        return because("nothing enters the error: that of the start decays, to nothing")
+    theta = theta_of(observer)
+    scales, flow = error.scales(theta), Flow(error, theta)
+    if scales is None or not error.B.size:
+        return because("the gains of its chain are no numbers")
+    beside = _beside(form, sizes[1])
+    if isinstance(beside, Reason):
+        return beside
+    if flow.fastest is None or not flow.fastest.alpha:
+        return flow.obstacle(form.states)
+    samples, layout = error.at(theta).B, error.layout
+    columns = [samples[:, j] * x for j, x in enumerate(rational(sizes[0])) if x]
+    for row in beside:
+        fields = zip(scales, layout.index, layout.fed, strict=True)
+        columns.append(rational([-scale * row[i] * fed for scale, i, fed in fields]))
+    said = [*_said("noise of {y} of {size}", system.outputs, sizes[0])]
+    said += _said("{y}' disturbed by {size}", system.declared.states, sizes[1])
+    B = stacked(columns, len(scales)).T
+    return _Known(error, theta, flow.fastest, B, tuple(sizes[0]), beside, scales, tuple(said))
+
+
+def _said(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]) -> list[Sentence]:
+    pairs = zip(signals, sizes, strict=True)
+    return [Sentence(pattern, (("y", str(signal)), ("size", float(size)))) for signal, size in pairs if size]
+
+
+def _beside(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ...] | Reason:
+    """By disturbance, what it is in the rows of the form (n); or why that is not known."""
+    states, columns = form.system.declared.states, list[tuple[Fraction, ...]]()
+    for x, size in zip(states, sizes, strict=True):
+        if not size:
+            continue
+        rows = [exact(sp.sympify(sp.diff(z, x)).xreplace(fixed(form))) for z in form.entry]
+        if not all(row.is_Rational for row in rows):
+            return because("{x}' enters the form's rows by slopes that are no numbers", x=str(x))
+        columns.append(tuple(Fraction(row.p, row.q) * size for row in rows))
+    return tuple(columns)
+
+
+def _unknown(observer: Observer, fact: str, claim: str, why: Reason) -> Check:
+    return Check(ClaimId(observer.name, fact), claim, Verdict.UNKNOWN, why, fix=_FIX)
+
+
+# --- evidence
+
+
+@dataclass(frozen=True, eq=False)
+class Attenuated:
+    """A proof of an L2 gain: the inputs as in `_Known`, and what the error of each state `counts` for (n)."""
+
+    error: Inclusion
+    noise: tuple[Fraction, ...]
+    beside: tuple[tuple[Fraction, ...], ...]
+    counts: tuple[Fraction, ...]
+    bound: L2Bound
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The inputs, P, S and mu, and how the slopes are bounded."""
+        slopes, one = self.error.evidence(form), self.bound
+        own = {"noise": self.noise, "beside": self.beside, "counts": self.counts, "mu": one.mu}
+        return slopes and {**slopes, **own, "P": one.weights.P, "S": one.weights.S}
+
+
+@dataclass(frozen=True, eq=False)
+class Confined:
+    """Proofs of what the error of each state comes to, by its place: the inputs as in `_Known`."""
+
+    error: Inclusion
+    noise: tuple[Fraction, ...]
+    beside: tuple[tuple[Fraction, ...], ...]
+    bounds: tuple[InputBound, ...]
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The inputs, each bound with its alpha, P and S, and how the slopes are bounded."""
+        slopes = self.error.evidence(form)
+        bounds = [
+            {"alpha": one.alpha, "P": one.weights.P, "S": one.weights.S, "bound": one.bound} for one in self.bounds
+        ]
+        return slopes and {**slopes, "noise": self.noise, "beside": self.beside, "bounds": bounds}
