@@ -13,6 +13,7 @@ from fractions import Fraction
 from typing import Any, TypeVar
 
 from hgogen.certificates.contraction import claimed, contraction, running
+from hgogen.certificates.own_states import slopes_of_states
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
@@ -46,11 +47,12 @@ class ErrorBound:
     """How far the estimate of a step errs at most.
 
     `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method") and by the name of a
-    state of the form, what it adds; `bounds`: their sums. `settles` (the model's unit of time): after which an error is
-    within 1.1 of its bound, from first errors of min(1, `multiple`) times what the ranges allow; `multiple`: of how
-    many times these the limits of the estimate are not touched. None where a state has no range. `inside`: by how much
-    the plant keeps clear of the ends of its ranges for it. `check`: OBSERVER.error, which says why where nothing is
-    proved; the mappings are empty then. `signed`: what the code of a step states of it.
+    state of the form, or of the plant behind a change of coordinates (`own_states`), what it adds; `bounds`: their
+    sums. `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors of
+    min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate are
+    not touched. None where a state has no range. `inside`: by how much the plant keeps clear of the ends of its ranges
+    for it. `check`: OBSERVER.error, which says why where nothing is proved; the mappings are empty then; certificates
+    carry it for the states of the form. `signed`: what the code of a step states of it.
     """
 
     check: Check
@@ -252,10 +254,13 @@ def _stated(
     multiple: Fraction | None,
     alone: bool,
 ) -> ErrorBound:
-    names, picks = step.observer.form.names, steps.error.layout.picks
+    form, picks = step.observer.form, steps.error.layout.picks
+    names, own = form.names, slopes_of_states(form, [(1 + _CLOSE) * totals[k] for k in picks])
 
     def of(bound: Callable[[int], Fraction]) -> dict[str, float]:
-        return {name: number(bound(k))[1] for name, k in zip(names, picks, strict=True)}
+        errors = [bound(k) for k in picks]
+        behind = {x: sum((s * e for s, e in zip(row, errors, strict=True)), Fraction(0)) for x, row in own.items()}
+        return {name: number(value)[1] for name, value in (*zip(names, errors, strict=True), *behind.items())}
 
     bounds, parts = of(lambda k: totals[k]), {share.what: of(share.bound) for share in shares}
     margins = {name: number(value)[1] for name, value in zip(names, inside, strict=True)}
@@ -266,7 +271,7 @@ def _stated(
             bound=Up(bounds[x], 3),
             of=[Sentence.of("{what} {size}", what=what, size=Up(sizes[x], 3)) for what, sizes in parts.items()],
         )
-        for x in names
+        for x in bounds
     ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
     said = because(pattern, each=each, margins=[Up(value, 2) for value in margins.values()])

@@ -27,8 +27,9 @@ _UNCOUNTED = (
 )
 _AGAIN = (
     "This file was written from the proof itself. `hgogen check` with --certificate writes its evidence, and `hgogen "
-    "recheck` verifies that by other code."
+    "recheck` says what of it other code verifies."
 )
+_DERIVED = "The bound of {} follows from the others by outward-rounded intervals, which a certificate does not carry."
 _ALONE = "nothing else enters: no other noise, disturbance or error of a parameter, and the plant is the model"
 
 
@@ -43,7 +44,8 @@ def promised(step: Step) -> list[str]:
     lines = [f"{head}, proved: at every call, for ever, {_when(step, known)}"]
     lines += [f"  |{name} - its estimate| <= {_bound(step, name, most)}" for name, most in known.bounds.items()]
     lines += ["  provided that", *(f"    {each};" for each in _assumed(step, known)), f"    {_ALONE}."]
-    return [*lines, *(f"  {each}" for each in (*_tuned(step, known), _UNCOUNTED, _AGAIN))]
+    more = [_DERIVED.format(", ".join(_derived(known)))] * bool(_derived(known))
+    return [*lines, *(f"  {each}" for each in (*_tuned(step, known), _UNCOUNTED, _AGAIN, *more))]
 
 
 def _when(step: Step, known: Signed) -> str:
@@ -70,8 +72,10 @@ def _signal(step: Step, name: str) -> Signal:
 
 def _of(value: str, signal: Signal, over: str = "") -> str:
     """A size in the unit of a signal, `over` the unit of time where it is a rate."""
-    unit = signal.unit or "1"
-    return f"{value} {f'({unit})/{over}' if over else unit}" if signal.unit or over else value
+    unit = signal.unit if signal.unit != "1" else ""
+    if over:
+        return f"{value} ({unit})/{over}" if unit else f"{value}/{over}"
+    return f"{value} {unit}" if unit else value
 
 
 def _assumed(step: Step, known: Signed) -> Iterator[str]:
@@ -83,8 +87,9 @@ def _assumed(step: Step, known: Signed) -> Iterator[str]:
     for name, each in known.assumed.items():
         yield from (_SAID[name](step, signal, size) for signal, size in _signals(step, each))
     yield from _still(step, known.assumed.get("rates", {}))
-    clear = (_clear(_signal(step, x), most) for x, most in known.inside.items())
-    yield f"at all times the plant keeps to {', '.join(clear)}"
+    clear = [_clear(x, _signal(step, x), most) for x, most in known.inside.items()]
+    own = [_range(_signal(step, x)) for x in _derived(known) if _signal(step, x).bounded]
+    yield f"at all times the plant keeps to {', '.join([*clear, *own])}"
     if step.inputs:
         yield f"so do its inputs, to {', '.join(map(_range, step.inputs))}"
 
@@ -95,10 +100,15 @@ def _but(step: Step) -> str:
     return f" but {_USUAL}" if raised and _USUAL in STEP_BITS else ""
 
 
-def _clear(state: Signal, most: float) -> str:
+def _derived(known: Signed) -> list[str]:
+    """The states of the plant behind a change of coordinates, whose bounds come of those of the others."""
+    return [x for x in known.bounds if x not in known.inside]
+
+
+def _clear(name: str, state: Signal, most: float) -> str:
     """A state between the ends of its range, so far clear of them."""
     (low, high), inner = map(Fraction, state.interval), Fraction(most)
-    return f"{up(low + inner)} <= {state} <= {down(high - inner)}"
+    return f"{up(low + inner)} <= {name} <= {down(high - inner)}"
 
 
 def _range(u: Signal) -> str:

@@ -148,7 +148,9 @@ class PlantStep:
             value = Fraction(system.nominal[p])
             where[p] = value - size, value + size
         rows = form.A * sp.Matrix(form.states) + sp.Matrix(form.b)
-        return tuple(sum((_steepest(row, p, where) * size for p, size in wrong.items()), Fraction(0)) for row in rows)
+        return tuple(
+            sum((steepness_in(row, p, where) * size for p, size in wrong.items()), Fraction(0)) for row in rows
+        )
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course.
@@ -268,7 +270,7 @@ def _largest(expression: sp.Expr, where: Box) -> Fraction:
     return max(abs(Fraction(known.low)), abs(Fraction(known.high)))
 
 
-def _steepest(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
+def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
     """The largest slope in p of an expression that does not jump. Raises: `Unbounded`."""
     try:
         known = lipschitz_bound((expression,), (p,), where, relative=0.005)

@@ -170,10 +170,10 @@ class Dynamics:
         end, since the square of a root below 0 is no level.
         """
         system = self.form.system
-        if self._moved:
+        if moved(self.form):
             return column(self._of_plant([expression for _, expression in system.reported], z, u))
-        linear, rest = zip(*(_split(e, self.form.states) for _, e in self.form.estimates), strict=True)
-        clamped = self._held(z, [_reach(rest, s, self.form.states) for s in self.form.states])
+        linear, rest = zip(*(split(e, self.form.states) for _, e in self.form.estimates), strict=True)
+        clamped = self._held(z, [reach(rest, s, self.form.states) for s in self.form.states])
         return column(self._convert(linear, z, u)) + column(self._convert(rest, clamped, u))
 
     def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
@@ -326,11 +326,6 @@ class Dynamics:
         assert self.form.jacobian is not None
         return self.form.jacobian
 
-    @cached_property
-    def _moved(self) -> bool:
-        """Whether the form's coordinates are more than the system's states in another order, with signs."""
-        return not all(x.is_Symbol or (-x).is_Symbol for x in self.form.from_form)
-
     def _of_plant(self, expressions: Any, z: Graph, u: Graph) -> list[Graph]:
         """Expressions of the states of the form's system, inputs and parameters."""
         states, _ = self.recovered(z, u)
@@ -341,7 +336,7 @@ class Dynamics:
 
     def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """Terms linear in a state at z, the others at sat(z)."""
-        linear, rest = zip(*(_split(e, self.form.states) for e in expressions), strict=True)
+        linear, rest = zip(*(split(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
 
     @cached_property
@@ -375,7 +370,12 @@ def _with_constants(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any],
     return expression.subs(dict(constants))
 
 
-def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
+def moved(form: Form) -> bool:
+    """Whether the form's coordinates are more than the system's states in another order, with signs."""
+    return not all(x.is_Symbol or (-x).is_Symbol for x in form.from_form)
+
+
+def split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
     """The sum of the terms that are linear in a state with a coefficient free of states, and the rest."""
     linear: list[sp.Expr] = []
     rest: list[sp.Expr] = []
@@ -385,7 +385,7 @@ def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, s
     return sp.Add(*linear), sp.Add(*rest)
 
 
-def _reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
+def reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
     """The state's range, without an end beyond which every row that reads the state goes on in one direction."""
     slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
     around, (low, high) = box(states), state.interval
