@@ -65,11 +65,11 @@ def test_a_header_states_what_is_proved_and_all_that_it_assumes() -> None:
     for name, unit in (("q", "rad"), ("w", "rad/s")):
         assert f"|{name} - its estimate| <= {up(1.1 * known.bounds[name], 2)} {unit} " in text
     assert known.settles is not None
-    assert f"for ever, from {up(known.settles, 2)} s after the first call on, wherever in its ranges" in text
+    assert f"for ever, from {up(known.settles, 2)} s after the first call on, wherever in its ranges the plant" in text
     for each in (
         "a call comes every 0.001 s, with the samples and the exact inputs of that time;",
-        "gains and parameters are as init leaves them;",
-        "no call since init or reset has returned a status bit but OUTSIDE_BOX;",
+        "gains and parameters are the nominal ones of this file;",
+        "no call since the start or a reset has returned a status bit but OUTSIDE_BOX;",
         "each sample of y errs by at most 0.001 rad, whatever its course;",
         "a sample of y is rounded to steps of 0.0001 rad;",
         "y is sampled within 1e-05 s of the time of its call;",
@@ -109,7 +109,7 @@ def test_numbers_are_rounded_to_the_safe_side() -> None:
 
 def test_where_the_estimate_has_to_begin_is_stated() -> None:
     text = said(everywhere=False)
-    assert "from an estimate with at most q off by 1.3, w off by 6.9 there, which init alone does not ensure" in text
+    assert "from an estimate with at most q off by 1.3, w off by 6.9 there, which a start alone does not ensure" in text
     assert "wherever" not in text
 
 

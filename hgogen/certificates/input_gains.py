@@ -34,6 +34,7 @@ from hgogen.structure.polytope import fixed
 
 Each = Mapping[str, float] | None
 _FIX = "Validate by trials."
+_WHILE = Sentence.of("while the estimate keeps to its outer box; in rational arithmetic")
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
         return L2Gain(
             None, _unknown(observer, "l2_gain", claim, because("no V is found for all slopes in their ranges"))
         )
-    reason = because("at most {mu}, {inputs}, in rational arithmetic", mu=Up(bound.mu, 4), inputs=known.said)
+    reason = because("at most {mu}, {inputs}, {while_}", mu=Up(bound.mu, 3), inputs=known.said, while_=_WHILE)
     fact = Attenuated(known.error, known.noise, known.beside, tuple(weights), bound)
     return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, fact))
 
@@ -105,8 +106,8 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
             {}, _unknown(observer, "iss_gain", claim, because("no V is found for all slopes in their ranges"))
         )
     by_name = dict(zip(observer.form.names, bounds, strict=True))
-    said = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 4)) for x, one in by_name.items()]
-    reason = because("{said}, {inputs}, in rational arithmetic", said=said, inputs=known.said)
+    said = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 3)) for x, one in by_name.items()]
+    reason = because("{said}, {inputs}, {while_}", said=said, inputs=known.said, while_=_WHILE)
     fact = Confined(known.error, known.noise, known.beside, tuple(bounds))
     gains = {x: number(one.bound)[1] for x, one in by_name.items()}
     return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, fact))

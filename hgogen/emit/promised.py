@@ -54,9 +54,9 @@ def _when(step: Step, known: Signed) -> str:
         return "once what is left of the error at its start has decayed, for which no time is proved"
     after = f"from {up(known.settles, _DIGITS)} {step.time} after the first call on"
     if known.everywhere:
-        return f"{after}, wherever in its ranges the plant is then"
+        return f"{after}, wherever in its ranges the plant is then, the estimate where this file starts it"
     most = ", ".join(f"{name} off by {down(most, _DIGITS)}" for name, most in known.begins.items())
-    return f"{after}, from an estimate with at most {most} there, which init alone does not ensure"
+    return f"{after}, from an estimate with at most {most} there, which a start alone does not ensure"
 
 
 def _bound(step: Step, name: str, most: float) -> str:
@@ -82,8 +82,8 @@ def _assumed(step: Step, known: Signed) -> Iterator[str]:
     """What the bounds rest on, beside that there is nothing else."""
     read = "samples and the exact inputs" if step.inputs else "samples"
     yield f"a call comes every {pace(step.dt, step.time)}, with the {read} of that time"
-    yield "gains and parameters are as init leaves them"
-    yield f"no call since init or reset has returned a status bit{_but(step)}"
+    yield "gains and parameters are the nominal ones of this file"
+    yield f"no call since the start or a reset has returned a status bit{_but(step)}"
     for name, each in known.assumed.items():
         yield from (_SAID[name](step, signal, size) for signal, size in _signals(step, each))
     yield from _still(step, known.assumed.get("rates", {}))
