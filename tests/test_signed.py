@@ -17,10 +17,12 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.call import CallableStep
 from hgogen.certificates import reach
+from hgogen.commands.jobs import checked
 from hgogen.emit.promised import promised
 from hgogen.guarantees import under_inputs
 from hgogen.guarantees.signed import Signed
 from hgogen.intervals.digits import up
+from hgogen.model import load
 
 INPUTS: dict[str, Any] = {
     "noise": {"y": 1e-3},
@@ -192,7 +194,8 @@ def plain(tmp_path: Path, bounds: str) -> str:
 def generated(tmp_path: Path, bounds: str, *more: str) -> str:
     result = CliRunner().invoke(cli.app, ["generate", plain(tmp_path, bounds), "--out", str(tmp_path), *more])
     assert result.exit_code == 0, result.output
-    return (tmp_path / "swing" / "swing.h").read_text()
+    (header,) = tmp_path.glob("swing*/swing.h")
+    return header.read_text()
 
 
 def test_generate_states_what_a_model_asks_for(tmp_path: Path) -> None:
@@ -209,3 +212,13 @@ def test_without_a_solver_nothing_is_stated_as_proved(tmp_path: Path, monkeypatc
     text = generated(tmp_path, "[bounds]\nnoise = {y = 1.5e-3}\n")
     assert UNPROVED in text
     assert "As it runs, proved" not in text
+
+
+def test_who_is_sent_to_a_check_is_told_there(tmp_path: Path) -> None:
+    """Also of an observer of which no step is proved."""
+    path = plain(tmp_path, f"[tuning.cascade]\ntheta = 100\ndt = 1e-3\n{BOUNDS}")
+    assert UNPROVED in generated(
+        tmp_path, f"[tuning.cascade]\ntheta = 100\ndt = 1e-3\n{BOUNDS}", "--observer", "cascade"
+    )
+    (check,) = (check for check in checked(load(path), name="cascade").checks if check.id == "cascade.error")
+    assert "the proof is for a constant injection" in str(check.reason)

@@ -181,7 +181,7 @@ def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
 def proved(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:
     """`bound_of`, None where nothing is proved; `say` is called with what stands in the way."""
     try:
-        known = bound_of(step, model) if step.observer.error else None
+        known = bound_of(step, model)
     except NoSolver as missing:
         say(str(missing))
         return None
@@ -200,14 +200,15 @@ def stating(step: CallableStep, model: Model, known: ErrorBound | None) -> Calla
 
 
 def _as_it_runs(claims: Checked, step: CallableStep, model: Model) -> Checked:
-    """The claims with what is proved of the step itself, of an observer of which it can be.
+    """The claims with what is proved of the step itself, of an observer of which it can be; of another why not, where
+    the model asks how far it errs.
 
     Raises: `NoSolver`; `MissingPart` for bounds in the model's file that are none.
     """
-    if step.observer.error is None:
-        return claims
-    known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
     error = bound_of(step, model)
+    if step.observer.error is None:
+        return replace(claims, checks=(*claims.checks, error.check), known=error) if error else claims
+    known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
     own = (*known.checks, *(bound.check for bound in (noise, start, error) if bound))
     return replace(claims, checks=(*claims.checks, *own), known=error, dt=admitted(step, known))
 
