@@ -84,7 +84,7 @@ def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None,
 
     if not form.structured:
         return answer(Verdict.UNKNOWN, because("it is not shown that the plant is state-affine, with this A and C"))
-    symbols = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, waveforms or {})))
+    symbols = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in along_time(form, waveforms or {})))
     measured = sorted(str(z) for z in symbols & {*form.states})
     if measured:
         fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
@@ -101,8 +101,8 @@ def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None,
 
 def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp.Expr] | None, period: Any) -> Check:
     """The check for known inputs, or for A and C that read none. Raises: `TooLarge`."""
-    read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
-    A, C = _along_time(form, waveforms or {})
+    read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in along_time(form, {})))
+    A, C = along_time(form, waveforms or {})
     broken = _broken(form, waveforms) if waveforms else None
     if broken is not None:
         pattern = "{part} of the plant is not shown to be a finite real number all the time"
@@ -171,7 +171,7 @@ def _expression(name: str, value: Any) -> sp.Expr:
     return exact(expression)
 
 
-def _along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
+def along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
     """A (n, n) and C (p, n) with waveforms in the place of the inputs and fixed parameters at their values."""
     system = form.system
     values = {u: waveforms[u.name] for u in system.inputs if u.name in waveforms}
@@ -198,7 +198,7 @@ def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) ->
     loose = {u.name: waveforms[u.name] for u in form.system.inputs if not u.bounded}
     ranged = [u for u in form.system.inputs if u.bounded]
     around = box((*ranged, *form.system.parameters), form.system.nominal) | period
-    entries = (e for matrix in _along_time(form, loose) for e in matrix)
+    entries = (e for matrix in along_time(form, loose) for e in matrix)
     rough = rough or next((e for e in entries if not _finite(e, around)), None)
     unbounded = because("{part} is not shown to be a finite real number over the whole period", part=rough)
     return NONE if rough is None else unbounded

@@ -44,6 +44,7 @@ import numpy as np
 from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.form import Form
 from hgogen.intervals.digits import same
+from hgogen.kalman.least_shown import least_shown
 from hgogen.kalman.persistence import persistent, seconds
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import constant
@@ -51,6 +52,7 @@ from hgogen.kalman.weights import limited, positive, spd, wide
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
+from hgogen.reading.given import positive as above_zero
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs
 from hgogen.starting import starts, two
 from hgogen.structure.affine import known
@@ -64,6 +66,7 @@ EQUATIONS = (
 )
 SHARE = 1e-14  # q: the squared rounding of a float
 PERSISTENCE = ClaimId("kalman_like", "persistence")
+GRAMIAN = ClaimId("kalman_like", "gramian")
 THEOREM = Theorem(
     "the estimate converges from any initial state, |error| like exp(-rho (1 - s) t/2), s the largest eigenvalue of "
     "S_0 P",
@@ -107,6 +110,7 @@ def kalman_like(
     R: float | Values,
     inputs: Mapping[str, Any] | None = None,
     period: Any = None,
+    window: float | None = None,
     initial: Values | None = None,
     covariance: Matrix | None = None,
     accept: Iterable[str] = (),
@@ -114,13 +118,14 @@ def kalman_like(
     """The Kalman-like observer of `forms.state_affine(plant)`, any number of outputs.
 
     Args: `rho` > 0 (1/s), the rate at which the past is forgotten; `R` positive, one for each output, unit y^2 s: the
-    noise's own (for white noise of variance v per sample, v dt), so that P can be told from S_0^-1; `inputs`,
-    `period`: the inputs as they will be, where that is known, for the check of persistence (see `kalman.persistence`; a
-    record is judged by `hgogen.excitation`); `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n), by
-    the names of the states or in their order, default the squares of the half-widths of the ranges, 1 without one;
-    `accept` ids of refuted checks to build on all the same.
+    noise's own (for white noise of variance v per sample, v dt), so that P can be told from S_0^-1; `inputs`, `period`:
+    the inputs as they will be, where that is known, for the check of persistence (see `kalman.persistence`; a record is
+    judged by `hgogen.excitation`); `window` (s), of which the least that it shows is bounded, by default that period,
+    or 1/rho where A and C do not move; `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n), by the
+    names of the states or in their order, default the squares of the half-widths of the ranges, 1 without one; `accept`
+    ids of refuted checks to build on all the same.
 
-    Checks: `kalman_like.persistence`.
+    Checks: `kalman_like.persistence`; `kalman_like.gramian`, how much every window of the course shows at least.
 
     Raises: `Refuted`; `BadGain`; `BadNames`.
     """
@@ -131,6 +136,8 @@ def kalman_like(
     demand((*form.checks, check), accept, form)
     (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)
     variances = positive("R", of_outputs("R", R, form), outputs)
+    length = None if window is None else above_zero("window", window)
+    shown = least_shown(GRAMIAN, form, check, variances, length, 1 / rate)
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else of_coordinates("covariance", covariance, form), n)
@@ -162,7 +169,7 @@ def kalman_like(
         gains=gains,
         z=sym("state", "z", n),
         dynamics=dynamics,
-        checks=(*form.checks, check),
+        checks=(*form.checks, check, shown),
         accepted=accept,
         theorem=THEOREM,
         equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(map(same, unseen))}),   Q_0 = {SHARE:g} rho S_0^-1"),

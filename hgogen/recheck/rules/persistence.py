@@ -27,14 +27,14 @@ from ..text import Expression, expression
 MOST = 5  # states, beyond which determinants and derivatives are too long
 _KINKS = ("Abs", "sign", "Min", "Max")
 _TURNS = 1000  # of an argument over a period
-_TIME = {"t": (-math.inf, math.inf)}
+TIME = {"t": (-math.inf, math.inf)}
 
 
 def persistent(context: Context, claim: Claim) -> Shown:
     """The claim's inputs show every state, for all parameter values."""
     _ = context.equations
     evidence, form = claim.evidence, context.form
-    inputs = {name: expression(text, _TIME) for name, text in part(evidence, "inputs", dict).items()}
+    inputs = {name: expression(text, TIME) for name, text in part(evidence, "inputs", dict).items()}
     read = {name for row_ in form.A for entry in row_ for name in entry.names}
     read |= {name for output in form.output for name in output.names} - set(context.z)
     only(inputs, context.file.inputs, "the claim's input")
@@ -48,9 +48,9 @@ def persistent(context: Context, claim: Claim) -> Shown:
     moving = [text for text in inputs.values() if text.names]
     if moving:
         period = expression(part(evidence, "period", str), {})
-        _periodic(moving, period)
+        periodic(moving, period)
         covered({"t": (Fraction(0), _above(period))}, ".", _all_finite(moving))
-    _inside(context, inputs, at)
+    inside(context, inputs, at)
     parameters = narrowed(form.box, read & set(context.file.parameters))
     boxes = covered(parameters, ".", _full(context, inputs, at))
     excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
@@ -82,10 +82,10 @@ def _all_finite(texts: Sequence[Expression]) -> Any:
     return attempt
 
 
-def _periodic(texts: Sequence[Expression], period: Expression) -> None:
+def periodic(texts: Sequence[Expression], period: Expression) -> None:
     """The time stands in sin and cos alone, of arguments c t + d with c times the period a multiple of 2 pi."""
-    algebra = algebra_of(_TIME)
-    letters, one = letters_of(algebra, _TIME), algebra.number(Fraction(1))
+    algebra = algebra_of(TIME)
+    letters, one = letters_of(algebra, TIME), algebra.number(Fraction(1))
     for text in texts:
         raw: list[bool] = []  # whether a place reads the time beside sin and cos
         for op, args, _ in text.instructions:
@@ -111,7 +111,7 @@ def _around(most: int) -> list[int]:
     return [k for size in range(1, most + 1) for k in (size, -size)]
 
 
-def _inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
+def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
     """Each input is inside its range at t_0: strictly where it moves."""
     for name, text in inputs.items():
         low, high = context.form.box[name]
@@ -161,7 +161,7 @@ def _rows(context: Context, inputs: Mapping[str, Expression], at: Expression, bo
     }
     known |= {name: evaluate(text, {"t": time}, arithmetic) for name, text in inputs.items()}
     A = [[evaluate(entry, known, arithmetic) for entry in entries] for entries in form.A]
-    C = [_slopes(output, z, known, arithmetic) for output in form.output]
+    C = [slopes_of(output, z, known, arithmetic) for output in form.output]
     rows = [[_base(x) for x in row] for row in C]
     for _ in z[1:]:
         A = [[x.value for x in row] for row in A]
@@ -179,7 +179,7 @@ def _constant(value: Any, depth: int) -> Any:
     return value
 
 
-def _slopes(output: Expression, z: Sequence[str], known: Mapping[str, Any], arithmetic: Arithmetic) -> list[Any]:
+def slopes_of(output: Expression, z: Sequence[str], known: Mapping[str, Any], arithmetic: Arithmetic) -> list[Any]:
     """C of an output that is affine in z: y(z_k = 1) - y(0)."""
     zero, one = arithmetic.number(Fraction(0)), arithmetic.number(Fraction(1))
     rest = {**known, **dict.fromkeys(z, zero)}
