@@ -176,11 +176,21 @@ def test_parameters_are_anywhere_in_their_ranges() -> None:
 def test_a_longer_window_shows_more() -> None:
     affine = form(u * x2, -x1 / 2)
     short, long = (fact(check_of(affine, TURNED, "2*pi", window=d)) for d in (3.0, 9.0))
-    assert 2.9 < short.window < 3.01
+    assert 3 - 1e-9 < short.window <= 3
     assert long.bound > 2 * short.bound
+    assert check_of(affine, TURNED, "2*pi", window=3.0).claim.written(str) == "every window of 3 s shows every state"
     still = form(x2, -x1)
     assert fact(check_of(still, None)).window == 1
     assert fact(check_of(still, None, window=0.25)).window == Fraction(1, 4)
+
+
+def test_noise_as_a_whole_scales_it() -> None:
+    affine = form(-x1, -2 * x2, output=(u * x1, x2))
+    one, other = (fact(check_of(affine, {"u": "cos(t)"}, "2*pi", R)) for R in ((0.1, 0.5), (0.7, 3.5)))
+    assert float(one.bound / other.bound) == pytest.approx(7, rel=1e-9)
+    for known in (one, other):
+        assert all(s * s * r <= 1 for s, r in zip(known.weights, known.R, strict=True))
+        assert all(s * s * r > 1 - 1e-9 for s, r in zip(known.weights, known.R, strict=True))
 
 
 # --- what is not proved -------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ the plant's input keeps to its course is not proved. Along a record, see `hgogen
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 
@@ -30,7 +30,7 @@ from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
-from hgogen.intervals.digits import Down, Up
+from hgogen.intervals.digits import Down, Up, down
 from hgogen.kalman.persistence import Persistent, along_time, t
 from hgogen.kalman.transition import Course, Shown
 from hgogen.sentence import NONE, Reason, Sentence, because
@@ -84,9 +84,13 @@ def least_shown(
         reason = because("it is asked of a course that is declared in closed form, and shown to be persistent")
         fix = "Give inputs= and period= where they are known, or judge a record by hgogen.excitation.along."
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
-    fact = _least(form, known, tuple(map(Fraction, R)), length or _period(known) or memory)
+    first, *_ = noise = tuple(map(Fraction, R))
+    fact = _least(form, known, tuple(each / first for each in noise), length or _period(known) or memory)
     if isinstance(fact, Reason):
         return Check(id, claim, Verdict.UNKNOWN, fact, fix="Take another window=, or narrower ranges of parameters.")
+    s = 1 / root(first, _BITS)  # R as a whole scales the Gramian, which is made once for all of them
+    weights = tuple(s * each for each in fact.weights)
+    fact = replace(fact, R=noise, weights=weights, bound=s * s * fact.bound)
     claim = Sentence.of("every window of {d} {unit} shows every state", d=Up(fact.window, 3), unit=form.system.time)
     pattern = "the smallest eigenvalue of its Gramian, by ranges and R, is at least {bound}; in outward-rounded balls"
     return Check(id, claim, Verdict.PROVED, because(pattern, bound=Down(fact.bound, 3)), proofs=(fact,))
@@ -104,7 +108,7 @@ def _least(form: Form, known: Persistent, R: tuple[Fraction, ...], length: float
         course, reason = Course(D.inv() * A * D, s * C * D, t, ends), NONE
         for level in _LEVELS:
             pieces = 2**level + (period is not None)
-            piece = Fraction(f"{length / pieces:.{_DIGITS}g}")
+            piece = Fraction(down(length / pieces, _DIGITS))
             starts = 0 if period is None else math.ceil(period / float(piece)) + 1
             if starts + pieces > _MOST:
                 return reason or because("the window is too short beside the period")
