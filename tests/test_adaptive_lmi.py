@@ -10,7 +10,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import adaptive_lmi as oracle
-from plants import MODELS, chain, fitzhugh_nagumo, two_outputs
+from plants import MODELS, chain, fitzhugh_nagumo, model, two_outputs
 
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
@@ -201,14 +201,13 @@ def test_its_gamma_is_drawn() -> None:
 
 
 def test_the_hypotheses_of_its_theorem() -> None:
-    """k = |T^-1 db/dx T| at gamma = 20.53 is |(0.5/20.53, 0.5)| = 0.50059."""
     built = observer(disturbance=(((0, 0), (0, 0), (0, 1)), (1, 0)))
     known = {check.id: check for check in built.checks}
-    for name in ("definite", "decay", "shrink", "convergence", "attenuation"):
+    for name in ("definite", "decay", "shrink", "convergence", "theta", "attenuation"):
         assert known[f"adaptive_lmi.{name}"].verdict is Verdict.PROVED
-    assert "k <= 0.5006" in str(known["adaptive_lmi.convergence"].reason)
+    assert known["adaptive_lmi.theta"].claim == "gamma_inf = 20.53 is above that bound"
     proved = {row.claim: row.verdict for row in rows(built.theorem, built.checks)}
-    assert proved["gamma_inf > max(1, 2 k lambda_max(P)/lambda)"] is Verdict.PROVED
+    assert proved["gamma_inf is large enough"] is Verdict.PROVED
     assert proved["D P + P D >= 0"] is Verdict.PROVED
     assert proved["the L2 gain from the declared disturbance to the error in w is at most mu"] is Verdict.PROVED
     assert not any("L2" in row.claim for row in rows(observer().theorem, observer().checks))
@@ -229,10 +228,9 @@ def test_a_chain_with_gains_and_a_parameter() -> None:
     (0.6 a z_1 z_3/gamma^2)^2, the largest at z = 4, a = 4, gamma = 20.53."""
     built = hg.observers.adaptive_lmi(geared(), **TUNING)
     k = np.hypot(1.6, np.hypot(4 * np.cos(4) / 20.53, 0.6 * 4**3 / 20.53**2))
-    (check,) = (check for check in built.checks if check.id == "adaptive_lmi.convergence")
+    assert k < float(slope(geared(), 20.53)) < k + 1e-3
+    (check,) = (check for check in built.checks if check.id == "adaptive_lmi.theta")
     assert check.verdict is Verdict.PROVED
-    said = float(str(check.reason.part("least").part("k")))
-    assert k < said < k + 1e-3
     step = hg.sample(built, hg.methods.rk4, dt=5e-4)
     start = Trial("it", 1.0, {"x1": 1, "x2": 0.5, "x3": -0.5}, {"u": 0.2})
     true = simulate(geared().system, start, 5e-4)
@@ -248,7 +246,7 @@ def test_from_a_form_to_a_proved_observer() -> None:
     design = adaptive_gain(3, slope=k)
     tuning = {**TUNING, "K": design.K, "P": design.P, "gamma": (max(10, float(design.gamma)), 80)}
     checks = {check.id: check.verdict for check in hg.observers.adaptive_lmi(geared(), **tuning).checks}
-    assert checks["adaptive_lmi.convergence"] is Verdict.PROVED
+    assert checks["adaptive_lmi.theta"] is Verdict.PROVED
     with pytest.raises(BadGain, match=r"^gamma = 0\.5 must be a finite number, at least 1"):
         slope(geared(), 0.5)
     with pytest.raises(BadGain, match=r"^adaptive_lmi takes one output"):
@@ -263,9 +261,12 @@ def test_a_slope_without_a_bound_is_said() -> None:
 
 
 def test_below_the_bound_it_is_not_proved_and_built_all_the_same() -> None:
-    (check,) = (check for check in observer(gamma=(2, 80)).checks if check.id == "adaptive_lmi.convergence")
+    tuning = {**TUNING, "K": (2, 1), "P": ((10.4, -13.15), (-13.15, 32.76)), "sigma": 0.1, "gamma": (2, 80)}
+    built = hg.observers.adaptive_lmi(hg.forms.triangular(model("pendulum")), **tuning)
+    (check,) = (check for check in built.checks if check.id == "adaptive_lmi.theta")
     assert check.verdict is Verdict.UNKNOWN
-    assert "gamma_inf = 2 is not above" in str(check.reason)
+    assert "not shown: 2 is below the certified 5.1" in str(check.reason)
+    assert check.fix.startswith("Raise gamma_inf, ")
 
 
 def test_a_p_that_is_refuted_stops_unless_it_is_accepted() -> None:
@@ -274,8 +275,9 @@ def test_a_p_that_is_refuted_stops_unless_it_is_accepted() -> None:
         observer(P=wrong)
     accepted = observer(P=wrong, accept="adaptive_lmi.decay")
     assert accepted.accepted == ("adaptive_lmi.decay",)
-    (check,) = (check for check in accepted.checks if check.id == "adaptive_lmi.convergence")
-    assert check.verdict is Verdict.UNKNOWN
+    known = {check.id.fact: check.verdict for check in accepted.checks if check.id.maker == "adaptive_lmi"}
+    assert known["decay"] is Verdict.REFUTED
+    assert known["theta"] is Verdict.PROVED  # by another P
 
 
 @pytest.mark.parametrize(

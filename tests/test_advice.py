@@ -88,7 +88,7 @@ def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None
     best = advised.admitted[0]
     (adaptive,) = (one for one in advised.admitted if one.observer == "adaptive_lmi")
     assert (best.observer, best.known, best.proposed) == ("high_gain", "proved for its theta", False)
-    assert (adaptive.known, adaptive.proposed) == ("proved", False)
+    assert (adaptive.known, adaptive.proposed) == ("proved for its theta", False)
 
 
 def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -> None:

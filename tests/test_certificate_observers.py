@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -393,16 +394,24 @@ def _matrices(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> 
     return f"an eigenvalue is {worst}" if worst > 1e-9 else ""
 
 
-def _adapts(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
-    """V = e'P e, e = T^-1 (w - what), falls however gamma moves; gamma' from -sigma gamma^2 on."""
-    P, (N, D), (low, high) = floats(evidence["P"]), chain_of(o["gains"]), o["gamma"]
-    for gamma in (low, (low + high) / 2, high):
-        T = gamma ** np.arange(1.0, len(P) + 1)
-        for J, _ in slopes(content):
-            for share in (-o["sigma"] * gamma, 0, 3, 1e4 * gamma):
-                if largest(P @ (gamma * N - share * D + J * T / T[:, None])) > 1e-9:
-                    return f"V' may be positive at gamma = {gamma}"
-    return _matrices(content, o, evidence)
+def _moves(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
+    """V = e'P e, e = T^-1 (w - what), falls however the gain l moves, from a least value on."""
+    name = content["observer"]["name"]
+    known = {**claim_of(content, f"{name}.convergence")["evidence"], **evidence}
+    P, alpha, b = floats(known["P"]), floats(known.get("alpha", "0")), floats(known["b"])
+    least, n, units = threshold(known), len(P), floats(known["units"])
+    start = least if "least" in evidence else o["p_2"] if name == "updated_gain" else o["gamma"][0]
+    if start < least:
+        return f"it is below {least}"
+    draw, (N, _) = np.random.default_rng(5), chain_of(o["gains"])
+    for level in (start * (1 + 1e-9), 1.1 * start, 3 * start, 1000 * start):
+        fall = o["sigma"] if name == "adaptive_lmi" else o["p_1"] * (1 - start / level)
+        T = units * level ** -np.arange(1.0, n + 1)
+        for (J, _), r in product(slopes(content), (-fall, 0.0, 3.0, 1e4)):
+            M = level * (np.outer(units, 1 / units) * N - r * np.diag(b + np.arange(n)))
+            if grows(P, M + T[:, None] * J * shares(draw, n) / T, alpha):
+                return f"V' may be positive at l = {level}"
+    return _steep(content, known)
 
 
 def _attenuates(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
@@ -490,7 +499,7 @@ def _held(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) -> str:
 USUAL = {"core": _core, "convergence": _converges, "theta": _above}
 OTHERS = {
     **{f"adaptive_lmi.{what}": _matrices for what in ("definite", "shrink", "decay")},
-    "adaptive_lmi.convergence": _adapts,
+    **{f"{name}.{what}": _moves for name in ("adaptive_lmi", "updated_gain") for what in ("convergence", "theta")},
     "adaptive_lmi.attenuation": _attenuates,
     "updated_gain.p_1": _falls,
     "updated_gain.p_3": _rises,
@@ -907,3 +916,33 @@ def test_a_core_counts_with_its_saturations_as_well() -> None:
         P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -Q.ravel()).reshape(3, 3) / np.outer(t, t)
         evidence["P"] = [[str(Fraction(value)) for value in row] for row in (P + P.T) / 2]
         assert found(content)["peaking_free.convergence"] == verdict
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "fails"),
+    [
+        ("updated_gain", {"p_1": "100"}, ("convergence", "theta")),
+        ("updated_gain", {"p_2": "1/1000"}, ("theta",)),
+        ("updated_gain", {"p_1": "-1/50"}, ("convergence", "theta")),
+        ("updated_gain", {"gains": ["1", "5/4"]}, ("convergence", "theta")),
+        ("adaptive_lmi", {"sigma": "100"}, ("convergence", "theta")),
+        ("adaptive_lmi", {"sigma": "-100"}, ("convergence", "theta")),
+        ("adaptive_lmi", {"gamma": ["1/1000", "2000"]}, ("theta",)),
+        ("adaptive_lmi", {"gamma": ["-1000", "2000"]}, ("convergence", "theta")),
+    ],
+)
+def test_a_law_that_is_faster_than_what_is_proved_fails(
+    name: str, changes: dict[str, Any], fails: tuple[str, ...]
+) -> None:
+    content = written(name)
+    content["observer"] |= changes
+    assert {found(content)[f"{name}.{fact}"] for fact in fails} == {"fails"}
+
+
+@pytest.mark.parametrize("name", ["updated_gain", "adaptive_lmi"])
+@pytest.mark.parametrize("b", ["-1/4", "-10", "1000"])
+def test_a_weight_of_the_gain_under_which_v_does_not_fall_fails(name: str, b: str) -> None:
+    """Below 0 V grows as the gain rises, far above as it falls."""
+    content = written(name)
+    claim_of(content, f"{name}.convergence")["evidence"]["b"] = b
+    assert {found(content)[f"{name}.{fact}"] for fact in ("convergence", "theta")} == {"fails"}

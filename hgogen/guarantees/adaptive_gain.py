@@ -8,8 +8,9 @@
     gamma >= gamma_inf > max(1, 2 k lambda_max(P)/lambda)                                                   (56), (62)
 
 A, C a chain of integrators, v a disturbance of the plant by G_1 and of the measurement by G_2, k >= |T^-1 dc/dw T| for
-every gamma >= gamma_inf. V = e'P e has V' <= -(gamma lambda - 2 k lambda_max(P)) |e|^2 without v. The paper leaves out
-D P + P D >= 0, without which (55) does not bound the term with gamma'. With v, and
+every gamma >= gamma_inf. V = e'P e has V' <= -(gamma lambda - 2 k lambda_max(P)) |e|^2 without v; a lower bound than
+(62) has `moving`. The paper leaves out D P + P D >= 0, without which (55) does not bound the term with gamma'. With v,
+and
 
     lambda >= (4 k lambda_max(P) + 1)/(2 gamma_inf),   gamma <= gamma_sup                                   (70), (71)
     (A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I + P P/alpha_1 + P K K'P/alpha_2 <= 0                  (87)
@@ -153,25 +154,15 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Adapting:
-    """The proof of a claim about the observer: the `candidate`, under the `assumptions`."""
+class Attenuating:
+    """The proof of a claim about the L2 gain of the `candidate`, under the `assumptions`."""
 
     candidate: Candidate
     assumptions: Given
 
     def evidence(self, form: Form) -> Evidence | None:
-        """The matrix P, lambda_max(P), lambda, and the bound k of dc/dw."""
-        one, steep = self.candidate, self.assumptions.steep
-        return {"P": one.P, "peak": one.peak, "decay": one.decay, "slope": steep} if steep else None
-
-
-@dataclass(frozen=True)
-class Attenuating(Adapting):
-    """The proof of a claim about the L2 gain, under the same assumptions."""
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """That of convergence with the disturbance in place of lambda, and s of (87) and mu for the k that is written,
-        which is a little more than the proof's."""
+        """The matrix P, lambda_max(P), the bound k of dc/dw, the disturbance, and s of (87) and mu for the k that is
+        written, which is a little more than the proof's."""
         one, disturbed, steep = self.candidate, self.assumptions.disturbance, self.assumptions.steep
         slope = steep.evidence(form) if steep else None
         if slope is None or disturbed is None:
@@ -282,49 +273,26 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
 
 
 def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
-    """The checks of `facts`, and `MAKER.convergence`, that gamma_inf is above the bound (62); with a disturbance also
-    `MAKER.attenuation`, that the L2 gain has a bound."""
+    """The checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
     known = facts(maker, candidate)
-    sound = all(check.verdict is Verdict.PROVED for check in known)
-    lost = NONE if sound else because("P proves nothing")
-    lost = lost or (NONE if assumptions.slope is not None else assumptions.reason)
-    whole: list[tuple[Check, Candidate | Adapting | ByOneV]] = [(check, candidate) for check in known]
-    whole += [(_above(maker, candidate, assumptions, lost), Adapting(candidate, assumptions))]
+    whole: list[tuple[Check, Candidate | Attenuating | ByOneV]] = [(check, candidate) for check in known]
     if assumptions.disturbance:
+        sound = all(check.verdict is Verdict.PROVED for check in known)
+        lost = NONE if sound else because("P proves nothing")
+        lost = lost or (NONE if assumptions.slope is not None else assumptions.reason)
         moving = None if lost or assumptions.moving is None else assumptions.moving
         one = moving and moving.attenuation(candidate.P)
         if moving and one:
             whole += [(_attenuated(maker, assumptions.disturbance, Up(one.mu, 3)), ByOneV(moving, one))]
         else:
             whole += [(_gain(maker, candidate, assumptions, lost), Attenuating(candidate, assumptions))]
-    numbers = {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
-    return tuple(replace(check, proofs=(Grounds(numbers, fact),)) for check, fact in whole)
+    built = numbers(candidate, assumptions)
+    return tuple(replace(check, proofs=(Grounds(built, fact),)) for check, fact in whole)
 
 
-def _above(maker: str, candidate: Candidate, assumptions: Given, lost: Reason) -> Check:
-    claim = "in continuous time, without noise, the error converges exponentially, whatever the law makes of gamma"
-    if lost or assumptions.slope is None:
-        return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
-    bound = max(Fraction(1), 2 * assumptions.slope * candidate.peak / candidate.decay)
-    least = because(
-        "{bound} = max(1, 2 k lambda_max(P)/lambda), k <= {k}, lambda_max(P) <= {peak}, lambda >= {decay}",
-        bound=Up(bound, below=assumptions.low),
-        k=Up(assumptions.slope),
-        peak=Up(candidate.peak),
-        decay=Down(candidate.decay),
-    )
-    gamma = float(assumptions.low)
-    if not assumptions.low > bound:
-        pattern = "not shown: gamma_inf = {gamma} is not above {least}; this is sufficient, not necessary"
-        low, fix = because(pattern, gamma=gamma, least=least), "Raise gamma_inf, or validate by trials."
-        return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, low, fix=fix)
-    speed = (assumptions.low * candidate.decay - 2 * assumptions.slope * candidate.peak) / (2 * candidate.peak)
-    pattern = (
-        "gamma_inf = {gamma} is above {least}; the error decays at least like exp(-{rate} t) while the estimate keeps "
-        "to its outer box"
-    )
-    reason = because(pattern, gamma=gamma, least=least, rate=Down(speed, 2))
-    return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, reason)
+def numbers(candidate: Candidate, assumptions: Given) -> dict[str, Any]:
+    """What the observer is built with, as far as its claims go."""
+    return {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
 
 
 _ATTENUATES = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"

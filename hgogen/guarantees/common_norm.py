@@ -10,8 +10,9 @@ one form has a multiplier S_j >= 0 for each:
 A P that serves a theta at the corners serves every larger one: M/theta is N and the slopes over theta^(degree + 1), and
 those of a degree above -1 have 0 in their ranges, which shrink. What the form shows holds at the corners.
 
-A solver finds P and S, rationals prove them. Without a solver, or of more rows than it is asked for, P is that of large
-theta alone, N'P + P N = -I with all that moves in N at its middle: it may serve too, from a larger theta on.
+A solver finds P and S, rationals prove them. Without a solver, or of more rows than it is asked for, P is one that is
+at hand, or that of large theta alone, N'P + P N = -I with all that moves in N at its middle: it may serve too, from a
+larger theta on.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,7 +29,17 @@ from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.contracting import farthest
 from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain
 from hgogen.guarantees.lmi import NoSolver, cones
-from hgogen.guarantees.quadratic import Array, Quadratic, Weights, inverse_root, negative, proved, rational, verified
+from hgogen.guarantees.quadratic import (
+    Array,
+    Quadratic,
+    Weights,
+    floats,
+    inverse_root,
+    negative,
+    proved,
+    rational,
+    verified,
+)
 from hgogen.guarantees.semidefinite import Margin, widest
 from hgogen.guarantees.stagewise import corners, flowing
 from hgogen.intervals import outward
@@ -72,6 +83,30 @@ class Falls:
         return {"P": self.weights.P} | ({"S": self.weights.S} if self.weights.S else {})
 
 
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """What a gain that moves makes of e' = M e: `shift` comes to M over theta; `cores` N, of which e' = theta N e is
+    without b; and `ways` W, where W e comes to e' besides, times any share >= 0. All of FLINT's rationals."""
+
+    shift: Array
+    cores: tuple[Array, ...] = ()
+    ways: tuple[Array, ...] = ()
+
+    def forms(
+        self, e: Uncertain, theta: Fraction, alpha: Any, hull: Sequence[Sequence[Fraction]]
+    ) -> Iterator[Quadratic]:
+        """Those of `falling`, and those of what is beside, which are as large."""
+        known = floats if e.M.dtype == float else np.asarray
+        shifted = falling(replace(e, M=e.M + known(self.shift * number(theta))), alpha, hull)
+        yield from shifted
+        k = shifted[0].size - len(e.M)
+        still = replace(e, G=0 * e.G[:, :k], H=0 * e.H[:k])
+        for core in self.cores:
+            yield flowing(replace(still, M=known(core * number(theta))), alpha)
+        for way in self.ways:
+            yield flowing(replace(still, M=known(way * number(theta))), 0 * alpha)
+
+
 def one_by_one(n: int, m: int) -> bool:
     """Whether the corners of m slopes of n fields are taken one by one."""
     return bool(2**m * n**3 <= WORK)
@@ -95,13 +130,19 @@ def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -
     return tuple(flowing(replace(e, M=e.M + (e.G * d) @ e.H, G=e.G[:, :0], H=e.H[:0]), alpha) for d in ends)
 
 
+STILL = Moved(rational([[0]]))  # of a constant gain
+
+
 @dataclass(frozen=True)
 class Flow:
-    """The `error` of an observer in continuous time, for which norms are sought, at `theta` and beyond."""
+    """The `error` of an observer in continuous time, for which norms are sought, at `theta` and beyond; of one whose
+    gain moves, what else it obeys where it is `moved`. `first` (n, n): a P > 0 in floats that may serve."""
 
     error: Inclusion
     theta: Fraction
     how: str = "one norm"
+    moved: Moved = STILL
+    first: Array | None = None
 
     @cached_property
     def fastest(self) -> Falls | None:
@@ -233,7 +274,7 @@ class Flow:
             if best is None or best.margin <= 0 or len(few) == len(forms):
                 return best
             values = [form.value(best.P, best.S) for form in forms]
-            seen = np.array(values if W is None else [W.T @ value @ W for value in values])
+            seen = np.array(values if W is None else [_among(W, value) for value in values])
             largest = np.linalg.eigvalsh(seen).max(axis=1)
             order = [int(k) for k in largest.argsort()[::-1] if largest[k] > -best.margin / 2 and k not in few]
             if not order:
@@ -256,10 +297,13 @@ class Flow:
         return negative(self._floats(theta, alpha), *weights)
 
     def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
-        return falling(self.error.at(theta), number(alpha), self.error.hull)
+        return self._forms(self.error.at(theta), theta, number(alpha))
 
     def _floats(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
-        return falling(self.error.at(theta).floats, float(alpha), self.error.hull)
+        return self._forms(self.error.at(theta).floats, theta, float(alpha))
+
+    def _forms(self, e: Uncertain, theta: Fraction, alpha: Any) -> tuple[Quadratic, ...]:
+        return tuple(self.moved.forms(e, theta, alpha, self.error.hull))
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
         """The largest real part of an eigenvalue at the corners that are tried, and the corner."""
@@ -275,9 +319,11 @@ class Flow:
 
     @cached_property
     def _alone(self) -> Array | None:
-        """P (n, n) with N'P + P N = -c I, its trace n; None where it shows nothing."""
+        """The first P, or one (n, n) with N'P + P N = -c I, its trace n; None where it shows nothing."""
         N = self.error.limit
         n, one = len(N), np.eye(len(N))
+        if self.first is not None:
+            return np.asarray(self.first * n / np.trace(self.first))
         try:
             P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
         except np.linalg.LinAlgError:
@@ -289,6 +335,13 @@ class Flow:
     def _coordinates(self) -> Array | None:
         """P^(-1/2) of it, near which the P that are sought are."""
         return None if self._alone is None else inverse_root(self._alone)
+
+
+def _among(W: Array, value: Array) -> Array:
+    """The value of a form in the coordinates x of e = W x, with its multiplied relations as they are."""
+    T = np.eye(len(value))
+    T[: len(W), : len(W)] = W
+    return np.asarray(T.T @ value @ T)
 
 
 def _reached(

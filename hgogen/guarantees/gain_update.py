@@ -22,6 +22,7 @@ from hgogen.evidence.enclosing import LOOSE, Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.lmi import Lyapunov, lyapunov
+from hgogen.guarantees.moving import Law, moving_checks
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import Up, down, up
@@ -71,7 +72,7 @@ class Weighted:
 def checks(
     chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
 ) -> tuple[Check, ...]:
-    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n).
+    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n), and the claims about p_2 alone of `moving`.
 
     Raises: `BadGain` where D P + P D is not proved to be positive definite.
     """
@@ -80,7 +81,9 @@ def checks(
     fall, rise = Weighted(proof.P, Fraction(b)), Weighted(proof.P, Fraction(b), proof.peak)
     stay = stays(chain, p_1, p_2, p_3, cap)
     each = ((falls(proof, spread, p_1, b), fall), (rises(proof, spread, p_3, b), rise), (stay, *stay.proofs))
-    return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
+    known = (replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
+    moves = Law("p_2", p_2, Fraction(p_1), easing=True, b=Fraction(b))
+    return (*known, *moving_checks("updated_gain", chain, [Fraction(k) for k in K.tolist()], moves, numbers))
 
 
 def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:

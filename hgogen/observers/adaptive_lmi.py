@@ -8,10 +8,12 @@
 
 in the coordinates of `integrators`, the argument of c saturated to the declared box. K, P and sigma satisfy (54), which
 with D P + P D >= 0 lets gamma rise at any rate and fall no faster than sigma gamma^2 (`adaptive_gain` verifies,
-`hgogen.design` finds them). The law is (90) projected: taken literally it never leaves gamma_inf or gamma_sup. Where no
-sample is valid gamma rests. gamma_sup is part of the law: assumption 3 wants gamma bounded, so no status tells of a
-gamma that rests there; no theorem is suspended. Source: Alessandri, "On Hamilton-Jacobi approaches to state
-reconstruction for dynamic systems", Mathematical Problems in Engineering (2020), theorems 5-7, (46), (87), (90).
+`hgogen.design` finds them). From which gamma_inf on the error converges is shown by another P, with the slopes of c in
+the place of their norm in (62) (`moving`). The law is (90) projected: taken literally it never leaves gamma_inf or
+gamma_sup. Where no sample is valid gamma rests. gamma_sup is part of the law: assumption 3 wants gamma bounded, so no
+status tells of a gamma that rests there; no theorem is suspended. Source: Alessandri, "On Hamilton-Jacobi approaches
+to state reconstruction for dynamic systems", Mathematical Problems in Engineering (2020), theorems 5-7, (46), (87),
+(90).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,12 +30,13 @@ from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.adaptive_gain import Candidate, Disturbance, Given, candidate, checks, steepness
+from hgogen.guarantees.adaptive_gain import Candidate, Disturbance, Given, candidate, checks, numbers, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.attenuating import MovingGain
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.design import adaptive_gain
 from hgogen.guarantees.inclusion import by_chain, on_integrators, plain
+from hgogen.guarantees.moving import Law, moving_checks
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Ode
@@ -49,7 +52,8 @@ EQUATIONS = (
     "w_i' = w_(i+1) + c_i(w, u) + gamma^i k_i (y - w_1), w_(n+1) = 0",
     "gamma' = rise gamma while |y - w_1| > threshold, -sigma gamma^2 else, in [gamma_inf, gamma_sup]",
 )
-OWN = tuple(ClaimId("adaptive_lmi", fact) for fact in ("definite", "shrink", "decay", "convergence", "attenuation"))
+_FACTS = ("definite", "shrink", "decay", "convergence", "theta", "attenuation")
+OWN = tuple(ClaimId("adaptive_lmi", fact) for fact in _FACTS)
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, and is input-to-state stable under disturbances",
     (
@@ -68,9 +72,9 @@ THEOREM = Theorem(
             reference="assumption 3, (55)",
         ),
         Hypothesis(
-            "gamma_inf > max(1, 2 k lambda_max(P)/lambda)",
-            (Claims("adaptive_lmi", "convergence"),),
-            reference="(56), (62)",
+            "gamma_inf is large enough",
+            (Claims("adaptive_lmi", "theta"),),
+            reference="in place of (56), (62)",
         ),
         Hypothesis(
             "the L2 gain from the declared disturbance to the error in w is at most mu",
@@ -119,8 +123,9 @@ def adaptive_lmi(
 ) -> Observer:
     """The observer with adaptive gain on a form of one output with constant a_i.
 
-    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (of K, P, sigma), `.convergence`, `.attenuation` (of a
-    disturbance); `adaptive_lmi.lipschitz` in coordinates other than the plant's states.
+    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (of K, P, sigma), `.convergence` (a bound on gamma_inf is
+    proved), `.theta` (gamma_inf is above it), `.attenuation` (of a disturbance); `adaptive_lmi.lipschitz` in
+    coordinates other than the plant's states.
 
     Args: `gamma` (gamma_inf, gamma_sup), 1 <= gamma_inf < gamma_sup, it starts at gamma_inf; `K` (n), `P` (n, n),
     `sigma` > 0 of `hgogen.design`, for a chain of n integrators; `rise` alpha (1/s) > 0; `threshold` d > 0 in the unit
@@ -142,7 +147,10 @@ def adaptive_lmi(
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
     ends = Fraction(low), Fraction(high)
     driven = None if disturbed is None else _driven(chain, design, ends, disturbed)
-    own = checks("adaptive_lmi", design, Given(*ends, k, reason, disturbed, shown, driven))
+    guarantees = Given(*ends, k, reason, disturbed, shown, driven)
+    moves = Law("gamma_inf", low, design.sigma, easing=False, b=Fraction(1), P=np.array(design.P, dtype=float))
+    known = checks("adaptive_lmi", design, guarantees)
+    own = (*known, *moving_checks("adaptive_lmi", chain, design.K, moves, numbers(design, guarantees)))
     demand((*form.checks, *own), accept, form)
     tunable = (
         _wide("rise", rise, "alpha, rate at which gamma rises", "1/s"),

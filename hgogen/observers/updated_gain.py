@@ -12,9 +12,12 @@ it stays between p_2 and p_2 + (p_3/p_1) sup Gamma. With error_i = L^(i-1+b) eps
 with |delta| <= Gamma |eps| where Gamma bounds the increments of c, since it is no less than the spectral norm. So
 D P + P D > 0, N'P + P N + p_1 (D P + P D) < 0 and p_3 (D P + P D) >= 2 lambda_max(P) are enough. The paper's Gamma has
 no D_L; this one, for L >= 1 never larger, lets the gain be lower. Where c is read at x = Psi(w) in the plant's ranges,
-dc/dw is dc/dx (dPhi/dx)^-1 there, which no clamp makes 0. Source: Andrieu, Praly, Astolfi, "High gain observers
-with updated gain and homogeneous correction terms", Automatica 45 (2009), with linear correction terms; the cap on L,
-which the length of a step asks for, is an extension.
+dc/dw is dc/dx (dPhi/dx)^-1 there, which no clamp makes 0.
+
+Gamma at the estimate bounds the increments of c to first order only. Where p_2 is enough alone, the gain may move as it
+does whatever Gamma is: that is shown by another P, for all slopes of c in their ranges (`moving`). Source: Andrieu,
+Praly, Astolfi, "High gain observers with updated gain and homogeneous correction terms", Automatica 45 (2009), with
+linear correction terms; the cap on L, which the length of a step asks for, is an extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,11 +28,12 @@ import numpy as np
 
 from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
-from hgogen.check import Claims, Verdict
+from hgogen.check import Check, Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.gain_update import checks
 from hgogen.guarantees.lmi import STATES
+from hgogen.guarantees.moving import proved_above
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
@@ -47,32 +51,40 @@ EQUATIONS = (
     "L' = L (p_1 (p_2 - L) + p_3 Gamma), Gamma = |diag(L, .., L^n)^-1 dc/dw(sat w, u) diag(L, .., L^n)|_F, "
     "by its exact flow with Gamma held over a sample",
 )
+_HURWITZ = Hypothesis(
+    "A - K C is Hurwitz with a P for which D P + P D > 0",
+    verdict=Verdict.PROVED,
+    reason="in rational arithmetic; others are refused",
+)
+_START = Hypothesis("L(0) >= p_2 >= 1", verdict=Verdict.PROVED, reason="others are refused")
+_CAP = Hypothesis(
+    "in continuous time the gain does not reach its cap",
+    (Claims("updated_gain", "cap"),),
+    reason="a step holds Gamma over a sample, and with it the gain may reach the cap: watch GAIN_LIMITED",
+)
+_ENOUGH = Hypothesis(
+    "p_2 is large enough for every rate at which the gain may fall", (Claims("updated_gain", "theta"),)
+)
+_CONCLUSION = "the estimate converges exponentially, and the gain stays bounded"
 THEOREM = Theorem(
-    "the estimate converges exponentially, and the gain stays bounded",
+    _CONCLUSION,
     (
         *FORM,
-        Hypothesis(
-            "A - K C is Hurwitz with a P for which D P + P D > 0",
-            verdict=Verdict.PROVED,
-            reason="in rational arithmetic; others are refused",
-        ),
+        _HURWITZ,
         Hypothesis("p_1 is small enough", (Claims("updated_gain", "p_1"),)),
         Hypothesis("p_3 is large enough", (Claims("updated_gain", "p_3"),)),
-        Hypothesis("L(0) >= p_2 >= 1", verdict=Verdict.PROVED, reason="others are refused"),
+        _START,
         Hypothesis(
             "Gamma at the estimate bounds the increments of c between estimate and plant",
             verdict=Verdict.UNKNOWN,
-            reason="the Jacobian there bounds them to first order in the error; a larger p_3 leaves room",
+            reason="the Jacobian there bounds them to first order in the error; a larger p_3, or p_2, leaves room",
         ),
-        Hypothesis(
-            "in continuous time the gain does not reach its cap",
-            (Claims("updated_gain", "cap"),),
-            reason="a step holds Gamma over a sample, and with it the gain may reach the cap: watch GAIN_LIMITED",
-        ),
+        _CAP,
         *OPERATION,
     ),
     REFERENCE,
 )
+BY_P_2 = Theorem(_CONCLUSION, (*FORM, _HURWITZ, _ENOUGH, _START, *OPERATION), REFERENCE)
 
 CLAMPED = Hypothesis(
     "Gamma bounds them, too, where a state of x = Psi(w) is clamped to its range",
@@ -110,7 +122,8 @@ def updated_gain(
     """The updated-gain observer on a form of one output with constant a_i.
 
     Checks: `updated_gain.p_1`, `updated_gain.p_3` (the inequalities above, for the P of N'P + P N = -I);
-    `updated_gain.cap` (L' < 0 at the cap).
+    `updated_gain.cap` (L' < 0 at the cap); `updated_gain.convergence` (a bound on p_2 is proved, whatever Gamma is),
+    `updated_gain.theta` (p_2 is above it).
 
     Args: `p_1` > 0 (how fast L falls, without unit), `p_2` >= 1 where it falls to (1/s), `p_3` > 0 how much it follows
     Gamma; `cap` > p_2 the largest L; `poles` (n) of A - K C, or `gains` K (n) in their place; `b` > 0 of D; `start`
@@ -131,7 +144,8 @@ def updated_gain(
         raise BadGain(f"p_2 = {p_2!r}", f"must be at least 1 and below cap = {top:g}")
     if not low <= first <= top:
         raise BadGain(f"start = {start!r}", f"must be from p_2 = {low:g} to cap = {top:g}")
-    proved = checks(chain, K, positive("b", b), fall, low, rise, top)
+    shift = positive("b", b)
+    proved = checks(chain, K, shift, fall, low, rise, top)
     w = chain.field(initial, top)
     L = scalar("L", first, low=1.0, high=top, unit="1/s", meaning="gain, which follows the slope of the model")
     return observer_on(
@@ -144,13 +158,20 @@ def updated_gain(
             gain("p_3", rise, 1e-3 * rise, 1e3 * rise, "how much the gain follows the slope of the model"),
         ),
         w=sym("state", "w", chain.n),
-        theorem=THEOREM if form.behind is None else THEOREM.under(CLAMPED),
+        theorem=_theorem(form, proved),
         equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {same(first)}, L <= {same(top)}"),
         reference=REFERENCE,
         checks=proved,
         accepted=accept,
         traces=("L",),
     )
+
+
+def _theorem(form: Form, checks: Sequence[Check]) -> Theorem:
+    """The paper's, or where p_2 is enough alone the one that says so."""
+    if proved_above(checks, "updated_gain"):
+        return BY_P_2
+    return THEOREM if form.behind is None else THEOREM.under(CLAMPED)
 
 
 def _slope(chain: Integrators, w: Graph, u: Graph, L: Graph) -> Graph:

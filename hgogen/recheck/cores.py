@@ -113,7 +113,7 @@ def _pairs(k: Matrix, shares: list[int]) -> Matrix:
 
 
 def _injected(numbers: Numbers, n: int) -> Core:
-    """The core with all of the error injected, of an observer that injects less of it."""
+    """The core with all of the error injected, of an observer that injects less of it, or by a gain that moves."""
     gains, order = column(numbers, "gains", n), [*range(n)]
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
@@ -124,5 +124,5 @@ CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
     "filtered_injection": _filtered_injection,
     "low_power": _low_power,
     "peaking_free": _peaking_free,
-    **dict.fromkeys(("stubborn", "dead_zone", "adaptive_lmi"), _injected),
+    **dict.fromkeys(("stubborn", "dead_zone", "updated_gain", "adaptive_lmi"), _injected),
 }

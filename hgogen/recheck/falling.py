@@ -60,12 +60,12 @@ def corners_of(parts: Parts) -> Iterator[Matrix]:
         yield plus(parts.M, times(signed, parts.H)) if d else parts.M
 
 
-def above_least(which: str, falls: Falls) -> Verify:
-    """The rule that the observer's theta, of the name `which`, is above the least of its claim of convergence; and that
-    V `falls` there by the claim's evidence, where it says at which rate."""
+def above_least(which: str, falls: Falls, of: Callable[[Mapping[str, Any], str], Fraction] = scalar) -> Verify:
+    """The rule that the observer's theta, of the name `which`, `of` its numbers, is above the least of its claim of
+    convergence; and that V `falls` there by the claim's evidence, where it says at which rate."""
 
     def shown(context: Context, claim: Claim) -> Shown:
-        chosen, bound = scalar(built(context, claim).numbers, which), context.file.claim(f"{claim.maker}.convergence")
+        chosen, bound = of(built(context, claim).numbers, which), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
             raise NotShown(f"{which} = {short(chosen)} is not above the bound")
         known = f"{which} = {is_above(chosen, scalar(bound.evidence, 'least'))}"

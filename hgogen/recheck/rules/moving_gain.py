@@ -1,13 +1,12 @@
 """What lets a gain move, verified again: the matrix inequalities of an adaptive or updated gain, the time of a switch.
 
 With N = A - K C of a chain of integrators, K the observer's `gains`, D = diag(b, .., b + n - 1), b = 1 where none is
-told, and e the error of w scaled by the powers of the gain:
+told, and e the error of w scaled by the powers of the gain l, e'/l = (N - r D + J(l)/l) e, r = l'/l^2:
 
-    adaptive_lmi   gamma'/gamma^2 >= -sigma,  P > 0,  D P + P D >= 0,  N'P + P N + sigma (D P + P D) + lambda I <= 0:
-                   e'P e decays if gamma >= gamma_inf > max(1, 2 k lambda_max(P)/lambda), k >= |T^-1 dc/dw T| at
-                   T = diag(gamma_inf, .., gamma_inf^n), and so for every larger gamma. With w' + G_1 v and y + G_2 v,
-                   mu^2 >= 2 gamma_sup^(2n) s bounds the L2 gain from v to the error of w, where
-                   N'P + P N + sigma (D P + P D) + lambda I + (delta_1 P P + delta_2 P K K'P)/s <= 0,
+    adaptive_lmi   gamma'/gamma^2 >= -sigma,  P > 0,  D P + P D >= 0,  N'P + P N + sigma (D P + P D) + lambda I <= 0.
+                   With w' + G_1 v and y + G_2 v, mu^2 >= 2 gamma_sup^(2n) s bounds the L2 gain from v to the error of
+                   w, with k >= |T^-1 dc/dw T| at T = diag(gamma_inf, .., gamma_inf^n), and so for every larger gamma,
+                   where N'P + P N + sigma (D P + P D) + lambda I + (delta_1 P P + delta_2 P K K'P)/s <= 0,
                    lambda = (4 k lambda_max(P) + 1)/(2 gamma_inf), delta_1 >= 1 + |G_1|^2,
                    delta_2 = G_2 (I + G_1'G_1) G_2'. Or by a V of its own, D V + V D >= 0, in e_i = units_i times the
                    error of w_i over gamma^i: with the slopes of c as `uncertain` bounds them at gamma_inf,
@@ -16,6 +15,11 @@ told, and e the error of w scaled by the powers of the gain:
     updated_gain   L' = L (p_1 (p_2 - L) + p_3 Gamma), N'P + P N <= -I, D P + P D > 0:
                    N'P + P N + p_1 (D P + P D) < 0,  p_3 (D P + P D) >= 2 lambda_max(P);  L' < 0 where L is at its
                    cap, Gamma <= sup |T^-1 dc/dw T|, Frobenius' norm, T = diag(cap, .., cap^n)
+    both           V = e'P e has V' <= -alpha V at every l from the `least` on, where D P + P D > 0 and
+                   M'P + P M + alpha P < 0 for each M, with J in the ranges of its slopes, 0 among them:
+                   least (N + sigma D) + J(least) of r >= -sigma;
+                   least N + J(least) and least (N + p_1 D) of r >= -p_1 (1 - least/l), which they are in the shares
+                   least/l and 1 - least/l, as J(l)/l shrinks with l
     switched_gain  V' <= -a(l) V, a(l) = (l - 2 p L)/p, in V = e'P e, least I <= P <= p I, for l = theta, theta_low: the
                    time in theta makes up for both jumps of V where
                    a(theta) hold > log((p/least)^2 (theta/theta_low)^(2n-2))
@@ -32,8 +36,8 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built, integrators, slope
-from ..context import Context, Shown, is_above, on, short
-from ..falling import demand_negative, driven
+from ..context import Context, Shown, on, short
+from ..falling import above_least, demand_falls, demand_negative, driven
 from ..file import Built, Claim, Observer, part
 from ..matrix import (
     Matrix,
@@ -79,22 +83,6 @@ def decay(context: Context, claim: Claim) -> Shown:
     """N'P + P N + sigma (D P + P D) < 0."""
     demand_positive({"-N'P - P N - sigma (D P + P D)": _rate(built(context, claim), _P(context, claim))})
     return Shown("N'P + P N + sigma (D P + P D) is negative definite")
-
-
-def convergence(context: Context, claim: Claim) -> Shown:
-    """gamma_inf is above its bound."""
-    observer, rate = built(context, claim), above_zero(claim.evidence, "decay")
-    low, _, k, peak = _bounds(context, claim)
-    P = _P(context, claim)
-    demand_nonnegative(
-        {"-N'P - P N - sigma (D P + P D) - lambda I": minus(_rate(observer, P), scaled(rate, unit(len(P))))}
-    )
-    least = max(Fraction(1), 2 * k * peak / rate)
-    if not low > least:
-        raise NotShown(f"gamma_inf = {short(low)} is not above {short(least, 1)}")
-    _, boxes = _at(context, claim, low)
-    above = f"the error converges exponentially: gamma_inf = {is_above(low, least)}"
-    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
 def attenuation(context: Context, claim: Claim) -> Shown:
@@ -189,18 +177,23 @@ def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fr
 
 def _rate(observer: Observer, P: Matrix) -> Matrix:
     """-N'P - P N - sigma (D P + P D)."""
+    N = companion(column(observer.numbers, "gains", len(P)))
+    return scaled(Fraction(-1), plus(twice(P, N), scaled(_sigma(observer), _spread(P, Fraction(1)))))
+
+
+def _sigma(observer: Observer) -> Fraction:
+    """sigma >= 0. Raises: `NotShown`."""
     sigma = scalar(observer.numbers, "sigma")
     if sigma < 0:
         raise NotShown("its sigma is negative")
-    N = companion(column(observer.numbers, "gains", len(P)))
-    return scaled(Fraction(-1), plus(twice(P, N), scaled(sigma, _spread(P, Fraction(1)))))
+    return sigma
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    """The matrix P, the same in every claim about the observer: together they speak of one Lyapunov function."""
+    """The matrix P, the same in every claim about the paper's inequalities: they speak of one Lyapunov function."""
     n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
-        if other.maker == claim.maker and other.evidence.get("P", P) != P:
+        if other.maker == claim.maker and other.fact not in _OWN and other.evidence.get("P", P) != P:
             raise NotShown(f"{other.id} tells another P")
     return matrix(claim.evidence, "P", n, n)
 
@@ -270,7 +263,60 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
     return P, N, spread
 
 
+# --- both: one norm for every gain and rate
+
+
+def convergence(context: Context, claim: Claim) -> Shown:
+    """Every least gain above the bound converges."""
+    least = above_zero(claim.evidence, "least")
+    boxes = _by_norm(context, claim, claim.evidence, least, Fraction(0))
+    above = f"the error converges exponentially for every {_LEAST[claim.maker][0]} above {short(least, 1)}"
+    rates = "at every rate of the gain that its law permits"
+    return Shown(f"in continuous time, without noise, {above}, {rates}{on(context.form.box)}", boxes)
+
+
+def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
+    """V' <= -alpha V at every gain from a level on, by the claim's P; with how many boxes the slopes are shown."""
+    observer, n = built(context, claim), len(context.z)
+    error, P, b = error_inclusion(context, observer, slopes), matrix(claim.evidence, "P", n, n), scalar(slopes, "b")
+    D = [[b + i if i == j else Fraction(0) for j in range(n)] for i in range(n)]
+    demand_positive({"D P + P D": twice(P, D)})
+    fall, eased = _FALL[claim.maker](observer)
+    parts, shift = error.at(level), scaled(level * fall, D)
+    if eased:
+        core = plus(scaled(level, error.N), shift)
+        demand_negative("its inequality without b", plus(twice(P, core), scaled(alpha, P)))
+    demand_falls(parts if eased else replace(parts, M=plus(parts.M, shift)), alpha, claim.evidence)
+    return error.boxes
+
+
+def _updated(observer: Observer) -> tuple[Fraction, bool]:
+    """How fast its gain may fall, and that it does not at its least value, p_2. Raises: `NotShown`."""
+    numbers = observer.numbers
+    if not 0 < scalar(numbers, "p_2") <= scalar(numbers, "cap"):
+        raise NotShown("its p_2 is not from 0 to its cap")
+    above_zero(numbers, "p_3")
+    return above_zero(numbers, "p_1"), True
+
+
+def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
+    """How fast its gain may fall, also at its least value. Raises: `NotShown`."""
+    low, high = column(observer.numbers, "gamma", 2)
+    if not 0 < low <= high:
+        raise NotShown("its gamma has no range above zero")
+    return _sigma(observer), False
+
+
+def _first(numbers: Mapping[str, Any], which: str) -> Fraction:
+    """gamma_inf."""
+    return column(numbers, "gamma", 2)[0]
+
+
+_FALL = {"updated_gain": _updated, "adaptive_lmi": _adaptive}
+_LEAST = {"updated_gain": ("p_2", scalar), "adaptive_lmi": ("gamma_inf", _first)}
+_OWN = ("convergence", "theta")
 _OF_V = ("slopes", "V", "S")
+_NORM = ("P", "S")
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")
 OBSERVERS = {
     "updated_gain": Built(("p_1", "p_2", "p_3", "cap", "gains")),
@@ -283,7 +329,20 @@ RULES = (
     of_observer("adaptive_lmi", "definite", definite, ("P",)),
     of_observer("adaptive_lmi", "shrink", shrink, ("P",)),
     of_observer("adaptive_lmi", "decay", decay, ("P",)),
-    *on_chains("adaptive_lmi", "convergence", convergence, (*_SLOPED, "decay")),
     *on_chains("adaptive_lmi", "attenuation", attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")),
+    *(
+        rule
+        for name, (which, of) in _LEAST.items()
+        for rule in (
+            *on_chains(name, "convergence", convergence, ("scale", "slopes", "units", "b", "least", *_NORM)),
+            *on_chains(
+                name,
+                "theta",
+                above_least(which, _by_norm, of),
+                ("alpha", *_NORM),
+                rests=(f"{name}.convergence",),
+            ),
+        )
+    ),
     *map(clamped, OBSERVERS),
 )
