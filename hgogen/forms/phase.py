@@ -21,13 +21,11 @@ from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tabulated import Table, held
 from hgogen.analysis.determinant import as_written, determinant
-from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative, without_rates
+from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
-from hgogen.evidence.enclosing import enclosure
-from hgogen.evidence.grounds import Evidence
 from hgogen.form import Asking, Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.digits import Down
@@ -38,6 +36,8 @@ from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
 from hgogen.structure.lipschitz import lipschitz
+from hgogen.structure.phasing import Derivatives, FullRank, OneToOne
+from hgogen.structure.univalent import univalent
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)
@@ -67,38 +67,6 @@ class _Map:
     jacobian: sp.ImmutableDenseMatrix
     determinant: sp.Expr
     shown: sp.Expr
-
-
-class Derivatives:
-    """The chain of y and its derivatives."""
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """Phi = (y, y', ..), in the plant's states, its inputs and their derivatives."""
-        Phi = _derivatives(form)
-        return {"chain": Phi} if Phi else None
-
-
-class FullRank:
-    """det dPhi/dx away from zero."""
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """The range of the determinant on the box of the plant."""
-        Phi, system = _derivatives(form), form.system
-        if Phi is None:
-            return None
-        det = exact(determinant([[entry.diff(x) for x in system.states] for entry in Phi]).value)
-        known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
-        every = box((*known, *system.signals), system.nominal)
-        where = {s: every[s] for s in sorted(det.free_symbols, key=str)}
-        return enclosure(form, det, nonzero(det, where).range, where)
-
-
-def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
-    """Phi of the plant as it was declared; None of one in other coordinates."""
-    system = form.system
-    if system.origin is not None:
-        return None
-    return derivatives(exact(system.output[0]), rates(without_rates(system), form.n), form.n)
 
 
 @Asking(4, most=1, costly=True, slow=True)
@@ -278,11 +246,11 @@ def _written(whole: _Map, point: Mapping[sp.Symbol, Fraction]) -> bool:
 def _one_to_one(
     whole: _Map, images: dict[Signal, sp.Expr], back: dict[sp.Symbol, sp.Expr] | None, rank: Check
 ) -> Check:
-    """The check that Phi is one to one: by the inverse, wherever it is defined on the image, or by rows that each
-    bring in one state, with a slope."""
+    """The check that Phi is one to one: by the inverse, wherever it is defined on the image, by rows that each bring in
+    one state, with a slope, or by the signs of minors."""
     id, claim = ClaimId("phase", "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
-        return _by_rows(whole, rank, id, claim)
+        return _by_rows(whole, rank, id, claim) or _by_minors(whole, rank, id, claim)
     parts = {tidy(part.xreplace(dict(images))) for e in back.values() for part in _delicate(e)}
     box_x = box(whole.plant.signals, whole.plant.nominal)
     signs = {part: nonzero(part, box_x, boxes=_BOXES).verdict for part in sorted(parts, key=str)}
@@ -300,14 +268,29 @@ def _one_to_one(
     return Check(id, claim, Verdict.PROVED, because("{inverse}, by exact substitution", inverse=inverse))
 
 
-def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
-    """Phi lower triangular in some order of states: strictly monotone in each, where the determinant has no zero."""
+def _by_minors(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
+    """Phi with a Jacobian whose principal minors are above zero; the rank says that it is smooth."""
+    none = because("no inverse was found; where the rank is n, nearby states differ")
+    if rank.verdict is not Verdict.PROVED:
+        return Check(id, claim, Verdict.UNKNOWN, none)
+    read = [s for s in whole.plant.signals if s in whole.jacobian.free_symbols]
+    known = univalent(whole.jacobian, read, box(whole.plant.signals, whole.plant.nominal), _BOXES)
+    if known is None:
+        pattern = "{none}, and the principal minors of dPhi/dx are not shown to be above 0"
+        return Check(id, claim, Verdict.UNKNOWN, because(pattern, none=none), fix="Narrow the ranges of the states.")
+    rows = [because("({weights:, })", weights=map(str, row)) for row in known]
+    pattern = "all principal minors of L dPhi/dx are above 0 on the box (Gale, Nikaido 1965), L = [{rows:; }]"
+    return Check(id, claim, Verdict.PROVED, because(pattern, rows=rows), proofs=(OneToOne(known),))
+
+
+def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check | None:
+    """Phi lower triangular in some order of states: strictly monotone in each, where the determinant has no zero; None
+    where it is not."""
     seen: set[sp.Symbol] = set()
     for row in whole.jacobian.tolist():
         new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - seen
         if len(new) > 1:
-            doubt = because("no inverse was found; where the rank is n, nearby states differ")
-            return Check(id, claim, Verdict.UNKNOWN, doubt)
+            return None
         seen |= new
     if rank.verdict is Verdict.PROVED:
         reason = because("each derivative brings in one state, with a slope that is never 0")

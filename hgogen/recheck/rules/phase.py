@@ -1,13 +1,17 @@
-"""The rank of the map to phase coordinates, verified again: Phi = (y, y', .., y^(n-1)) and det dPhi/dx.
+"""The map to phase coordinates, verified again: Phi = (y, y', .., y^(n-1)), its rank, and that it is one to one.
 
 Phi_1 = h, Phi_(k+1) = dPhi_k/dx f + sum_u dPhi_k/du u', as rational functions, with the derivatives of inputs as names.
+Phi is one to one on the box, which is a product of intervals, if at every point all principal minors of L dPhi/dx are
+above 0, L constant and invertible, and Phi is differentiable (Gale, Nikaido, Math. Annalen 159 (1965), theorem 4).
 Source: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import combinations, pairwise
+from typing import Any
 
 from ..algebra import Algebra, Quotient
 from ..arithmetic import Dual, dual, evaluate
@@ -25,11 +29,14 @@ from ..context import (
     value_of,
 )
 from ..file import Claim, part
-from ..matrix import scalar
+from ..matrix import inverse, matrix, scalar
 from ..rule import Needed, Rule
 from ..slope import regular
+from ..stages import place
+from ..tables import jumps
 from ..text import Expression, expression
 
+_BENT = ("Abs", "sign", "side", "Min", "Max")
 MOST = 6  # states, beyond which the determinant's expansion is too long
 
 
@@ -65,6 +72,51 @@ def phases(context: Context, claim: Claim) -> Shown:
 
 def rank(context: Context, claim: Claim) -> Shown:
     """det dPhi/dx keeps clear of zero; Phi is another claim."""
+    slopes = _slopes(context, claim)
+    low, high, boxes = _bounded_determinant(slopes, slopes.rows, claim.evidence)
+    if low <= 0 <= high:
+        raise NotShown("its bounds do not keep clear of zero")
+    return Shown(f"{short(low, -1)} <= det dPhi/dx <= {short(high, 1)}", boxes)
+
+
+def one_to_one(context: Context, claim: Claim) -> Shown:
+    """All principal minors of L dPhi/dx are above zero; Phi is another claim."""
+    slopes, n, boxes = _slopes(context, claim), len(context.plant.states), 0
+    for row in slopes.Phi:
+        if any(step.op in _BENT or jumps(step.op) for step in row.instructions):
+            raise NotShown(f"{row.text[:60]} is not shown to be differentiable")
+    L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
+    _ = inverse(L)
+    weighed = [[_weighted(row, column, algebra) for column in zip(*slopes.rows, strict=True)] for row in L]
+    left = {places for size in range(1, n + 1) for places in combinations(range(n), size)}
+    for minor in part(claim.evidence, "minors", list):
+        if not isinstance(minor, dict) or minor.keys() != {"places", *RANGE}:
+            raise NotShown(f"a minor is no object with places, {', '.join(RANGE)}")
+        places = tuple(place({"places": k}, "places", n) for k in part(minor, "places", list))
+        if places not in left:
+            raise NotShown(f"{[k + 1 for k in places]} are no places of a minor, or stand twice")
+        left.remove(places)
+        low, _, more = _bounded_determinant(slopes, [[weighed[i][j] for j in places] for i in places], minor)
+        if low <= 0:
+            raise NotShown("a minor is not shown to be above zero")
+        boxes += more
+    if left:
+        raise NotShown(f"{len(left)} principal minors are missing")
+    return Shown("Phi is one to one on the box: all principal minors of L dPhi/dx are above 0", boxes)
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """dPhi/dx as quotients, the `rows` (n, n), with what they are made of."""
+
+    rows: list[list[Quotient]]
+    Phi: list[Expression]
+    box: Box
+    letters: Mapping[str, Quotient]
+    algebra: Algebra
+
+
+def _slopes(context: Context, claim: Claim) -> _Slopes:
     box, _, Phi = _read(context, context.file.claim("phase.chain") or claim)
     states = context.plant.states
     if len(states) > MOST:
@@ -72,15 +124,27 @@ def rank(context: Context, claim: Claim) -> Shown:
     algebra = algebra_of(box)
     letters = letters_of(algebra, box)
     rows = [[_slope(row, name, letters, algebra) for name in states] for row in Phi]
-    text = expression(part(claim.evidence, "expression", str), box)
-    if not algebra.is_zero(value_of(text, letters, algebra) - _determinant(rows, algebra)):
+    return _Slopes(rows, Phi, box, letters, algebra)
+
+
+def _weighted(weights: Sequence[Fraction], column: Sequence[Quotient], algebra: Algebra) -> Quotient:
+    """The sum of quotients times weights."""
+    total = algebra.number(Fraction(0))
+    for weight, value in zip(weights, column, strict=True):
+        total = total + algebra.number(weight) * value
+    return total
+
+
+def _bounded_determinant(
+    slopes: _Slopes, rows: list[list[Quotient]], evidence: Mapping[str, Any]
+) -> tuple[Fraction, Fraction, int]:
+    """The bounds that evidence tells of the determinant of rows, once they are shown, with how many boxes."""
+    text = expression(part(evidence, "expression", str), slopes.box)
+    if not slopes.algebra.is_zero(value_of(text, slopes.letters, slopes.algebra) - _determinant(rows, slopes.algebra)):
         raise NotShown(f"its expression {text.text} is not the determinant")
-    low, high = scalar(claim.evidence, "low"), scalar(claim.evidence, "high")
-    if low <= 0 <= high:
-        raise NotShown("its bounds do not keep clear of zero")
-    where = declared_box(claim.evidence, box, text.names)
-    boxes = covered(where, part(claim.evidence, "tree", str), ranged(text, low, high))
-    return Shown(f"{short(low, -1)} <= det dPhi/dx <= {short(high, 1)}", boxes)
+    low, high = scalar(evidence, "low"), scalar(evidence, "high")
+    where = declared_box(evidence, slopes.box, text.names)
+    return low, high, covered(where, part(evidence, "tree", str), ranged(text, low, high))
 
 
 def _read(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[Expression]]:
@@ -150,4 +214,5 @@ NEEDED = dict.fromkeys(("phase", "phase.recovered", "phase, original coordinates
 RULES = (
     Rule("phase", "chain", phases, ("chain",), about=_ABOUT),
     Rule("phase", "rank", rank, RANGE, rests=("phase.chain",), about=_ABOUT),
+    Rule("phase", "inverse", one_to_one, ("weights", "minors"), rests=("phase.chain",), about=_ABOUT),
 )
