@@ -147,18 +147,26 @@ LIPSCHITZ = Hypothesis(
 FORM = (
     Hypothesis(
         "z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1, up to a known offset",
-        (Claims("triangular", "structure"), Claims("triangular", "offset"), Claims("phase", "chain")),
+        (
+            *(Claims("triangular", "structure"), Claims("triangular", "offset")),
+            *(Claims("phase", "chain"), Claims("uniform_chain", "structure")),
+        ),
         reference="(3)",
     ),
     Hypothesis(
         "0 < a_m <= a_i <= a_M for every input and parameter in its range",
-        (Claims("triangular", "a"), Claims("phase", "chain")),
+        (Claims("triangular", "a"), Claims("phase", "chain"), Claims("uniform_chain", "structure")),
         reference="(3)",
     ),
     LIPSCHITZ,
     Hypothesis(
         "Phi = (y, y', .., y^(n-1)) is a change of coordinates, with the derivatives of inputs in their ranges",
         (Claims("phase", "rank"), Claims("phase", "inverse"), Claims("phase", "inputs")),
+        optional=True,
+    ),
+    Hypothesis(
+        "xi is a change of coordinates, with u' in its range",
+        tuple(Claims("uniform_chain", fact) for fact in ("slope", "smooth", "inputs")),
         optional=True,
     ),
     Hypothesis("z is a change of coordinates, and its ranges hold the plant's", (Claims("recast"),), optional=True),

@@ -10,16 +10,16 @@ J.-P. Gauthier, H. Hammouri, S. Othman, "A simple observer for nonlinear systems
 TAC 37 (1992); E. Bullinger, A. Ilchmann, F. Allgoewer, NOLCOS 1998, form (1).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import sympy as sp
 
 from hgogen.algebra.kinks import at_kinks
-from hgogen.algebra.points import exact, kind, points
+from hgogen.algebra.points import kind, points
 from hgogen.algebra.rewrite import TooLarge
-from hgogen.algebra.tabulated import Table, held
+from hgogen.algebra.tabulated import Table
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
@@ -27,24 +27,20 @@ from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Asking, Form
-from hgogen.intervals.bounds import Box, bound, box
+from hgogen.intervals.bounds import box
 from hgogen.intervals.digits import Down
 from hgogen.intervals.sign import Sign, nonzero
-from hgogen.intervals.singular import NONZERO, Condition, reasons, singular
+from hgogen.intervals.singular import NONZERO, Condition, reasons
 from hgogen.sentence import NONE, Sentence, because, equations
 from hgogen.signal import Signal
-from hgogen.structure.coordinates import coordinates, form_in
-from hgogen.structure.inverse import inverse, tidy
+from hgogen.structure.carried import BOXES, Carried, undefined
+from hgogen.structure.inverse import tidy
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.structure.phasing import Derivatives, FullRank, OneToOne
 from hgogen.structure.univalent import univalent
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)
-_BOXES = 2000
-_LOOSE = 1e6  # of a range that is asked only whether it is there
-_RANGES = 300  # the ranges of z are where phi is clamped: a few percent wider is no harm
-_POLES = 200  # phi is large, and with poles in the box of z, as they often are, more boxes do not help
 _FLATTER = "Take the form uniform or triangular, which differentiates no table twice, or write it as a formula."
 _REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
 
@@ -68,6 +64,12 @@ class _Map:
     determinant: sp.Expr
     shown: sp.Expr
 
+    @property
+    def carried(self) -> Carried:
+        """The plant in z = (y, y', ..), whose last row alone has a b."""
+        rows = (*(sp.S.Zero,) * (len(self.Phi) - 1), self.phi)
+        return Carried("phase", _REFERENCE, self.plant, self.before, self.Phi, rows, self.jacobian)
+
 
 @Asking(4, most=1, costly=True, slow=True)
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
@@ -88,15 +90,13 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     whole = _map(plant)
     determinant_check, sign = _rank(whole)
     chain, rank = (if_valued(check, plant) for check in (_chain(), determinant_check))
-    z = coordinates(whole.plant).states
-    images = dict(zip(z, whole.Phi, strict=True))
-    fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
-    back = inverse(images, whole.plant.states, (*whole.plant.inputs, *whole.plant.parameters), fixed)
-    one_to_one = if_valued(_one_to_one(whole, images, back, rank), plant)
+    carried = whole.carried
+    back = carried.inverse()
+    one_to_one = if_valued(_one_to_one(whole, carried.images, back, rank), plant)
     checks = (chain, _inputs(whole), rank, one_to_one, _lipschitz(whole, rank, one_to_one))
     if original or back is None or sign.verdict is not Verdict.PROVED:
-        return _in_plant_coordinates(whole, checks)
-    return _changed(whole, z, back, checks, recovered)
+        return carried.in_x(checks)
+    return carried.in_z(back, checks, recovered)
 
 
 def _map(plant: System) -> _Map:
@@ -122,55 +122,6 @@ def _map(plant: System) -> _Map:
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
     return _Map(extended, plant, chain[:n], chain[n], jacobian, det.value, as_written(jacobian.tolist(), det).value)
-
-
-def _changed(
-    whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...], recovered: bool
-) -> Form:
-    """The form in z = (y, y', ..), each with the range that Phi has on the box. Beyond the image of the plant's box the
-    arguments of tables may leave their points."""
-    plant, n = whole.plant, len(z)
-    box_x = box(plant.signals, plant.nominal)
-    (y,) = plant.outputs
-    states = tuple(
-        _derivative(s.name, y, e, k, box_x, plant.time) for k, (s, e) in enumerate(zip(z, whole.Phi, strict=True))
-    )
-    rename = dict(zip(z, states, strict=True))
-    psi = {x: held(e.xreplace(rename)) for x, e in back.items()}
-    phi = min((e := held(whole.phi).xreplace(psi), tidy(e)), key=lambda e: size([e]))
-    around = box((*states, *plant.inputs, *plant.parameters), plant.nominal)
-    direct = not recovered and bound(phi, around, boxes=_POLES).defined
-    zeros = (sp.S.Zero,) * (n - 1)
-    return Form(
-        system=plant,
-        kind="phase",
-        states=states,
-        to_form=whole.Phi,
-        from_form=tuple(psi[x] for x in plant.states),
-        A=sp.ImmutableDenseMatrix(n, n, lambda i, j: int(j == i + 1)),
-        b=(*zeros, phi),
-        output=(states[0],),
-        checks=(*plant.checks, *checks),
-        reference=_REFERENCE,
-        behind=None if direct else (*zeros, whole.phi),
-    )
-
-
-def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, time: str) -> Signal:
-    values = bound(image, box_x, boxes=_RANGES)
-    low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
-    source = y.derivative(order, time)
-    meaning = f"derivative of {y.name} of order {order}" if order else y.meaning or y.name
-    return Signal(name, source.unit, meaning, low=low, high=high)
-
-
-def _in_plant_coordinates(whole: _Map, checks: tuple[Check, ...]) -> Form:
-    """The form in the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
-    plant = whole.before
-    read = tuple(u for u in whole.plant.inputs if u in plant.inputs or u in whole.jacobian.free_symbols)
-    z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
-    J = sp.ImmutableDenseMatrix(whole.jacobian.applyfunc(z.carry))
-    return form_in(z, "phase, original coordinates", checks, _REFERENCE, jacobian=J)
 
 
 # ---------------------------------------------------------------- checks
@@ -206,7 +157,7 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
     # a sign that the plant itself reads is 0 at 0; one that SymPy took for a slope at a kink is a set
     own = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
     det = whole.determinant if own else at_kinks(whole.determinant)
-    sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
+    sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=BOXES)
     witness = {s.name: float(value) for s, value in sign.witness.items()}
     fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
     if sign.verdict is Verdict.REFUTED:
@@ -220,10 +171,10 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
         fix = _FLATTER if any(row.has(Table) for row in (*whole.Phi, *whole.jacobian)) else ""
         return Check(id, claim, Verdict.UNKNOWN, rough, fix=fix), unknown
-    undefined = _undefined((*whole.Phi, *whole.jacobian), whole.plant)
-    if sign.verdict is Verdict.PROVED and undefined is not None:
+    lost = undefined((*whole.Phi, *whole.jacobian), whole.plant)
+    if sign.verdict is Verdict.PROVED and lost is not None:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
-        doubt = because("{part} was not shown to be finite on the box", part=undefined)
+        doubt = because("{part} was not shown to be finite on the box", part=lost)
         return Check(id, claim, Verdict.UNKNOWN, doubt), unknown
     if sign.verdict is Verdict.PROVED:
         reason = because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
@@ -253,11 +204,11 @@ def _one_to_one(
         return _by_rows(whole, rank, id, claim) or _by_minors(whole, rank, id, claim)
     parts = {tidy(part.xreplace(dict(images))) for e in back.values() for part in _delicate(e)}
     box_x = box(whole.plant.signals, whole.plant.nominal)
-    signs = {part: nonzero(part, box_x, boxes=_BOXES).verdict for part in sorted(parts, key=str)}
+    signs = {part: nonzero(part, box_x, boxes=BOXES).verdict for part in sorted(parts, key=str)}
     doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
     others = [part.xreplace(dict(images)) for e in back.values() for part in _others(e)]
     inverse = equations(back)
-    if _undefined((*whole.Phi, *others), whole.plant) is not None:
+    if undefined((*whole.Phi, *others), whole.plant) is not None:
         doubt = because("{inverse} was not shown to be defined on all of the image", inverse=inverse)
         return Check(id, claim, Verdict.UNKNOWN, doubt)
     if doubts:
@@ -274,7 +225,7 @@ def _by_minors(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
     if rank.verdict is not Verdict.PROVED:
         return Check(id, claim, Verdict.UNKNOWN, none)
     read = [s for s in whole.plant.signals if s in whole.jacobian.free_symbols]
-    known = univalent(whole.jacobian, read, box(whole.plant.signals, whole.plant.nominal), _BOXES)
+    known = univalent(whole.jacobian, read, box(whole.plant.signals, whole.plant.nominal), BOXES)
     if known is None:
         pattern = "{none}, and the principal minors of dPhi/dx are not shown to be above 0"
         return Check(id, claim, Verdict.UNKNOWN, because(pattern, none=none), fix="Narrow the ranges of the states.")
@@ -315,19 +266,6 @@ def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
         return check
     reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
     return replace(check, reason=reason, proofs=())  # what bounds its slope in x says nothing of that in z
-
-
-def _undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
-    """The first expression that is not proved to be finite and real on the whole box."""
-    box_x = box(plant.signals, plant.nominal)
-    doubts = (e for e in dict.fromkeys(expressions) if not e.is_number and not _finite(e, box_x))
-    return next(doubts, None)
-
-
-def _finite(e: sp.Expr, box_x: Box) -> bool:
-    if e.is_polynomial() or not singular([exact(e)], box_x):
-        return True
-    return bound(e, box_x, boxes=_BOXES, relative=_LOOSE).defined
 
 
 def _delicate(e: sp.Expr) -> list[sp.Expr]:

@@ -19,7 +19,7 @@ from .interval import intervals, point
 from .rules import FORMS
 from .rules.phase import box_of_rates
 
-_OWN = ("phase, original coordinates", "original")  # the plant's own coordinates
+_OWN = ("phase, original coordinates", "uniform_chain, original coordinates", "original")  # the plant's coordinates
 UNMODELLED = "lambda_tracking"  # an observer that may have no model of the last row, whose b is then 0
 _POINTS = 5
 

@@ -13,6 +13,7 @@ from .file import Claim, FormFile
 from .rule import STEEP, Keys, Rule, Verify, of_observer
 
 CHAINS = ("triangular", "block_triangular")
+_CARRIED = ("phase", "uniform_chain")  # of one output, whose states are maps of the plant's
 
 
 def structure(context: Context, claim: Claim) -> Shown:
@@ -99,17 +100,17 @@ def ranges_kept(context: Context) -> int:
 def on_chains(
     maker: str, fact: str, verify: Verify, keys: Keys = (), rests: tuple[str, ...] = ("{kind}.structure",)
 ) -> tuple[Rule, Rule]:
-    """The rules of a claim about an observer on a form in chains; a phase form has no claim of its structure, which is
-    shown with it."""
+    """The rules of a claim about an observer on a form in chains; those that are carried to other coordinates have no
+    verified claim of their structure, which is shown with it."""
     rule = replace(of_observer(maker, fact, verify, keys), kinds=CHAINS, rests=rests)
     own = tuple(id for id in rests if "{kind}" not in id)
-    return rule, replace(rule, kinds=("phase",), verify=_with_structure(verify), rests=own)
+    return rule, replace(rule, kinds=_CARRIED, verify=_with_structure(verify), rests=own)
 
 
 def clamped(maker: str) -> Rule:
-    """The rule of |db/dz| <= bound on the whole box of z of a phase form, to which an observer clamps the argument of
-    b."""
-    return replace(of_observer(maker, "lipschitz", _with_structure(_steep), STEEP), kinds=("phase",))
+    """The rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which an observer clamps
+    the argument of b."""
+    return replace(of_observer(maker, "lipschitz", _with_structure(_steep), STEEP), kinds=_CARRIED)
 
 
 def _steep(context: Context, claim: Claim) -> Shown:

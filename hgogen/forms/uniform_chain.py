@@ -1,0 +1,174 @@
+"""The uniform form as a chain of integrators: of the derivatives of inputs u' alone enters, and no y'' of a table.
+
+    z_i' = F_i(z_1..z_{i+1}, u),   z_n' = F_n(z, u),   y = c z_1 + o(u)
+    xi_1 = c z_1,   xi_{i+1} = D_i F_i,   D_i = c prod_{k=1..i-1} dF_k/dz_{k+1}
+    xi_i' = xi_{i+1} + b_i(xi_1..xi_i, u, u'),   b_i = sum_j<i dxi_i/dz_j F_j + dxi_i/du u',   y = xi_1 + o(u)
+
+dxi/dz is triangular with the diagonal D_1..D_n: where the slopes are never 0, xi is a change of coordinates on the box.
+The inverse x = Psi(xi, u) is found row by row, or the plant keeps its coordinates and the form carries dxi/dx, in which
+there is no derivative of an input. The user supplies u' where it enters, as in the phase form.
+
+H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003); E.
+Busvelle's slides have it with F_2 of z_1, z_2, z_3 in xi_3, as here.
+"""
+
+from dataclasses import replace
+
+import sympy as sp
+
+from hgogen.algebra.points import exact
+from hgogen.analysis.lie import input_derivatives, size, without_derivative
+from hgogen.analysis.written import if_valued
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.errors import BadArgument
+from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.sentence import NONE, because
+from hgogen.structure.apart import apart
+from hgogen.structure.carried import Carried, undefined
+from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
+from hgogen.structure.lipschitz import lipschitz
+from hgogen.system import System
+
+LIMIT = 20_000  # nodes of xi and b
+_MAKER = "uniform_chain"
+_REFERENCE = "Hammouri, Farza, ESAIM: COCV 9 (2003)"
+
+
+class NoUniformChain(BadArgument):
+    """A plant that has no such coordinates here."""
+
+    text = "system {what!r} {reason}"
+
+
+@Asking(5, most=1, costly=True, slow=True)
+def uniform_chain(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
+    """The plant in xi, or in its own coordinates with the Jacobian of the map to them.
+
+    With `original` the plant keeps its coordinates in any case: b and u' are then not needed. With `recovered` an
+    observer reads b at Psi(xi), clamped to the plant's ranges, as it does in any case where b may have poles in the box
+    of xi. No bound on theta is then proved.
+
+    Checks: `uniform_chain.structure` (y shows one state, each row brings in one); `uniform_chain.slope_1` (c) ..
+    `uniform_chain.slope_n` (dF_{n-1}/dz_n), each bounded away from zero; `uniform_chain.smooth` (xi is differentiable
+    and finite on the box); `uniform_chain.inputs` (u' has a range where it enters); `uniform_chain.lipschitz` (b, as a
+    function of xi).
+
+    Raises: `NoUniformChain` for several outputs, a plant that is not shown to be in uniform form, or expressions of
+    more than `LIMIT` nodes.
+    """
+    chains, c, offset = _read(plant)
+    carried = _carried(plant, chains, c, offset)
+    smooth, slopes = _smooth(carried), _slopes(plant, chains, c)
+    one_to_one = all(check.verdict is Verdict.PROVED for check in (smooth, *slopes))
+    checks = (_structure(), *slopes, smooth, _rates_ranged(carried), _lipschitz(carried, one_to_one))
+    checks = tuple(if_valued(check, plant) for check in checks)
+    back = carried.inverse()
+    if original or back is None or not one_to_one:
+        return carried.in_x(checks)
+    return carried.in_z(back, checks, recovered)
+
+
+def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
+    """The order of the states, c and o(u). Raises: `NoUniformChain`."""
+    if len(plant.outputs) != 1:
+        names = ", ".join(y.name for y in plant.outputs)
+        raise NoUniformChain(plant.name, f"has {len(plant.outputs)} outputs, {names}; these coordinates take one")
+    chains = levelwise(of_plant(plant))
+    answer, why = chains.answer(Shape.UNIFORM)
+    if answer is not True or chains.broken:
+        raise NoUniformChain(plant.name, f"is not shown to be in uniform form: {why}; {ELSEWHERE}")
+    first = chains.order[0]
+    output = exact(sp.sympify(chains.links[0][0].row))
+    c = sp.simplify(output.diff(first))
+    if not c.free_symbols <= {*plant.parameters}:
+        raise NoUniformChain(
+            plant.name, f"measures {output}, not a constant times {first}; recast {first}, or use phase"
+        )
+    return chains, c, sp.simplify(output - c * first)
+
+
+def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
+    """xi, b and the Jacobian. Raises: `NoUniformChain`."""
+    z, n = chains.order, len(plant.states)
+    plain = dict(zip(plant.states, (sp.sympify(row) for row in of_plant(plant).flow), strict=True))
+    F = [plain[x] for x in z]
+    D, xi = c, [c * z[0]]
+    for i in range(n - 1):
+        xi.append(D * F[i])
+        D = D * F[i].diff(z[i + 1])
+    moving = {u: u.derivative(1) for u in plant.inputs}
+    b = [
+        sp.Add(
+            *(xi[i].diff(z[j]) * F[j] for j in range(n if i == n - 1 else i)),
+            *(xi[i].diff(u) * rate for u, rate in moving.items()),
+        )
+        for i in range(n)
+    ]
+    rough = without_derivative((*plant.flow, *plant.output))
+    if any(e.has(sp.DiracDelta, sp.Derivative, sp.Subs) for e in (*xi, *b)):
+        raise NoUniformChain(plant.name, f"has not the derivatives of these coordinates: {rough or 'something'}")
+    if size([*xi, *b]) > LIMIT:
+        raise NoUniformChain(plant.name, f"has coordinates of more than {LIMIT} nodes; use the form uniform")
+    known = input_derivatives(b, plant, 1)
+    extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant
+    J = sp.ImmutableDenseMatrix(n, n, lambda i, j: xi[i].diff(plant.states[j]))
+    return Carried(_MAKER, _REFERENCE, extended, plant, tuple(xi), tuple(b), J, offset)
+
+
+# ---------------------------------------------------------------- checks
+
+
+def _structure() -> Check:
+    claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
+    return Check(ClaimId(_MAKER, "structure"), claim, Verdict.PROVED, because("by construction"))
+
+
+def _slopes(plant: System, chains: Chains, c: sp.Expr) -> tuple[Check, ...]:
+    (links,) = chains.links
+    slopes = [c, *(link.slope for link in links[1:])]
+    names = ["dy/dz_1", *(f"dF_{i}/dz_{i + 1}" for i in range(1, len(links)))]
+    return tuple(
+        apart(ClaimId(_MAKER, "slope", i), name, sp.sympify(slope), plant)
+        for i, (name, slope) in enumerate(zip(names, slopes, strict=True), 1)
+    )
+
+
+def _smooth(carried: Carried) -> Check:
+    id, claim = ClaimId(_MAKER, "smooth"), "xi is differentiable, and finite with its slopes, on the box"
+    rough = without_derivative((*carried.Phi, *carried.jacobian))
+    lost = undefined((*carried.Phi, *carried.jacobian), carried.plant)
+    if rough:
+        return Check(id, claim, Verdict.UNKNOWN, rough, fix="Write kinks as smooth functions, or use another form.")
+    if lost is not None:
+        doubt = because("{part} was not shown to be finite on the box", part=lost)
+        return Check(id, claim, Verdict.UNKNOWN, doubt, fix="Narrow the ranges.")
+    return Check(id, claim, Verdict.PROVED, because("by its terms and outward-rounded intervals"))
+
+
+def _rates_ranged(carried: Carried) -> Check:
+    id, claim = ClaimId(_MAKER, "inputs"), "the derivatives of inputs that enter have ranges"
+    known = carried.plant.inputs[len(carried.before.inputs) :]
+    names, loose = [u.name for u in known], [u.name for u in known if not u.bounded]
+    if not known:
+        return Check(id, claim, Verdict.PROVED, because("none enters"))
+    if loose:
+        fix = "Declare rates=((low, high),) of the input."
+        reason = because("{names} enter, to be supplied, {loose} without one", names=names, loose=loose)
+        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
+    return Check(id, claim, Verdict.PROVED, because("{names} enter, to be supplied, in declared ranges", names=names))
+
+
+def _lipschitz(carried: Carried, one_to_one: bool) -> Check:
+    """The check that b(Psi(xi)) is Lipschitz on the image of a compact box, on which xi has a smooth inverse."""
+    claim, plant = "b is Lipschitz in xi on the image of the box", carried.plant
+    unknown = Check(ClaimId(_MAKER, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
+    loose = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
+    if loose:
+        return replace(unknown, reason=because("no range is declared for {names}", names=loose))
+    if not one_to_one:
+        return replace(unknown, reason=because("in xi it needs slopes that are never 0, and smooth rows"))
+    check = replace(lipschitz(_MAKER, carried.rows, plant, "b"), claim=claim)
+    if check.verdict is not Verdict.PROVED:
+        return check
+    reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
+    return replace(check, reason=reason, proofs=())  # what bounds its slope in x says nothing of that in xi

@@ -1,0 +1,113 @@
+"""A plant of one output carried to coordinates z = Phi(x, u, u', ..) in which it is a chain of integrators.
+
+    z_i' = z_(i+1) + b_i,   y = z_1 + o(u):   z within what Phi is on the plant's box, x = Psi(z, u, ..)
+
+or left in its own, with dPhi/dx, through whose inverse an observer corrects. Beyond the image of the plant's box the
+arguments of tables may leave their points.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from hgogen.algebra.points import exact
+from hgogen.algebra.tabulated import held
+from hgogen.analysis.lie import size
+from hgogen.check import Check
+from hgogen.form import Form
+from hgogen.intervals.bounds import Box, bound, box
+from hgogen.intervals.singular import singular
+from hgogen.signal import Signal
+from hgogen.structure.coordinates import coordinates, form_in
+from hgogen.structure.inverse import inverse, tidy
+from hgogen.system import System
+
+BOXES = 2000
+_LOOSE = 1e6  # of a range that is asked only whether it is there
+_RANGES = 300  # the ranges of z are where b is clamped: a few percent wider is no harm
+_POLES = 200  # b is large, and with poles in the box of z, as they often are, more boxes do not help
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The map `Phi` (n) and b (n) as `rows`, dPhi/dx, and y - z_1, the `offset`, of the states and inputs of `plant`;
+    `before` is the user's, without the derivatives of inputs; `kind` and `reference` of its form."""
+
+    kind: str
+    reference: str
+    plant: System
+    before: System
+    Phi: tuple[sp.Expr, ...]
+    rows: tuple[sp.Expr, ...]
+    jacobian: sp.ImmutableDenseMatrix
+    offset: sp.Expr = sp.S.Zero
+
+    @property
+    def images(self) -> dict[Signal, sp.Expr]:
+        """Phi by the states of the form, which have no range yet."""
+        return dict(zip(coordinates(self.plant).states, self.Phi, strict=True))
+
+    def inverse(self) -> dict[sp.Symbol, sp.Expr] | None:
+        """Psi; None where none is found."""
+        plant = self.plant
+        fixed = {p: value for p, value in self.before.nominal.items() if not p.bounded}
+        return inverse(self.images, plant.states, (*plant.inputs, *plant.parameters), fixed)
+
+    def in_z(self, back: Mapping[sp.Symbol, sp.Expr], checks: Iterable[Check], recovered: bool) -> Form:
+        """The form in z, each with the range that Phi has on the box; `recovered`: b is taken at Psi(z), as it is where
+        it may have poles in the box of z."""
+        plant, n = self.plant, len(self.Phi)
+        box_x = box(plant.signals, plant.nominal)
+        (y,) = plant.outputs
+        states = tuple(_derivative(s.name, y, e, k, box_x, plant.time) for k, (s, e) in enumerate(self.images.items()))
+        rename = dict(zip(self.images, states, strict=True))
+        psi = {x: held(e.xreplace(rename)) for x, e in back.items()}
+        b = tuple(min((e := held(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)
+        around = box((*states, *plant.inputs, *plant.parameters), plant.nominal)
+        direct = not recovered and all(row.is_number or _defined(row, around) for row in b)
+        return Form(
+            system=plant,
+            kind=self.kind,
+            states=states,
+            to_form=self.Phi,
+            from_form=tuple(psi[x] for x in plant.states),
+            A=sp.ImmutableDenseMatrix(n, n, lambda i, j: int(j == i + 1)),
+            b=b,
+            output=(states[0] + self.offset,),
+            checks=(*plant.checks, *checks),
+            reference=self.reference,
+            behind=None if direct else self.rows,
+        )
+
+    def in_x(self, checks: Iterable[Check]) -> Form:
+        """The form in the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
+        plant = self.before
+        read = tuple(u for u in self.plant.inputs if u in plant.inputs or u in self.jacobian.free_symbols)
+        z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
+        J = sp.ImmutableDenseMatrix(self.jacobian.applyfunc(z.carry))
+        return form_in(z, f"{self.kind}, original coordinates", checks, self.reference, jacobian=J)
+
+
+def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, time: str) -> Signal:
+    values = bound(image, box_x, boxes=_RANGES)
+    low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
+    source = y.derivative(order, time)
+    meaning = f"derivative of {y.name} of order {order}" if order else y.meaning or y.name
+    return Signal(name, source.unit, meaning, low=low, high=high)
+
+
+def _defined(row: sp.Expr, around: Box) -> bool:
+    return not singular([exact(row)], around) or bound(row, around, boxes=_POLES).defined
+
+
+def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
+    """The first expression that is not proved to be finite and real on the whole box."""
+    box_x = box(plant.signals, plant.nominal)
+    return next((e for e in dict.fromkeys(expressions) if not e.is_number and not _finite(e, box_x)), None)
+
+
+def _finite(e: sp.Expr, box_x: Box) -> bool:
+    if e.is_polynomial() or not singular([exact(e)], box_x):
+        return True
+    return bound(e, box_x, boxes=BOXES, relative=_LOOSE).defined
