@@ -50,11 +50,21 @@ class BadStep(BadArgument):
     """A step length or option that cannot be used."""
 
 
+class NoStep(BadArgument):
+    """What was given in the place of a step."""
+
+
 def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:
     """Raise `BadStep` for what is none of the choices of an option."""
     if value not in choices:
         *others, last = ("None" if each is None else f'"{each}"' for each in choices)
         raise BadStep(f"{name} = {value!r}", f"must be {', '.join(others)} or {last}")
+
+
+def demand_step(step: object, what: str) -> None:
+    """Raise `NoStep` for what a target, or a proof, was given and is none."""
+    if not isinstance(step, Step):
+        raise NoStep(f"{type(step).__name__} given to {what}", "is no step; make one by hg.sample")
 
 
 @dataclass(eq=False)

@@ -22,13 +22,12 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.discretisation.kernel_graphs import kernel_graph
 from hgogen.discretisation.kernels import KERNELS
-from hgogen.emit.syntax import NoStep
 from hgogen.errors import HgogenError
 from hgogen.part import Jump
 from hgogen.program import Place, lines_of
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
-from hgogen.step import StepTooLong
+from hgogen.step import NoStep, StepTooLong
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.guards import readings
 from hgogen.stepping.machine import Machine

@@ -12,6 +12,7 @@ from hgogen.certificates.contraction import contraction
 from hgogen.check import Verdict
 from hgogen.program import Place
 from hgogen.recheck.verification import recheck
+from hgogen.step import NoStep
 from hgogen.stepping.machine import Machine
 
 
@@ -173,6 +174,9 @@ def test_an_output_may_have_a_slope_in_decimals() -> None:
         ({"noise": [1]}, "noise = [1] is no mapping"),
         ({"rates": 3}, "rates = 3 is no mapping"),
         ({"noise": {"y": 10**400}}, "must be a number"),
+        ({"noise": {"y": True}}, "noise of y = True must be a finite number, not negative"),
+        ({"rates": {"u": False}}, "rates of u = False must be a finite number"),
+        ({"noise": {"y": None}}, "noise of y = None must be a number"),
         ({"rates": {"u": -1}}, "rates of u = -1 must be a finite number, not negative"),
     ],
 )
@@ -209,3 +213,11 @@ def test_a_parameter_in_the_map_of_a_recast_plant_is_said() -> None:
     step = hg.sample(hg.observers.high_gain(form, theta=5, poles=[-1]), hg.methods.rk4, dt=0.01, between="hold")
     known = hg.error_bound(step, parameters={"p": 0.1})
     assert known.check.verdict is Verdict.UNKNOWN
+
+
+@pytest.mark.parametrize("proof", [hg.contraction, hg.noise_gain, hg.start_set, hg.error_bound])
+@pytest.mark.parametrize("other", [None, "step", hg.methods.rk4])
+def test_what_is_no_step_is_refused(proof: Any, other: Any) -> None:
+    with pytest.raises(NoStep) as error:
+        proof(other)
+    assert f"given to {proof.__name__} is no step; make one by hg.sample" in str(error.value)

@@ -14,6 +14,8 @@ from plants import MODELS, model, two_outputs
 
 import hgogen as hg
 from hgogen.model import load
+from hgogen.reading.given import BadGain
+from hgogen.reading.named import BadNames
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 
@@ -100,8 +102,18 @@ def test_of_several_outputs_the_shares_add() -> None:
     assert set(gain.gains) == {(x, y) for x in ("x1", "x2", "x3") for y in ("y1", "y2")}
     one, other = (gain.bound("x2", {name: 0.1}) for name in ("y1", "y2"))
     assert gain.bound("x2", {"y1": 0.1, "y2": 0.1}) == pytest.approx(one + other)
-    with pytest.raises(KeyError):
+    with pytest.raises(BadNames, match="y3"):
         gain.bound("x2", {"y3": 1.0})
+    with pytest.raises(BadNames, match="x4"):
+        gain.bound("x4", {"y1": 1.0})
+
+
+@pytest.mark.parametrize("size", [-1.0, float("inf"), float("nan"), True, None])
+def test_noise_of_no_size_has_no_bound(size: Any) -> None:
+    gain = hg.noise_gain(step_of("pendulum", "high_gain", 1e-3))
+    assert gain is not None
+    with pytest.raises(BadGain, match="noise of y = "):
+        gain.bound("q", {"y": size})
 
 
 def test_where_nothing_is_proved_there_is_no_bound() -> None:

@@ -26,7 +26,7 @@ from hgogen.intervals.digits import Down, same
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer
 from hgogen.sentence import Reason, because, point
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,9 @@ def contraction(step: Step) -> Contraction:
     Of `high_gain`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by an explicit method, and but for
     the last by one that realises the core; of others the check says why nothing is proved.
 
-    Raises: `NoSolver` without cvxpy.
+    Raises: `NoSolver` without cvxpy; `NoStep`.
     """
+    demand_step(step, "contraction")
     return _contraction(step.observer, step.method, step.rule, step.dt, step.limit, step.guards)
 
 

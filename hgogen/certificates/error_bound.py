@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.own_states import slopes_of_states
+from hgogen.certificates.size import Each, by_name, size, sizes
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
@@ -29,14 +30,11 @@ from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import ByTableau
-from hgogen.reading.given import BadGain, real
-from hgogen.reading.named import BadNames, in_order, names_of
+from hgogen.reading.named import names_of
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
-from hgogen.signal import Signal
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 
 AnyStep = TypeVar("AnyStep", bound=Step)
-Each = Mapping[str, float] | None
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
 _GUARDS = "while no sample is rejected, and the estimate does not restart from one"
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
@@ -90,13 +88,14 @@ def error_bound(
 
     Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
     """
-    form = step.observer.form
-    sizes = {
-        "noise": sizes_of("noise", noise, form.system.outputs),
-        "rounded": [size / 2 for size in sizes_of("rounded", rounded, form.system.outputs)],
-        "late": sizes_of("late", late, form.system.outputs),
-        "disturbance": sizes_of("disturbance", disturbance, form.system.declared.states),
-        "parameters": sizes_of("parameters", parameters, form.system.parameters),
+    demand_step(step, "error_bound")
+    form, outputs = step.observer.form, names_of(step.observer.form.system.outputs)
+    most = {
+        "noise": sizes("noise", noise, outputs),
+        "rounded": [step_ / 2 for step_ in sizes("rounded", rounded, outputs)],
+        "late": sizes("late", late, outputs),
+        "disturbance": sizes("disturbance", disturbance, names_of(form.system.declared.states)),
+        "parameters": sizes("parameters", parameters, names_of(form.system.parameters)),
     }
     moving = _moving(step, rates)
     known = contraction(step)
@@ -106,7 +105,7 @@ def error_bound(
         return _unknown(step, because("the plant's own step is not known for {rule}", rule=step.rule))
     plant = PlantStep(form, step.method.plain, known.proof.h, moving)
     try:
-        entering = _entering(plant, sizes)
+        entering = _entering(plant, most)
         if not entering:
             return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
         bounded = _bounded(step, known.steps, known.proof, plant, entering)
@@ -130,57 +129,31 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
     return replace(step, signed=error_bound(step, **bounds).signed)
 
 
-def sizes_of(
-    what: str, values: Each, signals: Sequence[Signal], names: Sequence[str] = (), default: float = 0.0
-) -> list[Fraction]:
-    """A size >= 0 for each signal, by its name or those that are told, the default where none is given.
-
-    Raises: `BadNames`, `BadGain`.
-    """
-    own = names or names_of(signals)
-    sizes = _by_name(what, values, own, default)
-    return [_size(f"{what} of {name}", value) for name, value in zip(own, sizes, strict=True)]
-
-
-def _by_name(what: str, values: Each, names: Sequence[str], default: float | None) -> list[Any]:
-    """What is given for each name, or the default. Raises: `BadNames`."""
-    if not isinstance(values, Mapping | None):
-        raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
-    return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
-
-
-def _size(what: str, value: Any) -> Fraction:
-    size = real(what, value)
-    if not 0 <= size < math.inf:
-        raise BadGain(f"{what} = {size:g}", "must be a finite number, not negative")
-    return Fraction(size)
-
-
 def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
-    asked = _by_name("rates", rates, names_of(inputs), None)
+    asked = by_name("rates", rates, names_of(inputs), None)
     known = [own if value is None else value for value, own in zip(asked, declared, strict=True)]
-    most = [None if x is None else _size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
+    most = [None if x is None else size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
     return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)
 
 
-def _entering(plant: PlantStep, sizes: Mapping[str, Sequence[Fraction]]) -> dict[str, Sizes]:
+def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, Sizes]:
     """What enters, each by its name, where it is not 0. Raises: `Unbounded`."""
     outputs = range(len(plant.form.output))
-    moved, mistaken = plant.moved(sizes["disturbance"]), plant.mistaken(sizes["parameters"])
+    moved, mistaken = plant.moved(most["disturbance"]), plant.mistaken(most["parameters"])
     beside = [x + y for x, y in zip(moved, mistaken, strict=True)]  # which a late sample shows as well
-    late = (tau * plant.shown(j, beside) if tau else tau for j, tau in zip(outputs, sizes["late"], strict=True))
+    late = (tau * plant.shown(j, beside) if tau else tau for j, tau in zip(outputs, most["late"], strict=True))
     each = {
-        "noise": Sizes(samples=tuple(sizes["noise"])),
-        "rounded": Sizes(samples=tuple(sizes["rounded"])),
+        "noise": Sizes(samples=tuple(most["noise"])),
+        "rounded": Sizes(samples=tuple(most["rounded"])),
         "late": Sizes(samples=tuple(late)),
         "disturbance": Sizes(beside=plant.disturbed(moved)),
         "parameters": Sizes(beside=plant.disturbed(mistaken)),
         "method": Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()),
     }
-    return {name: size for name, size in each.items() if size.largest}
+    return {name: one for name, one in each.items() if one.largest}
 
 
 def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, entering: Mapping[str, Sizes]) -> ErrorBound:
@@ -190,15 +163,15 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
         return _unknown(step, because("the gains of its chain are no numbers"))
     fields = sorted({k for k, fed in enumerate(error.layout.fed) if fed})
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound]]()
-    for name, sizes in entering.items():
-        relative = sizes.over(sizes.largest)
+    for name, one in entering.items():
+        relative = one.over(one.largest)
         if relative not in proofs:
             inputs = relative.inputs(steps.at(proof.h), error, scales, shown)
             each = {k: of_step(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fields}
-            proofs[relative] = {k: one for k, one in each.items() if one}
+            proofs[relative] = {k: bound for k, bound in each.items() if bound}
         if len(proofs[relative]) < len(fields):
             return _unknown(step, because("no bound is found of what {name} does", name=name))
-        shares.append(Share(name, sizes, sizes.largest, proofs[relative]))
+        shares.append(Share(name, one, one.largest, proofs[relative]))
     totals = {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
     start = start_of(step.observer, steps)
     multiple = _multiple(steps, proof, start, totals) if start else None

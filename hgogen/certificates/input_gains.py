@@ -16,7 +16,7 @@ import sympy as sp
 
 from hgogen.algebra.points import exact
 from hgogen.certificates.contraction import claimed, theta_of
-from hgogen.certificates.error_bound import sizes_of
+from hgogen.certificates.size import sizes
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
@@ -29,6 +29,7 @@ from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
+from hgogen.reading.named import names_of
 from hgogen.sentence import Reason, Sentence, because
 from hgogen.structure.polytope import fixed
 
@@ -69,7 +70,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
     Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
     """
     claim = "in continuous time, the L2 gain from noise and disturbances to the error has a bound"
-    weights = sizes_of("of", of, observer.form.states, observer.form.names, 1.0)
+    weights = sizes("of", of, observer.form.names, 1.0)
     known = _known(observer, noise, disturbance)
     if not any(weights):
         known = because("nothing is counted of the error")
@@ -135,31 +136,32 @@ class _Known:
 def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
     """What is known of the error and of what enters, or why nothing is. Raises: `NoSolver`, `BadNames`, `BadGain`."""
     form, system = observer.form, observer.form.system
-    sizes = sizes_of("noise", noise, system.outputs), sizes_of("disturbance", disturbance, system.declared.states)
+    noises = sizes("noise", noise, names_of(system.outputs))
+    disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
     error: Inclusion | Nothing | None = observer.error
     if error is None or isinstance(error, Nothing):
         why = "the proof is for a constant injection: high_gain, filtered and the like, on chains"
         return error.reason if error else because(why)
-    if not any((*sizes[0], *sizes[1])):
+    if not any((*noises, *disturbed)):
         return because("nothing enters the error: that of the start decays, to nothing")
     theta = theta_of(observer)
     scales, flow = error.scales(theta), Flow(error, theta)
     if scales is None or not error.B.size:
         return because("the gains of its chain are no numbers")
-    beside = _beside(form, sizes[1])
+    beside = _beside(form, disturbed)
     if isinstance(beside, Reason):
         return beside
     if flow.fastest is None or not flow.fastest.alpha:
         return flow.obstacle(form.states)
     samples, layout = error.at(theta).B, error.layout
-    columns = [samples[:, j] * x for j, x in enumerate(rational(sizes[0])) if x]
+    columns = [samples[:, j] * x for j, x in enumerate(rational(noises)) if x]
     for row in beside:
         fields = zip(scales, layout.index, layout.fed, strict=True)
         columns.append(rational([-scale * row[i] * fed for scale, i, fed in fields]))
-    said = [*_said("noise of {y} of {size}", system.outputs, sizes[0])]
-    said += _said("{y}' disturbed by {size}", system.declared.states, sizes[1])
+    said = [*_said("noise of {y} of {size}", system.outputs, noises)]
+    said += _said("{y}' disturbed by {size}", system.declared.states, disturbed)
     B = stacked(columns, len(scales)).T
-    return _Known(error, theta, flow.fastest, B, tuple(sizes[0]), beside, scales, tuple(said))
+    return _Known(error, theta, flow.fastest, B, tuple(noises), beside, scales, tuple(said))
 
 
 def _said(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]) -> list[Sentence]:

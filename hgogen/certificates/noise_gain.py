@@ -6,6 +6,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from hgogen.certificates.contraction import claimed, contraction, running
+from hgogen.certificates.size import sizes
 from hgogen.check import Check
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import Inclusion, of_state
@@ -15,8 +16,9 @@ from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
+from hgogen.reading.named import in_order
 from hgogen.sentence import Sentence, because
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 
 
 @dataclass(frozen=True)
@@ -32,9 +34,12 @@ class NoiseGain:
         """How far the estimate of a state goes at most for noise of at most these sizes, by output: their shares add.
         Rounding of samples to steps of q is noise of q/2.
 
-        Raises: `KeyError` for a state or an output that there is not.
+        Raises: `BadNames` for a state or an output that there is not; `BadGain` for what is no size.
         """
-        return sum(self.gains[state, output] * size for output, size in noise.items())
+        states, outputs = (tuple(dict.fromkeys(names)) for names in zip(*self.gains, strict=True))
+        in_order("state", {state: None}, states, default=dict.fromkeys(states))
+        each = zip(outputs, sizes("noise", noise, outputs), strict=True)
+        return sum(self.gains[state, output] * float(most) for output, most in each)
 
 
 def noise_gain(step: Step) -> NoiseGain | None:
@@ -44,8 +49,9 @@ def noise_gain(step: Step) -> NoiseGain | None:
     From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
     alpha dt of itself at each call.
 
-    Raises: `NoSolver` without cvxpy.
+    Raises: `NoSolver` without cvxpy; `NoStep`.
     """
+    demand_step(step, "noise_gain")
     known = contraction(step)
     if known.steps is None or known.proof is None or not known.proof.alpha:
         return None

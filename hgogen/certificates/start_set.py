@@ -26,7 +26,7 @@ from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.sentence import Sentence, because
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 from hgogen.stepping.guards import LOST
 
 _STATES = 8  # up to which all corners of the first errors are asked
@@ -51,8 +51,9 @@ def start_set(step: Step) -> StartSet | None:
     noise; None of one that is not, of more than 8 states, of states without ranges, or whose chain has gains that are
     no numbers.
 
-    Raises: `NoSolver` without cvxpy.
+    Raises: `NoSolver` without cvxpy; `NoStep`.
     """
+    demand_step(step, "start_set")
     known = contraction(step)
     if known.steps is None or known.proof is None:
         return None

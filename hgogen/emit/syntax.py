@@ -14,8 +14,7 @@ import numpy as np
 
 from hgogen.algebra.lookup import Lookup
 from hgogen.emit.interface import Entry
-from hgogen.errors import BadArgument, HgogenError
-from hgogen.step import Step
+from hgogen.errors import HgogenError
 
 Real = Literal["float", "double"]
 Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
@@ -79,16 +78,6 @@ class BadReal(HgogenError):
 
     def __str__(self) -> str:
         return f'real = {self.real!r} must be "float" or "double"'
-
-
-class NoStep(BadArgument):
-    """What no target can write."""
-
-
-def demand_step(step: object, target: str) -> None:
-    """Raise `NoStep` for what a target was given and is none."""
-    if not isinstance(step, Step):
-        raise NoStep(f"{type(step).__name__} given to {target}", "is no step; make one by hg.sample")
 
 
 def demand_real(real: str) -> None:

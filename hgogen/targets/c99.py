@@ -23,9 +23,9 @@ from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.sharing import SharingWriter
 from hgogen.emit.statements import called
-from hgogen.emit.syntax import Real, demand_real, demand_step
+from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Field, Group, Place
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 from hgogen.stepping.ready import UNINITIALISED
 from hgogen.target import Sources
 

@@ -27,11 +27,11 @@ from hgogen.algebra.lookup import Lookup, walked
 from hgogen.emit.bounded_angles import operations
 from hgogen.emit.elementary import elementary
 from hgogen.emit.operations import CALLS
-from hgogen.emit.syntax import Real, demand_step
+from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
 from hgogen.program import Block
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.entries import Vector
 from hgogen.stepping.graphs import Flow, Graphs

@@ -20,9 +20,9 @@ from hgogen.emit.lanesyntax import lanes as in_lanes
 from hgogen.emit.lanewriter import LaneWriter, table
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
-from hgogen.emit.syntax import Real, demand_real, demand_step
+from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Field, Group, Program, lines_of
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 from hgogen.target import Files
 
 

@@ -8,8 +8,8 @@
 from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
-from hgogen.emit.syntax import Real, demand_real, demand_step
-from hgogen.step import Step
+from hgogen.emit.syntax import Real, demand_real
+from hgogen.step import Step, demand_step
 from hgogen.target import Files
 
 

@@ -18,9 +18,9 @@ from hgogen.emit.rustmanual import documentation, status
 from hgogen.emit.ruststruct import doc, initial, nominal, structs, zeros
 from hgogen.emit.rustsyntax import RUST, keywords, rust_name
 from hgogen.emit.statements import Writer, called
-from hgogen.emit.syntax import Real, demand_real, demand_step
+from hgogen.emit.syntax import Real, demand_real
 from hgogen.errors import HgogenError
-from hgogen.step import Step
+from hgogen.step import Step, demand_step
 from hgogen.target import Sources
 
 _CRATES = {"alloc", "core", "proc_macro", "std", "test"}
