@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from forger import sealed
-from plants import MODELS, model, two_outputs
+from plants import MODELS, model, pendulum, two_outputs
 
 import hgogen as hg
 from hgogen.model import load
@@ -327,3 +327,28 @@ def test_an_observer_in_pairs_of_one_state_has_no_error_that_could_contract(name
     content["claims"] = [each for each in content["claims"] if not each["id"].startswith("high_gain.")]
     content["claims"].append({"id": f"{name}.step", "verdict": "proved", "evidence": empty})
     assert findings(content) == {"step": "fails"}
+
+
+def test_a_slope_of_one_value_is_verified_again() -> None:
+    """A number times units of six digits, which no double is."""
+    step = load(MODELS / "flexible_joint.toml").step("high_gain")
+    rows = recheck(sealed(hg.certificate(step.observer.form, step.observer.checks, "high_gain"))).rows
+    outcome = {row.id: row.found for row in rows}
+    assert outcome["high_gain.convergence"] == outcome["high_gain.theta"] == "verified"
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (lambda made: (made, made.checks), "Observer given to certificate is no form; give observer.form"),
+        (lambda made: (None, made.checks), "NoneType given to certificate is no form"),
+        (lambda made: (made.form, None), "NoneType given to certificate is no sequence of checks"),
+        (lambda made: (made.form, made.checks[0]), "Check given to certificate is no sequence of checks"),
+        (lambda made: (made.form, [*made.checks, None]), "NoneType given to certificate is no sequence of checks"),
+        (lambda made: (made.form, made.checks, made), "is no name; give observer.name"),
+    ],
+)
+def test_what_a_certificate_is_not_made_of_is_refused(asked: Callable[[hg.Observer], Any], said: str) -> None:
+    with pytest.raises(hg.HgogenError) as error:
+        hg.certificate(*asked(pendulum()))
+    assert said in str(error.value)

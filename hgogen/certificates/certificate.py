@@ -67,6 +67,10 @@ class NotCertifiable(BadArgument):
     )
 
 
+class NoClaims(BadArgument):
+    """What a certificate was asked of, and that is no form, no checks or no name of an observer."""
+
+
 class OtherNumbers(BadArgument):
     """An observer whose proofs are of other numbers than those its rules read."""
 
@@ -82,9 +86,9 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
     What `recheck.verification` does not verify is "stated" in it, not "proved".
 
     Raises: `NotCertifiable` for a model with functions that the certificate's grammar has not (Piecewise, floor);
-    `OtherNumbers` for an observer that does not fit its rules.
+    `OtherNumbers` for an observer that does not fit its rules; `NoClaims` for what is no form, check or name.
     """
-    checks = tuple(checks)
+    checks = _demanded(form, checks, observer)
     claims = [_claim(form, check) for check in checks]
     content = _sealed({**_model(form, checks, observer), "claims": claims})
     try:
@@ -93,6 +97,20 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
         raise NotCertifiable(form.system.name, error.fault) from None
     failed = {row.id: row.sentence for row in rows if row.found == "fails"}
     return _sealed({**content, "claims": [_demoted(claim, failed) for claim in claims]})
+
+
+def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ...]:
+    """The checks. Raises: `NoClaims`."""
+    if not isinstance(form, Form):
+        raise NoClaims(f"{type(form).__name__} given to certificate", "is no form; give observer.form, observer.checks")
+    each = tuple(checks) if isinstance(checks, Iterable) else (checks,)
+    if not isinstance(checks, Iterable) or not all(isinstance(check, Check) for check in each):
+        wrong = next((one for one in each if not isinstance(one, Check)), each[0])
+        fix = "is no sequence of checks; give observer.checks, and of each bound its .check"
+        raise NoClaims(f"{type(wrong).__name__} given to certificate", fix)
+    if not isinstance(observer, str):
+        raise NoClaims(f"observer = {observer!r}", "is no name; give observer.name, or leave it out")
+    return tuple(check for check in each if isinstance(check, Check))
 
 
 def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:

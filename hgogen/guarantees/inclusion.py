@@ -39,7 +39,7 @@ from hgogen.structure.polytope import chains, span
 from hgogen.structure.scaling import exponents
 
 _BOXES = 2_000  # for the range of one slope
-_LOOSE = 1e-9  # what a range is wider by, over its width, so that a weaker arithmetic reaches it
+_LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,7 @@ def _slopes(form: Form, layout: Layout, scale: Sequence[sp.Expr]) -> tuple[Slope
         if not (known and known.defined and known.finite):
             return because("db_{i}/d{z} = {slope} has no finite range on the box", i=i + 1, z=z, slope=slope)
         onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
-        loose = _LOOSE * (known.high - known.low)
+        loose = _LOOSE * (max(known.high, 0.0) - min(known.low, 0.0))
         low, high = min(outward(known.low - loose, -1), Fraction(0)), max(outward(known.high + loose, 1), Fraction(0))
         slopes.append(Slope(layout.picks[j], onto, low, high, powers[i] - powers[j], (i, j), known))
     return tuple(slopes)
