@@ -130,7 +130,7 @@ def test_no_lyapunov_function_where_a_vertex_is_unstable() -> None:
     one = np.eye(2)
     ends = [Quadratic(((one, companion(np.array(p))),), one[:0], one[:0]) for p in ((2.0, 1.0), (2.0, -1.0))]
     assert sought(ends, "a test") is None
-    best = widest(ends, "a test")
+    best = widest(ends, "a test", priced=True)
     assert best is not None
     assert best.margin < 0
     stable, not_stable = (float(np.trace(price)) for price in best.prices)

@@ -95,6 +95,14 @@ def moved(step: hg.Step, noise: np.ndarray, angle: float) -> np.ndarray:
 
 
 @pytest.mark.slow
+def test_a_bound_is_near_the_least_where_numbers_are_far_from_1() -> None:
+    """The third state of a chain, whose P a solver took for the best when it was an eighth from it."""
+    gain = hg.noise_gain(load(MODELS / "disturbed_pendulum.py").step("peaking_free"))
+    assert gain is not None
+    assert gain.gains["x3", "y"] < 163
+
+
+@pytest.mark.slow
 def test_of_several_outputs_the_shares_add() -> None:
     observer = hg.observers.high_gain(hg.forms.block_triangular(two_outputs()), theta=6, poles=((-1, -1), (-1,)))
     gain = hg.noise_gain(hg.sample(observer, hg.methods.rk4, dt=1e-3))

@@ -92,7 +92,7 @@ def error_bound(
     form, outputs = step.observer.form, names_of(step.observer.form.system.outputs)
     most = {
         "noise": sizes("noise", noise, outputs),
-        "rounded": [step_ / 2 for step_ in sizes("rounded", rounded, outputs)],
+        "rounded": [q / 2 for q in sizes("rounded", rounded, outputs)],
         "late": sizes("late", late, outputs),
         "disturbance": sizes("disturbance", disturbance, names_of(form.system.declared.states)),
         "parameters": sizes("parameters", parameters, names_of(form.system.parameters)),

@@ -214,7 +214,7 @@ class Flow:
     def _hindrance(self) -> Slope | None:
         """The slope of b whose narrowing would bring the forms at theta nearest to being negative."""
         forms = self._floats(self.theta, Fraction(0))
-        best = widest(forms, _WHAT, self._coordinates) if forms[0].size <= ROWS else None
+        best = widest(forms, _WHAT, self._coordinates, priced=True) if forms[0].size <= ROWS else None
         if best is None:
             return None
         values, gains = [form.value(best.P, best.S) for form in forms], dict[Slope, float]()

@@ -17,6 +17,7 @@ import numpy as np
 
 from hgogen.algebra.threads import one_thread
 from hgogen.guarantees.lmi import cones
+from hgogen.guarantees.merged import Group, merged
 from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even
 
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
@@ -49,16 +50,17 @@ def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tup
     return (best.P, best.S) if best is not None and best.margin > 0 else None
 
 
-def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> Margin | None:
-    """The same weights, also where the forms are not negative: by the largest margin in those coordinates.
+def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced: bool = False) -> Margin | None:
+    """The same weights, also where the forms are not negative: by the largest margin in those coordinates; `priced`:
+    whether prices are asked.
 
     Raises: `NoSolver`.
     """
     if W is None:
-        return margin([form.floats for form in forms], what)
+        return margin([form.floats for form in forms], what, priced)
     g = even(forms[0].floats, W)
     views = [Seen(form.floats, W, g) for form in forms]
-    best = margin([view.form for view in views], what)
+    best = margin([view.form for view in views], what, priced)
     if best is None:
         return None
     P, S = views[0].back(best.P, best.S)
@@ -66,21 +68,29 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> Mar
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def margin(forms: Sequence[Quadratic], what: str) -> Margin | None:
-    """The margin of forms of floats, with the same P and S; None where the solver leaves no numbers.
+def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margin | None:
+    """The margin of forms of floats, with the same P and S; None where the solver leaves no numbers. Of one form whose
+    prices are not asked, columns are merged.
 
     Raises: `NoSolver` of `what` needs it.
     """
     n, k = len(forms[0].pairs[0][0]), len(forms[0].Q)
-    one, p = np.eye(n), n * (n + 1) // 2
-    zero = np.zeros((p, 1 + k))
-    of_forms = [_definite(_entries(form), np.eye(form.size)[None], 0 * np.eye(form.size)) for form in forms]
-    positive: Rows = (np.hstack([-_packed(_basis(n)), zero]), -_LEAST * _packed(one[None])[:, 0], True)
-    trace: Rows = (np.hstack([_short(one[None]).T, zero[:1]]), np.array([float(n)]), False)
-    solution = _solved(np.append(np.zeros(p + k), -1.0), [*of_forms, positive, trace, _signs(p, k)], _CLOSE, what)
+    (first, groups), rest = _few(forms[0]) if len(forms) == 1 and not priced else (forms[0], ()), forms[1:]
+    one, sizes = np.eye(n), (n * (n + 1) // 2, k, len(groups))
+    none = np.zeros((sizes[0], 1 + k + len(groups)))
+    of_forms = [
+        _definite(_entries(form, groups), np.eye(form.size)[None], 0 * np.eye(form.size)) for form in (first, *rest)
+    ]
+    of_groups = [_split(group, place, sizes, np.eye(len(group.places)), 0.0) for place, group in enumerate(groups)]
+    positive: Rows = (np.hstack([-_packed(_basis(n)), none]), -_LEAST * _packed(one[None])[:, 0], True)
+    trace: Rows = (np.hstack([_short(one[None]).T, none[:1]]), np.array([float(n)]), False)
+    all_rows = [*of_forms, *of_groups, positive, trace, _signs(sizes)]
+    solution = _solved(np.append(np.zeros(sum(sizes)), -1.0), all_rows, _CLOSE, what)
     if solution is None:
         return None
-    (P, S, largest), prices = _parts(solution[0], n), solution[1]
+    (P, S, largest), prices = _parts(solution[0], n, k), solution[1]
+    if not priced:
+        return Margin(P, S, largest, ())
     of_each = zip(pairwise(np.cumsum([0, *(len(A) for A, _, _ in of_forms)])), forms, strict=True)
     return Margin(
         P, S, largest, tuple(_matrix(prices[i:j] / _weights(form.size), form.size) for (i, j), form in of_each)
@@ -95,18 +105,35 @@ def shortest(form: Quadratic, rows: Array, limits: Limits, by: float, what: str)
     Raises: `NoSolver` of `what` needs it.
     """
     n, k = rows.shape[1], len(form.Q)
-    p, small = n * (n + 1) // 2, -by * np.eye(form.size)
-    wide, corner, (A, b) = np.zeros((p + k, n + 1, n + 1)), np.zeros((1, n + 1, n + 1)), limits
-    wide[:p, 1:, 1:], corner[0, 0, 0] = -_basis(n), -1.0
+    few, groups = _few(form)
+    sizes, small = (n * (n + 1) // 2, k, len(groups)), -by * np.eye(few.size)
+    wide, corner, (A, b) = np.zeros((sum(sizes), n + 1, n + 1)), np.zeros((1, n + 1, n + 1)), limits
+    wide[: sizes[0], 1:, 1:], corner[0, 0, 0] = -_basis(n), -1.0
     of_rows = []
     for c in rows:
         beside = np.zeros((n + 1, n + 1))
         beside[0, 1:] = beside[1:, 0] = c
         of_rows.append(_definite(wide, corner, beside))
-    others: Rows = (np.hstack([A, np.zeros((len(A), 1))]), b, False)
-    all_rows = [_definite(_entries(form), 0 * small[None], small), *of_rows, others, _signs(p, k)]
-    solution = _solved(np.append(np.zeros(p + k), 1.0), all_rows, _CLOSER, what)
-    return solution and _parts(solution[0], n)[:2]
+    of_groups = [_split(group, j, sizes, np.zeros((len(group.places),) * 2), by) for j, group in enumerate(groups)]
+    others: Rows = (np.hstack([A, np.zeros((len(A), len(groups) + 1))]), b, False)
+    all_rows = [_definite(_entries(few, groups), 0 * small[None], small), *of_groups, *of_rows, others, _signs(sizes)]
+    solution = _solved(np.append(np.zeros(sum(sizes)), 1.0), all_rows, _CLOSER, what)
+    return solution and _parts(solution[0], n, k)[:2]
+
+
+def _few(form: Quadratic) -> tuple[Quadratic, tuple[Group, ...]]:
+    less = merged(form)
+    return less.form, less.groups
+
+
+def _split(group: Group, place: int, sizes: tuple[int, int, int], last: Array, by: float) -> Rows:
+    """That diag(S) - T r r' of a group, the T of that place, is at least the last variable times `last`, and `by`."""
+    count, (p, k, _) = len(group.places), sizes
+    entries = np.zeros((sum(sizes), count, count))
+    for i, at in enumerate(group.places):
+        entries[p + at, i, i] = -1.0
+    entries[p + k + place] = np.outer(group.weights, group.weights)
+    return _definite(entries, last[None], -by * np.eye(count))
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -151,9 +178,10 @@ def _definite(entries: Array, last: Array, end: Array) -> Rows:
     return _packed(np.concatenate([entries, last])), _packed(end[None])[:, 0], True
 
 
-def _signs(p: int, k: int) -> Rows:
-    """S >= 0."""
-    return np.hstack([np.zeros((k, p)), -np.eye(k), np.zeros((k, 1))]), np.zeros(k), False
+def _signs(sizes: tuple[int, int, int]) -> Rows:
+    """S >= 0, of as many entries of P, S and T."""
+    p, k, t = sizes
+    return np.hstack([np.zeros((k, p)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
 
 
 def _solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
@@ -170,6 +198,7 @@ def _solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple
     A, b = sparse.csc_matrix(np.vstack([A for A, _, _ in rows])), np.concatenate([b for _, b, _ in rows])
     settings = solver.DefaultSettings()
     settings.verbose, settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = False, close, close, close
+    settings.equilibrate_enable = False  # by which it takes for solved what is far from the least
     with one_thread():
         solution = solver.DefaultSolver(sparse.csc_matrix((len(goal),) * 2), goal, A, b, kinds, settings).solve()
     x, prices = np.array(solution.x), np.array(solution.z)
@@ -177,21 +206,24 @@ def _solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple
     return (x, prices) if usable else None
 
 
-def _parts(x: Array, n: int) -> tuple[Array, Array, float]:
+def _parts(x: Array, n: int, k: int) -> tuple[Array, Array, float]:
     """P, S and the last variable."""
     p = n * (n + 1) // 2
-    return _matrix(x[:p], n), np.maximum(x[p:-1], 0.0), float(x[-1])
+    return _matrix(x[:p], n), np.maximum(x[p : p + k], 0.0), float(x[-1])
 
 
-def _entries(form: Quadratic) -> Array:
-    """What each entry of P on and above the diagonal, and each of S, brings into the form: (p + k, N, N)."""
+def _entries(form: Quadratic, groups: Sequence[Group]) -> Array:
+    """What each entry of P on and above the diagonal, each of S, and each T brings into the form: (p + k + t, N, N)."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
     whole = halves + halves.transpose(0, 1, 3, 2)
     j, i = np.tril_indices(len(whole))
     both = whole[i, j] + whole[j, i]
     of_P = both / np.where(i == j, 2.0, 1.0)[:, None, None]
     of_S = np.einsum("ka,kb->kab", form.Q, form.Q) - np.einsum("ka,kb->kab", form.Z, form.Z)
-    return np.concatenate([of_P, of_S])
+    of_T = np.zeros((len(groups), form.size, form.size))
+    for place, group in enumerate(groups):
+        of_T[place, group.column, group.column] = -1.0
+    return np.concatenate([of_P, of_S, of_T])
 
 
 def _basis(n: int) -> Array:
