@@ -20,6 +20,7 @@ from hgogen.errors import HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
 from hgogen.guarantees.entering import ENTERING
 from hgogen.intervals.box import box
+from hgogen.intervals.computed import REALS
 from hgogen.modelfiles.arguments import arguments
 from hgogen.modelfiles.first import NoFirst, everywhere, first
 from hgogen.modelfiles.parameters import put
@@ -161,9 +162,9 @@ class Model:
             return None
         declared = self.module.bounds
         for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
-            if what not in ENTERING or not isinstance(value, Mapping):
+            if not (what in ENTERING and isinstance(value, Mapping)) and not (what == "real" and value in REALS):
                 shown = f"{what} = {value!r}"
-                fix = f"make it a mapping from some of {', '.join(ENTERING)} to sizes by name"
+                fix = f"make it a mapping from some of {', '.join(ENTERING)} to sizes by name, real a precision"
                 raise MissingPart(self.path, "bounds", f"in bounds, {shown} is none; {fix}")
         return dict(declared)
 

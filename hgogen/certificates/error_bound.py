@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.own_states import slopes_of_states
+from hgogen.certificates.rounding_share import rounding_share
 from hgogen.certificates.size import Each, by_name, size, sizes
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
@@ -27,12 +28,13 @@ from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.signed import Signed
 from hgogen.guarantees.step_evidence import Share, UnderInputs
 from hgogen.guarantees.under_inputs import InputBound, of_step
+from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import ByTableau
 from hgogen.reading.named import names_of
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
-from hgogen.step import Step, demand_step
+from hgogen.step import Step, demand_choice, demand_step
 
 AnyStep = TypeVar("AnyStep", bound=Step)
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
@@ -44,13 +46,13 @@ _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
 class ErrorBound:
     """How far the estimate of a step errs at most.
 
-    `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method") and by the name of a
-    state of the form, or of the plant behind a change of coordinates (`own_states`), what it adds; `bounds`: their
-    sums. `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors of
-    min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate are
-    not touched. None where a state has no range. `inside`: by how much the plant keeps clear of the ends of its ranges
-    for it. `check`: OBSERVER.error, which says why where nothing is proved; the mappings are empty then; certificates
-    carry it for the states of the form. `signed`: what the code of a step states of it.
+    `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the
+    name of a state of the form, or of the plant behind a change of coordinates (`own_states`), what it adds; `bounds`:
+    their sums. `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors
+    of min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate
+    are not touched. None where a state has no range. `inside`: by how much the plant keeps clear of the ends of its
+    ranges for it. `check`: OBSERVER.error, which says why where nothing is proved; the mappings are empty then;
+    certificates carry it for the states of the form. `signed`: what the code of a step states of it.
     """
 
     check: Check
@@ -74,6 +76,7 @@ def error_bound(
     disturbance: Each = None,
     parameters: Each = None,
     rates: Each = None,
+    real: Real | None = None,
 ) -> ErrorBound:
     """How far the estimate of a step that is proved to contract errs at most, for ever, and from when on.
 
@@ -81,13 +84,16 @@ def error_bound(
     `rounded`, to steps of which samples are rounded; `late`, the time by which a sample may be taken beside its own;
     `disturbance`, at most this in the rate of a state of the plant, of any course; `parameters`, by how much the
     plant's may be beside the program's, a constant; `rates`, at most how fast an input moves between two samples, by
-    default its declared rates; of an input that is held there none.
+    default its declared rates; of an input that is held there none. `real`, "float" or "double": with what the program
+    rounds in that precision; by default its numbers are real numbers.
 
     The plant keeps to its ranges, clear of their ends by `inside`; inputs do, and move between samples as the program
-    takes them to; every sample is there; numbers are real numbers.
+    takes them to; every sample is there, and is a number of the program's precision, as inputs are. Of rounding it is
+    taken that the elementary functions err by no more than twice what was measured of them.
 
-    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size.
+    Raises: `NoSolver` without cvxpy; `BadNames`, `BadGain` for what is no size; `BadStep` for no precision.
     """
+    demand_choice("real", real, (None, *REALS))
     demand_step(step, "error_bound")
     form, outputs = step.observer.form, names_of(step.observer.form.system.outputs)
     most = {
@@ -106,9 +112,9 @@ def error_bound(
     plant = PlantStep(form, step.method.plain, known.proof.h, moving)
     try:
         entering = _entering(plant, most)
-        if not entering:
+        if not (entering or real):
             return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
-        bounded = _bounded(step, known.steps, known.proof, plant, entering)
+        bounded = _bounded(step, known.steps, known.proof, plant, entering, real)
     except Unbounded as error:
         return _unknown(step, error.args[0])
     asked = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
@@ -117,7 +123,7 @@ def error_bound(
     assumed = {name: each for name, each in own.items() if each}
     far = known.reach
     least, longest = far.least if far.tuned else None, far.longest if far.pieces else None
-    return replace(bounded, signed=replace(bounded.signed, assumed=assumed, least=least, longest=longest))
+    return replace(bounded, signed=replace(bounded.signed, assumed=assumed, real=real, least=least, longest=longest))
 
 
 def signed(step: AnyStep, **bounds: Any) -> AnyStep:
@@ -156,7 +162,14 @@ def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[
     return {name: one for name, one in each.items() if one.largest}
 
 
-def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, entering: Mapping[str, Sizes]) -> ErrorBound:
+def _bounded(
+    step: Step,
+    steps: Steps,
+    proof: Contracts,
+    plant: PlantStep,
+    entering: Mapping[str, Sizes],
+    real: Real | None,
+) -> ErrorBound:
     error, form = steps.error, step.observer.form
     scales, shown = error.scales(steps.theta), heads_of(form) if error.B.size else None
     if scales is None or shown is None:
@@ -172,16 +185,25 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
         if len(proofs[relative]) < len(fields):
             return _unknown(step, because("no bound is found of what {name} does", name=name))
         shares.append(Share(name, one, one.largest, proofs[relative]))
-    totals = {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
-    start = start_of(step.observer, steps)
-    multiple = _multiple(steps, proof, start, totals) if start else None
-    margins, settles, alone = plant.margins, None, False
-    samples = [
-        sum(each, Fraction(0)) for each in zip(*(s.samples for s in entering.values() if s.samples), strict=True)
-    ]
-    left = room(step, samples or [Fraction(0)] * len(form.output), margins, totals, error.layout, shown)
+    each_sample = zip(*(s.samples for s in entering.values() if s.samples), strict=True)
+    samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(form.output)
+    start, without = start_of(step.observer, steps), _totals(fields, shares)
+    multiple = _multiple(steps, proof, start, without) if start else None
+    early, calls = without, 0
+    decayed: Mapping[int, Fraction] = {k: _CLOSE * without[k] for k in error.layout.picks}
+    if real:
+        if start is None or multiple is None:
+            raise Unbounded(because("how much is rounded is not known, as the estimate may meet its limits"))
+        rounding = rounding_share(step, real, steps, proof, shares, start, multiple, samples, shown)
+        early, calls, decayed = {k: without[k] + rounding.early[k] for k in fields}, rounding.calls, rounding.left
+        shares.append(rounding.share)
+        multiple = _multiple(steps, proof, start, early)
+        if multiple is None:
+            raise Unbounded(because("with what is rounded at first the estimate may meet its limits"))
+    totals, margins, settles, alone = _totals(fields, shares), plant.margins, None, False
+    left = room(step, samples, margins, early, error.layout, shown)
     if start and multiple:
-        settles = step.dt * _calls(proof, start, multiple, {k: _CLOSE * totals[k] for k in error.layout.picks})
+        settles = step.dt * (_calls(proof, start, multiple, decayed) + calls)
         alone = left is not None and _calls(proof, start, multiple, left) < patient(step)
     first = [min(multiple, Fraction(1)) * most for most in start.first] if start and multiple else []
     stated = _stated(step, steps, shares, totals, margins, settles, multiple, alone or (left == {}))
@@ -193,6 +215,11 @@ def _bounded(step: Step, steps: Steps, proof: Contracts, plant: PlantStep, enter
         inside=stated.inside,
     )
     return replace(stated, signed=own)
+
+
+def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fraction]:
+    """By field, the sum of the shares."""
+    return {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
 
 
 def _multiple(steps: Steps, proof: Contracts, start: Start, totals: Mapping[int, Fraction]) -> Fraction | None:

@@ -21,10 +21,13 @@ _CLOSE = Fraction(11, 10)  # of a bound, to which errors have come when they are
 _DIGITS = 2
 _UNPROVED = "nothing is proved of how far its estimate errs; `hgogen check` says why"
 _USUAL = "OUTSIDE_BOX"  # which a proof counts with
-_UNCOUNTED = (
-    "Not counted: the rounding of floating-point numbers. Not proved: these bounds at other gains, parameters or dt, "
-    "or while a gain changes."
+_UNCOUNTED = "Not counted: the rounding of floating-point numbers."
+_COUNTED = (
+    "Counted: what is rounded when {real} is compiled, of samples and inputs that are such numbers, with elementary "
+    "functions that err by no more than twice what hgogen measured of them. Not counted: what the way back from z to "
+    "the plant's states rounds."
 )
+_OTHERS = "Not proved: these bounds at other gains, parameters or dt, or while a gain changes."
 _AGAIN = (
     "This file was written from the proof itself. `hgogen check` with --certificate writes its evidence, and `hgogen "
     "recheck` says what of it other code verifies."
@@ -45,7 +48,8 @@ def promised(step: Step) -> list[str]:
     lines += [f"  |{name} - its estimate| <= {_bound(step, name, most)}" for name, most in known.bounds.items()]
     lines += ["  provided that", *(f"    {each};" for each in _assumed(step, known)), f"    {_ALONE}."]
     more = [_DERIVED.format(", ".join(_derived(known)))] * bool(_derived(known))
-    return [*lines, *(f"  {each}" for each in (*_tuned(step, known), _UNCOUNTED, _AGAIN, *more))]
+    rounding = _COUNTED.format(real=known.real) if known.real else _UNCOUNTED
+    return [*lines, *(f"  {each}" for each in (*_tuned(step, known), rounding, _OTHERS, _AGAIN, *more))]
 
 
 def _when(step: Step, known: Signed) -> str:

@@ -4,6 +4,7 @@ samples     an error of an output's samples at both ends of a call, each by itse
 stages      an error of what is injected at a stage
 beside      what the plant does in a row of its form beside a step of the method, over h; its sample at the end of
             the call shows it
+fields      what comes to a field of the estimator itself, over h
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ import sympy as sp
 from hgogen.algebra.points import exact
 from hgogen.form import Form
 from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.quadratic import rational
+from hgogen.guarantees.quadratic import identity, rational
 from hgogen.guarantees.stagewise import Inputs, Stagewise
 
 _NOTHING = Fraction(0)
@@ -35,21 +36,25 @@ def heads_of(form: Form) -> Heads | None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Of the `samples` (p), of the `stages` (p, s), and `beside` (n) in units of the form's states; empty of none."""
+    """Of the `samples` (p), of the `stages` (p, s), `beside` (n) in units of the form's states, and of the `fields` (N)
+    as e has them; empty of none."""
 
     samples: tuple[Fraction, ...] = ()
     stages: tuple[tuple[Fraction, ...], ...] = ()
     beside: tuple[Fraction, ...] = ()
+    fields: tuple[Fraction, ...] = ()
 
     @property
     def largest(self) -> Fraction:
         """The largest of all, whatever their units."""
-        return max((*self.samples, *(x for row in self.stages for x in row), *self.beside), default=_NOTHING)
+        stages = (x for row in self.stages for x in row)
+        return max((*self.samples, *stages, *self.beside, *self.fields), default=_NOTHING)
 
     def over(self, size: Fraction) -> "Sizes":
         """In units of a size > 0."""
         rows = tuple(tuple(x / size for x in row) for row in self.stages)
-        return Sizes(tuple(x / size for x in self.samples), rows, tuple(x / size for x in self.beside))
+        samples, beside, fields = (tuple(x / size for x in each) for each in (self.samples, self.beside, self.fields))
+        return Sizes(samples, rows, beside, fields)
 
     def inputs(self, step: Stagewise, error: Inclusion, scales: Sequence[Fraction], shown: Heads) -> Inputs:
         """The inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them."""
@@ -65,4 +70,6 @@ class Sizes:
                 output, slope = shown[state]
                 moved += step.ends(output)[1] * (step.h * slope)
             each += [moved * size] if size else []
+        one = identity(len(scales))
+        each += [step.beside(one[k]) * size for k, size in enumerate(self.fields) if size]
         return Inputs.of(each)

@@ -73,7 +73,7 @@ class Inclusion:
     the `units` (n) of the chain's states, by which the errors of fields are scaled; `scale` (n), of parameters, from
     the form's states to these; `numbers`: what the observer is built with beside theta; `own`: evidence of the core,
     beside these; `hull`: places of the slopes that vary, from -1 to 1 in their ranges, in whose hull they keep
-    together; none where each goes by itself."""
+    together; none where each goes by itself; `chained`: whether a program's fields are of w, not of z."""
 
     N: Array
     B: Array
@@ -84,6 +84,7 @@ class Inclusion:
     numbers: Mapping[str, Any]
     own: Evidence = field(default_factory=dict)
     hull: tuple[tuple[Fraction, ...], ...] = ()
+    chained: bool = False
 
     @property
     def varying(self) -> tuple[Slope, ...]:
@@ -125,6 +126,12 @@ class Inclusion:
             return None
         index, power = self.layout.index, self.layout.power
         return tuple(Fraction(scale[i].p, scale[i].q) / theta**p for i, p in zip(index, power, strict=True))
+
+    def remembered(self, theta: Fraction) -> tuple[Fraction, ...] | None:
+        """By field (N), its error e_k where that of a program's field is 1; None where a scale holds parameters."""
+        if not self.chained:
+            return self.scales(theta)
+        return tuple(self.units[i] / theta**p for i, p in zip(self.layout.index, self.layout.power, strict=True))
 
     def at(self, theta: Fraction) -> "Uncertain":
         """The inclusion at a theta > 0."""
@@ -199,7 +206,8 @@ def on_integrators(
     scale = from_form(chain.form, units)
     zero, one = Fraction(0), Fraction(1)
     shares = (Slope(of, tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates)
-    return inclusion(chain.form, layout, core, measured, scale, units, numbers, shares)
+    error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares)
+    return error if isinstance(error, Nothing) else replace(error, chained=True)
 
 
 def nominal_units(chain: Integrators) -> list[Fraction] | Nothing:
@@ -222,7 +230,7 @@ def on_companion(chain: Integrators, p: Sequence[float]) -> Inclusion | Nothing:
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
     error = on_integrators(chain, plain(form), companions(exactly, form.blocks), by_chain(form, p), numbers)
-    return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)})
+    return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)}, chained=False)
 
 
 def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:

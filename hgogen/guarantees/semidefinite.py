@@ -149,14 +149,14 @@ def cheapest(
     p, one = n * (n + 1) // 2, np.eye(n)
     added = [*rewards, *(np.zeros((form.size, form.size)) for form in others)]
     of_forms = [
-        _definite(_entries(form), 0 * more[None], -more - by * np.eye(form.size))
+        _definite(_entries(form, ()), 0 * more[None], -more - by * np.eye(form.size))
         for form, more in zip((*forms, *others), added, strict=True)
     ]
     positive: Rows = (np.hstack([-_packed(_basis(n)), np.zeros((p, k + 1))]), -by * _packed(one[None])[:, 0], True)
     last = np.hstack([np.zeros((q, p + k - q)), np.eye(q), -np.ones((q, 1))])
-    rows = [*of_forms, positive, (last, np.zeros(q), False), _signs(p, k)]
+    rows = [*of_forms, positive, (last, np.zeros(q), False), _signs((p, k, 0))]
     solution = _solved(np.append(np.zeros(p + k), 1.0), rows, _CLOSER, what)
-    return solution and _parts(solution[0], n)[:2]
+    return solution and _parts(solution[0], n, k)[:2]
 
 
 def together(form: Quadratic, q: int, most: float) -> Limits:

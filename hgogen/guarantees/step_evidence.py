@@ -133,6 +133,7 @@ class UnderInputs:
                 "samples": share.sizes.samples,
                 "stages": share.sizes.stages,
                 "beside": share.sizes.beside,
+                "fields": share.sizes.fields,
                 "unit": share.unit,
                 "bounds": [
                     {

@@ -3,8 +3,9 @@
     2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + .. - sum_k lambda_k v_k^2 < 0,   sum_k lambda_k <= alpha
 
 keeps |e|_P <= 1 while each |v_k| <= 1 (`stages` has the rest). Inputs are errors of the samples of an output at both
-ends of a call, errors of what is injected at a stage, and what the plant does beside a step of the method in a row of
-its form, over h, which the sample at the end of the call shows. A share is of inputs in one unit.
+ends of a call, errors of what is injected at a stage, what the plant does beside a step of the method in a row of its
+form, over h, which the sample at the end of the call shows, and what comes to an element of e itself, over h. A share
+is of inputs in one unit.
 """
 
 from collections.abc import Mapping
@@ -23,7 +24,10 @@ from ..structure import on_chains
 from ..text import number
 from ..uncertain import ErrorInclusion, error_inclusion
 
-_KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method")
+_KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding")
+
+
+_SHARE = {"inputs", "samples", "stages", "beside", "fields", "unit", "bounds"}
 
 
 def error(context: Context, claim: Claim) -> Shown:
@@ -41,8 +45,8 @@ def error(context: Context, claim: Claim) -> Shown:
     of = dict[str, str]()
     totals, wanted = dict.fromkeys(range(len(scales)), Fraction(0)), {k for k, fed in enumerate(inclusion.fed) if fed}
     for share in shares:
-        if not isinstance(share, dict) or set(share) != {"inputs", "samples", "stages", "beside", "unit", "bounds"}:
-            raise NotShown("a share is no object of inputs, samples, stages, beside, unit and bounds")
+        if not isinstance(share, dict) or set(share) != _SHARE:
+            raise NotShown(f"a share is no object of {', '.join(sorted(_SHARE))}")
         kind = part(share, "inputs", str)
         if kind not in _KINDS or kind in of:
             raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
@@ -96,6 +100,9 @@ def _inputs(
                 raise NotShown("the slope of an output is no number")
             moved += ends(method, into[j])[1] * (h * slope)
         inputs += [moved * size] if size else []
+    for k, size in enumerate(_sizes(share, "fields", len(error.N))):
+        itself = Input([nothing] * stages, [Fraction(int(k == at)) for at in range(len(error.N))])
+        inputs += [itself * size] if size else []
     if not inputs:
         raise NotShown("a share has no inputs")
     return [each * (1 / unit) for each in inputs]
@@ -103,7 +110,7 @@ def _inputs(
 
 def _all(share: Mapping[str, Any]) -> list[Fraction]:
     """The sizes of a share that are not 0."""
-    flat = [*share["samples"], *(size for row in share["stages"] for size in row), *share["beside"]]
+    flat = [*share["samples"], *(size for row in share["stages"] for size in row), *share["beside"], *share["fields"]]
     return [size for size in map(number, flat) if size]
 
 

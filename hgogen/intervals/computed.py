@@ -1,0 +1,311 @@
+"""How far a number that a program computes may be from that of exact arithmetic: a running error analysis on ranges.
+
+Each value v of exact arithmetic has a range, and a bound e on |v~ - v|, v~ what is computed of it. Round to nearest
+takes at most u |v~| more, u = 2^-24 or 2^-53, and `tiny` where a result underflows:
+
+    v = a + b   e = e_a + e_b + u |v~|      v = a b   e = |a| e_b + |b| e_a + e_a e_b + u |v~|
+    v = a / b   e = (e_a + |v| e_b)/(|b| - e_b) + u |v~|     v = f(a)   e = sup|f'| e_a + k ulp
+
+min, max and |.| do not enlarge errors. Where a comparison may turn out otherwise in the program, what hangs on it may
+be any of the two. The ulps of elementary functions are measured, not proved: twice the largest that are said of those
+of `emit.elementary`. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 3.3.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import casadi as ca
+from flint import arb
+
+Real = Literal["float", "double"]
+REALS: tuple[Real, ...] = ("float", "double")
+_NOTHING, _ONE = arb(0), arb(1)
+_ULPS = 2  # times those that are measured
+_FOLDED = 8  # roundings of a double in a constant that is no whole number, as it was computed before it was written
+_WHOLE = 2**24  # whole numbers up to this are exact in every precision
+
+
+class Unsure(ArithmeticError):
+    """What has no bound: `args[0]` says what stands in the way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Computed:
+    """The range of a value of exact arithmetic, and a bound on how far the computed one is from it, in Arb's balls. Of
+    a truth value the range is within [0, 1], and the error 1 where the program may decide otherwise. `test` and
+    `chosen`: of a value that is 0 where a test fails, the test and the value; `negates`: of a truth value, which it is
+    not."""
+
+    value: Any
+    error: Any = _NOTHING
+    test: "Computed | None" = None
+    chosen: "Computed | None" = None
+    negates: "Computed | None" = None
+
+    @property
+    def size(self) -> Any:
+        """At least |v| and |v~|."""
+        return (abs(self.value) + self.error).upper()
+
+    @property
+    def around(self) -> Any:
+        """Where the exact and the computed value are."""
+        return self.value + arb(0, self.error.upper())
+
+    @property
+    def known(self) -> bool | None:
+        """The truth of a truth value, of which the program is sure; None where that is not known."""
+        if not self.error.is_zero():
+            return None
+        return True if self.value == 1 else False if self.value == 0 else None
+
+
+def exactly(value: Any) -> Computed:
+    """What is the same in both, of a number or a ball."""
+    return Computed(arb(value))
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """The operations of a working precision, by CasADi's numbers of them."""
+
+    real: Real
+
+    @property
+    def unit(self) -> Any:
+        """u."""
+        return arb(2) ** (-24 if self.real == "float" else -53)
+
+    @property
+    def tiny(self) -> Any:
+        """The smallest normal number: what an underflow may cost, also where it is flushed to 0."""
+        return arb(2) ** (-126 if self.real == "float" else -1022)
+
+    @property
+    def largest(self) -> Any:
+        """Below the largest number."""
+        return arb(2) ** (127 if self.real == "float" else 1023)
+
+    def constant(self, number: float) -> Computed:
+        """A number of a graph, and what holding it costs."""
+        value = arb(number)
+        if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
+            return Computed(value)
+        folded = _FOLDED * abs(value) * arb(2) ** -53
+        return Computed(value + arb(0, folded.upper()), (abs(value) * self.unit + folded + self.tiny).upper())
+
+    def apply(self, op: int, values: list[Computed]) -> Computed:
+        """One operation. Raises: `Unsure`."""
+        if op in _EXACT:
+            return _EXACT[op](*values)
+        same = _unchanged(op, values)
+        if same:
+            return same
+        if op in _ROUNDED:
+            return self._rounded(*_ROUNDED[op](*values))
+        if op in _SMOOTH:
+            ulps, function, slope = _SMOOTH[op]
+            (x,) = values
+            return self._rounded(function(x.value), abs(slope(x.around)) * x.error, 2 * _ULPS * arb(ulps))
+        if op in (ca.OP_POW, ca.OP_CONSTPOW):
+            return self._power(*values)
+        raise Unsure("an operation whose rounding is not known")
+
+    def _power(self, x: Computed, y: Computed) -> Computed:
+        """x^y of x > 0, or of a whole y."""
+        value = x.value**y.value
+        by_base = abs(y.around * x.around ** (y.around - 1)) * x.error
+        slope = abs(abs(x.around).log() * y.around)
+        by_exponent = abs(x.around**y.around * abs(x.around).log()) * y.error if not y.error.is_zero() else _NOTHING
+        return self._rounded(value, by_base + by_exponent, 2 * _ULPS * (arb("1.5") + 2 * slope))
+
+    def _rounded(self, value: Any, inherited: Any, units: Any = _ONE) -> Computed:
+        """The result of one operation that errs by so many units. Raises: `Unsure` of one that may overflow."""
+        unit, inherited = self.unit * units, inherited.abs_upper()
+        error = (inherited + unit * (abs(value) + inherited) * (1 + 2 * unit) + self.tiny * units).abs_upper()
+        if not (value.is_finite() and error.is_finite() and abs(value) + error < self.largest):
+            raise Unsure("a division by what may be 0, a value that may overflow, or an argument without a value")
+        return Computed(value, error)
+
+
+# --- what is exact but for what it takes
+
+
+def _least(a: Computed, b: Computed) -> Computed:
+    return Computed(_between(_lower(a, b), a.value.upper().min(b.value.upper())), _larger(a.error, b.error))
+
+
+def _greatest(a: Computed, b: Computed) -> Computed:
+    low, high = a.value.lower().max(b.value.lower()), a.value.upper().max(b.value.upper())
+    return Computed(_between(low, high), _larger(a.error, b.error))
+
+
+def _lower(a: Computed, b: Computed) -> Any:
+    return a.value.lower().min(b.value.lower())
+
+
+def _between(low: Any, high: Any) -> Any:
+    return low.union(high)
+
+
+def _larger(a: Any, b: Any) -> Any:
+    return a.max(b).upper()
+
+
+def _size(a: Computed) -> Computed:
+    low = a.value.abs_lower()
+    return Computed(_between(low, a.value.abs_upper()), a.error)
+
+
+def _truth(known: bool | None, sure: bool) -> Computed:
+    if known is None:
+        return Computed(_between(_NOTHING, _ONE), _NOTHING if sure else _ONE)
+    return exactly(int(known))
+
+
+def _below(a: Computed, b: Computed) -> Computed:
+    """a < b; where they may be equal in one of both, it is not known."""
+    gap, error = b.value - a.value, a.error + b.error
+    return _truth(True if gap > error else False if gap < -error else None, bool(error.is_zero()))
+
+
+def _at_most(a: Computed, b: Computed) -> Computed:
+    gap, error = b.value - a.value, a.error + b.error
+    sure = bool(error.is_zero())
+    return _truth(True if gap > error or (sure and gap >= 0) else False if gap < -error else None, sure)
+
+
+def _not(a: Computed) -> Computed:
+    return Computed(1 - a.value, a.error, negates=a)
+
+
+def _and(a: Computed, b: Computed) -> Computed:
+    if a.known is False or b.known is False:
+        return exactly(0)
+    return Computed(_least(a, b).value, _larger(a.error, b.error))
+
+
+def _or(a: Computed, b: Computed) -> Computed:
+    if a.known is True or b.known is True:
+        return exactly(1)
+    return Computed(_greatest(a, b).value, _larger(a.error, b.error))
+
+
+def _chosen(test: Computed, value: Computed) -> Computed:
+    """The value where the test holds, else 0."""
+    if test.known is False:
+        return exactly(0)
+    if test.known is True:
+        return Computed(value.value, value.error, test, value)
+    error = value.error if test.error.is_zero() else value.size
+    return Computed(value.value.union(_NOTHING), error, test, value)
+
+
+def _unchanged(op: int, values: list[Computed]) -> Computed | None:
+    """What an operation leaves as it is: a sum with 0, or of which one part is 0 by its test, a product with 1 or 0."""
+    if op not in (ca.OP_ADD, ca.OP_MUL):
+        return None
+    a, b = values
+    if op == ca.OP_ADD and _complements(a, b):
+        return _either(a, b)
+    neutral = 0 if op == ca.OP_ADD else 1
+    for one, other in ((a, b), (b, a)):
+        if one.error.is_zero() and one.value == neutral:
+            return other
+        if op == ca.OP_MUL and one.error.is_zero() and one.value == 0:
+            return one
+    return None
+
+
+def _complements(a: Computed, b: Computed) -> bool:
+    """Whether one of two is 0 wherever the other is not by its test."""
+    if a.test is None or b.test is None:
+        return False
+    return a.test.negates is b.test or b.test.negates is a.test
+
+
+def _either(a: Computed, b: Computed) -> Computed:
+    """One of two: to which nothing is added."""
+    assert a.test
+    assert a.chosen
+    assert b.chosen
+    yes, no = a.chosen, b.chosen
+    between = _NOTHING if a.test.error.is_zero() else abs(yes.value - no.value)
+    return Computed(yes.value.union(no.value), (_larger(yes.error, no.error) + between).upper())
+
+
+def _twice(a: Computed) -> Computed:
+    return Computed(2 * a.value, 2 * a.error)
+
+
+_EXACT: Mapping[int, Callable[..., Computed]] = {
+    ca.OP_NEG: lambda a: Computed(-a.value, a.error),
+    ca.OP_FABS: _size,
+    ca.OP_FMIN: _least,
+    ca.OP_FMAX: _greatest,
+    ca.OP_TWICE: _twice,
+    ca.OP_LT: _below,
+    ca.OP_LE: _at_most,
+    ca.OP_NOT: _not,
+    ca.OP_AND: _and,
+    ca.OP_OR: _or,
+    ca.OP_IF_ELSE_ZERO: _chosen,
+}
+
+
+# --- what is rounded once: the exact result, and the error that it inherits
+
+
+def _product(a: Computed, b: Computed) -> tuple[Any, Any]:
+    return a.value * b.value, abs(a.value) * b.error + abs(b.value) * a.error + a.error * b.error
+
+
+def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
+    value = a.value / b.value
+    return value, (a.error + abs(value) * b.error) / abs(b.around)
+
+
+def _square(a: Computed) -> tuple[Any, Any]:
+    return a.value**2, (2 * abs(a.value) + a.error) * a.error
+
+
+_ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
+    ca.OP_ADD: lambda a, b: (a.value + b.value, a.error + b.error),
+    ca.OP_SUB: lambda a, b: (a.value - b.value, a.error + b.error),
+    ca.OP_MUL: _product,
+    ca.OP_SQ: _square,
+    ca.OP_DIV: _quotient,
+    ca.OP_INV: lambda a: _quotient(exactly(1), a),
+}
+
+
+# --- elementary functions: the ulps that are said of them, the function and its slope
+
+
+def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """One of angles up to 200, within which its ulps are measured in each precision."""
+    return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
+
+
+_ANGLE = 200
+_SMOOTH: Mapping[int, tuple[float, Callable[[Any], Any], Callable[[Any], Any]]] = {
+    ca.OP_SQRT: (2, lambda x: x.sqrt(), lambda x: x.rsqrt() / 2),
+    ca.OP_EXP: (2, lambda x: x.exp(), lambda x: x.exp()),
+    ca.OP_LOG: (2, lambda x: x.log(), lambda x: 1 / x),
+    ca.OP_SIN: (2, _angle(lambda x: x.sin()), lambda x: x.cos()),
+    ca.OP_COS: (2, _angle(lambda x: x.cos()), lambda x: x.sin()),
+    ca.OP_TAN: (4, _angle(lambda x: x.tan()), lambda x: 1 + x.tan() ** 2),
+    ca.OP_ASIN: (2, lambda x: x.asin(), lambda x: (1 - x**2).rsqrt()),
+    ca.OP_ACOS: (2, lambda x: x.acos(), lambda x: (1 - x**2).rsqrt()),
+    ca.OP_ATAN: (2, lambda x: x.atan(), lambda x: 1 / (1 + x**2)),
+    ca.OP_SINH: (2.5, lambda x: x.sinh(), lambda x: x.cosh()),
+    ca.OP_COSH: (2, lambda x: x.cosh(), lambda x: x.sinh()),
+    ca.OP_TANH: (3.5, lambda x: x.tanh(), lambda x: 1 - x.tanh() ** 2),
+    ca.OP_ASINH: (3.5, lambda x: x.asinh(), lambda x: (1 + x**2).rsqrt()),
+    ca.OP_ACOSH: (3.5, lambda x: x.acosh(), lambda x: (x**2 - 1).rsqrt()),
+    ca.OP_ATANH: (3.5, lambda x: x.atanh(), lambda x: 1 / (1 - x**2)),
+    ca.OP_EXPM1: (2.5, lambda x: x.expm1(), lambda x: x.exp()),
+    ca.OP_LOG1P: (2.5, lambda x: x.log1p(), lambda x: 1 / (1 + x)),
+}
