@@ -305,6 +305,24 @@ LIES: dict[str, Callable[[Any], None]] = {
     "inputs of no kind": put("shares", 0, "inputs", value="nothing"),
     "a share twice": put("shares", value=lambda shares: [*shares, shares[0]]),
     "samples that are no list": put("shares", 3, "samples", value=False),
+    "less noise than is said": put("shares", 0, "samples", 0, value=times("9/10")),
+    "a smaller step than is said": put("shares", 1, "samples", 0, value=times("9/10")),
+    "more noise said": put("shares", 0, "follows", "sizes", 0, value=times("11/10")),
+    "larger steps said": put("shares", 1, "follows", "sizes", 0, value=times("11/10")),
+    "later samples said": put("shares", 2, "follows", "sizes", 0, value=times("11/10")),
+    "samples before their time": put("shares", 2, "follows", "sizes", 0, value=times("-1")),
+    "a slower output": put("shares", 2, "follows", "speeds", 0, value=times("9/10")),
+    "more disturbance said": put("shares", 3, "follows", "sizes", 1, value=times("101/100")),
+    "a disturbance of another row said": put("shares", 3, "follows", "sizes", 0, value="1/10"),
+    "a flatter change of coordinates": put("shares", 3, "follows", "rows", 1, 1, value=times("9/10")),
+    "a flatter plant": put("shares", 3, "follows", "steepness", 1, 0, value=times("9/10")),
+    "a steepness below zero": put("shares", 3, "follows", "steepness", 1, 0, value=times("-1")),
+    "other parameters said": put("shares", 4, "follows", "sizes", 0, value=times("11/10")),
+    "a parameter that does less": put("shares", 4, "follows", "rows", 1, 0, value=times("9/10")),
+    "noise of nothing": put("shares", 0, "follows", value={}),
+    "disturbance of nothing": put("shares", 3, "follows", value={}),
+    "a method of something": put("shares", 5, "follows", value={"sizes": ["1"]}),
+    "follows no object": put("shares", 0, "follows", value=[]),
 }
 
 
@@ -321,9 +339,11 @@ def test_what_is_verified_says_how_large_the_inputs_are() -> None:
     content = copy.deepcopy(certified("high_gain"))
     (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
     put("shares", 0, "samples", 0, value="1/1000000")(claim["evidence"])
+    put("shares", 0, "follows", "sizes", 0, value="1/1000000")(claim["evidence"])
     (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".error"))
     assert row.found == "verified"
-    assert "noise of 1/1000000; rounded of 0.000500000; late of" in row.sentence
+    assert "noise of 1/1000000; rounded of 0.00100000; late of 0.000100000; disturbance of 1/2;" in row.sentence
+    assert ", which it states move z1 by" in row.sentence  # of the method's alone
     total = float(row.sentence.partition("move z1 by at most ")[2].partition(",")[0])
     assert total == pytest.approx(bounded("high_gain").bounds["q"], rel=1e-5)  # of all the shares
 

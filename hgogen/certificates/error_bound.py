@@ -19,11 +19,12 @@ from hgogen.certificates.size import Each, by_name, size, sizes
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.confined import confined, reached
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.entering import Sizes, heads_of
 from hgogen.guarantees.inclusion import of_state
-from hgogen.guarantees.plant_step import PlantStep, Unbounded
+from hgogen.guarantees.plant_step import PlantStep, Unbounded, times
 from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.signed import Signed
 from hgogen.guarantees.step_evidence import Share, UnderInputs
@@ -40,6 +41,14 @@ AnyStep = TypeVar("AnyStep", bound=Step)
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
 _GUARDS = "while no sample is rejected, and the estimate does not restart from one"
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
+
+
+@dataclass(frozen=True)
+class Entering:
+    """The `sizes` of what enters, and of what they follow, as a certificate has it."""
+
+    sizes: Sizes
+    follows: Evidence
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,7 @@ def error_bound(
     form, outputs = step.observer.form, names_of(step.observer.form.system.outputs)
     most = {
         "noise": sizes("noise", noise, outputs),
-        "rounded": [q / 2 for q in sizes("rounded", rounded, outputs)],
+        "rounded": sizes("rounded", rounded, outputs),
         "late": sizes("late", late, outputs),
         "disturbance": sizes("disturbance", disturbance, names_of(form.system.declared.states)),
         "parameters": sizes("parameters", parameters, names_of(form.system.parameters)),
@@ -145,21 +154,26 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)
 
 
-def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, Sizes]:
+def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, Entering]:
     """What enters, each by its name, where it is not 0. Raises: `Unbounded`."""
-    outputs = range(len(plant.form.output))
-    moved, mistaken = plant.moved(most["disturbance"]), plant.mistaken(most["parameters"])
+    outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
+    change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
+    moved, mistaken = times(change, pushed), times(by_parameters, wrong)
     beside = [x + y for x, y in zip(moved, mistaken, strict=True)]  # which a late sample shows as well
-    late = (tau * plant.shown(j, beside) if tau else tau for j, tau in zip(outputs, most["late"], strict=True))
+    speeds = [plant.shown(j) if tau else tau for j, tau in zip(outputs, most["late"], strict=True)]
+    late = (tau * (v + plant.beside(j, beside)) for j, v, tau in zip(outputs, speeds, most["late"], strict=True))
+    flow = {"steepness": plant.steepness} if any(beside) else {}
     each = {
-        "noise": Sizes(samples=tuple(most["noise"])),
-        "rounded": Sizes(samples=tuple(most["rounded"])),
-        "late": Sizes(samples=tuple(late)),
-        "disturbance": Sizes(beside=plant.disturbed(moved)),
-        "parameters": Sizes(beside=plant.disturbed(mistaken)),
-        "method": Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()),
+        "noise": Entering(Sizes(samples=tuple(most["noise"])), {"sizes": most["noise"]}),
+        "rounded": Entering(Sizes(samples=tuple(x / 2 for x in most["rounded"])), {"sizes": most["rounded"]}),
+        "late": Entering(Sizes(samples=tuple(late)), {"sizes": most["late"], "speeds": speeds}),
+        "disturbance": Entering(Sizes(beside=plant.disturbed(moved)), {"sizes": pushed, "rows": change, **flow}),
+        "parameters": Entering(
+            Sizes(beside=plant.disturbed(mistaken)), {"sizes": wrong, "rows": by_parameters, **flow}
+        ),
+        "method": Entering(Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()), {}),
     }
-    return {name: one for name, one in each.items() if one.largest}
+    return {name: one for name, one in each.items() if one.sizes.largest}
 
 
 def _bounded(
@@ -167,7 +181,7 @@ def _bounded(
     steps: Steps,
     proof: Contracts,
     plant: PlantStep,
-    entering: Mapping[str, Sizes],
+    entering: Mapping[str, Entering],
     real: Real | None,
 ) -> ErrorBound:
     error, form = steps.error, step.observer.form
@@ -177,15 +191,16 @@ def _bounded(
     fields = sorted({k for k, fed in enumerate(error.layout.fed) if fed})
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound]]()
     for name, one in entering.items():
-        relative = one.over(one.largest)
+        entered = one.sizes
+        relative = entered.over(entered.largest)
         if relative not in proofs:
             inputs = relative.inputs(steps.at(proof.h), error, scales, shown)
-            each = {k: of_step(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fields}
-            proofs[relative] = {k: bound for k, bound in each.items() if bound}
+            tried = {k: of_step(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fields}
+            proofs[relative] = {k: bound for k, bound in tried.items() if bound}
         if len(proofs[relative]) < len(fields):
             return _unknown(step, because("no bound is found of what {name} does", name=name))
-        shares.append(Share(name, one, one.largest, proofs[relative]))
-    each_sample = zip(*(s.samples for s in entering.values() if s.samples), strict=True)
+        shares.append(Share(name, entered, entered.largest, proofs[relative], one.follows))
+    each_sample = zip(*(one.sizes.samples for one in entering.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(form.output)
     start, without = start_of(step.observer, steps), _totals(fields, shares)
     multiple = _multiple(steps, proof, start, without) if start else None

@@ -40,6 +40,9 @@ from hgogen.structure.polytope import fixed, signals
 
 _THIRD = 3  # order of the Taylor coefficient of a line
 _SHORT = 10_000  # the largest denominator of a tableau's coefficients
+_LOOSE = Fraction(1001, 1000)  # of a supremum: what is taken for it
+_SUMMED = 1 + Fraction(1, 10**9)  # of a number, which another arithmetic ends elsewhere
+Rows = tuple[tuple[Fraction, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -99,12 +102,16 @@ class PlantStep:
         terms = (self._largest(sp.diff(y, z)) * most for z, most in zip(self.form.states, bent, strict=True))
         return self.h**_THIRD * sum(terms, Fraction(0))
 
-    def shown(self, output: int, beside: Sequence[Fraction]) -> Fraction:
-        """sup|y'| of an output of a plant whose rates are beside F by at most these sizes (n). Raises: `Unbounded`."""
+    def shown(self, output: int) -> Fraction:
+        """sup|y'| of an output. Raises: `Unbounded`."""
+        rate = self._shown(output)
+        return _loose(rate, self._largest(rate))
+
+    def beside(self, output: int, most: Sequence[Fraction]) -> Fraction:
+        """By how much more y' may be where the rates are beside F by at most these sizes (n). Raises: `Unbounded`."""
         y = self.form.output[output]
-        by = zip(self.form.states, beside, strict=True)
-        more = (self._largest(sp.diff(y, z)) * most for z, most in by if most)
-        return self._largest(self._shown(output)) + sum(more, Fraction(0))
+        by = zip(self.form.states, most, strict=True)
+        return sum((self._largest(sp.diff(y, z)) * size for z, size in by if size), Fraction(0))
 
     def _shown(self, output: int) -> sp.Expr:
         """y', but for what the inputs in it do."""
@@ -113,17 +120,18 @@ class PlantStep:
             raise Unbounded(because("the output {y} reads an input", y=y))
         return sum((sp.diff(y, z) * row for z, row in zip(form.states, self.flow, strict=True)), sp.S(0))
 
-    def moved(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """What disturbances of at most these sizes in the plant's rows, as first declared, are in those of the form.
+    def change(self, most: Sequence[Fraction]) -> Rows:
+        """sup|dT_i/dx_j| (n, n) of the form's coordinates T in the plant's states x as first declared, 0 where `most`
+        (n) is.
 
         Raises: `Unbounded`.
         """
         system, form, plant = self.form.system, self.form, self.form.system.declared
         where = box((*plant.states, *system.inputs, *system.parameters), system.nominal)
         rows = [sp.sympify(row).xreplace(self._recast) for row in form.to_form]
-        T = sp.Matrix(rows).jacobian(sp.Matrix(plant.states))
+        T, nothing = sp.Matrix(rows).jacobian(sp.Matrix(plant.states)), Fraction(0)
         return tuple(
-            sum((_largest(T[i, j], where) * size for j, size in enumerate(most) if size), Fraction(0))
+            tuple(_loose(T[i, j], _largest(T[i, j], where)) if size else nothing for j, size in enumerate(most))
             for i in range(form.n)
         )
 
@@ -133,8 +141,9 @@ class PlantStep:
         origin = self.form.system.origin
         return dict(zip(self.form.system.states, origin.forward, strict=True)) if origin else {}
 
-    def mistaken(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
-        """What parameters of the plant that are beside the program's by at most these sizes do to the rows of the form.
+    def by_parameters(self, most: Sequence[Fraction]) -> Rows:
+        """sup|dF_i/dp| (n, q) of parameters p of the plant that are beside the program's by at most these sizes (q), 0
+        where `most` is.
 
         Raises: `Unbounded`.
         """
@@ -144,23 +153,31 @@ class PlantStep:
         if read:
             raise Unbounded(because("the coordinates or outputs read {read}", read=sorted(map(str, read))))
         where = box(signals(form), system.nominal)
-        for p, size in wrong.items():
-            value = Fraction(system.nominal[p])
-            where[p] = value - size, value + size
+        for p, (low, high) in box(tuple(wrong), system.nominal).items():
+            where[p] = Fraction(low) - wrong[p], Fraction(high) + wrong[p]
         rows = form.A * sp.Matrix(form.states) + sp.Matrix(form.b)
+        parameters, nothing = system.parameters, Fraction(0)
         return tuple(
-            sum((steepness_in(row, p, where) * size for p, size in wrong.items()), Fraction(0)) for row in rows
+            tuple(_loose(row, steepness_in(row, p, where)) if p in wrong else nothing for p in parameters)
+            for row in rows
         )
+
+    @cached_property
+    def steepness(self) -> Rows:
+        """sup|dF_i/dz_j| (n, n). Raises: `Unbounded`."""
+        J = sp.Matrix(self.flow).jacobian(sp.Matrix(self.form.states))
+        each = range(self.form.n)
+        return tuple(tuple(_loose(J[i, j], self._largest(J[i, j])) for j in each) for i in each)
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course.
 
         Raises: `Unbounded`.
         """
-        n, J = self.form.n, sp.Matrix(self.flow).jacobian(sp.Matrix(self.form.states))
-        M = [[self._largest(J[i, j]) * self.h for j in range(n)] + [most[i]] for i in range(n)]
+        n = self.form.n
+        M = [[*(x * self.h for x in row), size] for row, size in zip(self.steepness, most, strict=True)]
         whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()
-        return tuple(_above(whole[i, n]) for i in range(n))
+        return tuple(_above(whole[i, n]) * _SUMMED for i in range(n))
 
     def remainder(self) -> tuple[Fraction, ...]:
         """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
@@ -258,6 +275,16 @@ class PlantStep:
 
 class Unbounded(ArithmeticError):
     """What has no bound on the ranges, `args[0]` is the reason."""
+
+
+def times(rows: Rows, sizes: Sequence[Fraction]) -> tuple[Fraction, ...]:
+    """The product of rows with a column."""
+    return tuple(sum((x * size for x, size in zip(row, sizes, strict=True)), Fraction(0)) for row in rows)
+
+
+def _loose(expression: sp.Expr, most: Fraction) -> Fraction:
+    """What an expression is at most, a little larger, so that a weaker arithmetic reaches it."""
+    return most if expression.is_Symbol else most * (_SUMMED if expression.is_number else _LOOSE)
 
 
 def _largest(expression: sp.Expr, where: Box) -> Fraction:

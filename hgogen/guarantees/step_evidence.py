@@ -1,7 +1,7 @@
 """The evidence of a step that contracts: the weights of its quadratic form, and the ranges of the slopes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -102,12 +102,14 @@ class FromStart:
 
 @dataclass(frozen=True)
 class Share:
-    """What some inputs of these `sizes` do, by name: by the `proofs` of their sizes over `unit`, by field."""
+    """What some inputs of these `sizes` do, by name: by the `proofs` of their sizes over `unit`, by field. `follows`:
+    of what the sizes follow, numbers that a user says and suprema on the ranges; empty where that is not written."""
 
     what: str
     sizes: Sizes
     unit: Fraction
     proofs: Mapping[int, InputBound]
+    follows: Evidence = field(default_factory=dict)
 
     def bound(self, field: int) -> Fraction:
         """How far they move the error for which a field stands."""
@@ -130,6 +132,7 @@ class UnderInputs:
         shares: list[dict[str, Any]] = [
             {
                 "inputs": share.what,
+                "follows": share.follows,
                 "samples": share.sizes.samples,
                 "stages": share.sizes.stages,
                 "beside": share.sizes.beside,

@@ -18,6 +18,7 @@ from ..context import Context, Shown, short
 from ..cores import CONSTANT
 from ..falling import demand_negative
 from ..file import Claim, part
+from ..follows import STATED, demand_followed
 from ..matrix import above_zero, column, entries, plus, scalar
 from ..stages import Input, Method, corner, ends, form_of, method_of, place, within
 from ..structure import on_chains
@@ -27,7 +28,7 @@ from ..uncertain import ErrorInclusion, error_inclusion
 _KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding")
 
 
-_SHARE = {"inputs", "samples", "stages", "beside", "fields", "unit", "bounds"}
+_SHARE = {"inputs", "follows", "samples", "stages", "beside", "fields", "unit", "bounds"}
 
 
 def error(context: Context, claim: Claim) -> Shown:
@@ -42,7 +43,7 @@ def error(context: Context, claim: Claim) -> Shown:
         raise NotShown("its gains are no numbers in these coordinates")
     if not shares:
         raise NotShown("it has no shares")
-    of = dict[str, str]()
+    of, by_kind = dict[str, str](), dict[str, Mapping[str, Any]]()
     totals, wanted = dict.fromkeys(range(len(scales)), Fraction(0)), {k for k, fed in enumerate(inclusion.fed) if fed}
     for share in shares:
         if not isinstance(share, dict) or set(share) != _SHARE:
@@ -51,6 +52,7 @@ def error(context: Context, claim: Claim) -> Shown:
         if kind not in _KINDS or kind in of:
             raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
         unit, inputs = above_zero(share, "unit"), _inputs(context, inclusion, method, h, theta, share)
+        by_kind[kind] = share
         of[kind] = f"{kind} of {', '.join(short(size, -1) for size in _all(share))}"
         bounds = part(share, "bounds", list)
         if {_field(one, len(scales)) for one in bounds} != wanted or len(bounds) > len(wanted):
@@ -64,10 +66,12 @@ def error(context: Context, claim: Claim) -> Shown:
             demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
             within(one, k, scales, bound / unit)
             totals[k] += bound
+    boxes = demand_followed(context, h, by_kind)
+    of |= {kind: f"{text}, which it states" for kind, text in of.items() if kind in STATED}
     states = zip(context.z, inclusion.picks, strict=True)
     said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
     at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
-    return Shown(f"{at}, {'; '.join(of.values())} move {said} in all", inclusion.boxes)
+    return Shown(f"{at}, {'; '.join(of.values())} move {said} in all", inclusion.boxes + boxes)
 
 
 def _field(one: Any, count: int) -> int:
@@ -109,8 +113,10 @@ def _inputs(
 
 
 def _all(share: Mapping[str, Any]) -> list[Fraction]:
-    """The sizes of a share that are not 0."""
-    flat = [*share["samples"], *(size for row in share["stages"] for size in row), *share["beside"], *share["fields"]]
+    """The sizes of a share that are not 0, of one whose sizes follow those from which they do."""
+    follows = part(share, "follows", dict)
+    stated = [*share["samples"], *(size for row in share["stages"] for size in row), *share["beside"], *share["fields"]]
+    flat = part(follows, "sizes", list) if follows else stated
     return [size for size in map(number, flat) if size]
 
 
