@@ -128,6 +128,25 @@ def test_the_banner_has_the_rows() -> None:
     assert K.labels[:4] == ("theta K_(1,1,1)", "K_(1,1,2)", "theta^2 K_(1,2,1)", "theta K_(1,2,2)")
 
 
+def test_a_short_chain_at_the_end_reaches_a_long_one_by_powers_below_0() -> None:
+    x = [hg.Signal(f"x{i}", low=-4, high=4) for i in range(1, 5)]
+    outputs, flow = (hg.Signal("y1"), hg.Signal("y2")), [x[1], x[2], -sp.sin(x[0]) - x[3], -x[3] + x[0] / 9]
+    plant = hg.System("long", states=x, outputs=outputs, flow=flow, output=[x[0], x[3]])
+    gains = np.array([[3, 0.2], [3, 0.4], [1, 0.6], [0.1, 1]])
+    form = hg.forms.block_triangular(plant, align="end")
+    observer = hg.observers.high_gain(form, theta=8, gains=gains)
+    step = hg.sample(observer, dt=1e-3)
+    step.tune()
+    expected = gains * 8.0 ** np.array([[1, -1], [2, 0], [3, 1], [3, 1]])
+    assert step._kept.places[Place("derived", "K")] == pytest.approx(expected.ravel(), rel=1e-12)
+    (K,) = observer.parts[0].derived
+    assert K.labels[:4] == ("theta K_(1,1,1)", "theta^-1 K_(1,1,2)", "theta^2 K_(1,2,1)", "K_(1,2,2)")
+    assert "64 samples as recorded" in native.run_check(hg.targets.c99(step, real="float"))
+    checks = (*observer.checks, *hg.contraction(step).checks)
+    rows = findings(hg.certificate(form, checks, "high_gain"))
+    assert rows["step"] == rows["convergence"] == "verified"
+
+
 def test_a_column_is_a_gain_of_one_chain() -> None:
     form = hg.forms.triangular(one())
     each = [hg.observers.high_gain(form, theta=5, gains=gains) for gains in ((2, 1), [[2], [1]])]
