@@ -1,5 +1,6 @@
 """Bounds of the error where what enters meets something else: late samples a disturbance, a parameter a jump."""
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -221,3 +222,28 @@ def test_what_is_no_step_is_refused(proof: Any, other: Any) -> None:
     with pytest.raises(NoStep) as error:
         proof(other)
     assert f"given to {proof.__name__} is no step; make one by hg.sample" in str(error.value)
+
+
+def test_a_short_chain_aligned_at_the_end_is_in_units_of_its_own() -> None:
+    """The errors of its first state are over a power of theta, and so are those of its samples, or what one sample
+    shows of a disturbance would seem to undo it."""
+    x = [hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 5)]
+    y1, y2 = hg.Signal("y1"), hg.Signal("y2")
+    flow = [-x[0] / 10 + sp.sin(x[2]) * x[3] / 20, x[2], x[3], -x[1] / 10]
+    plant = hg.System("ends", states=tuple(x), outputs=(y1, y2), flow=flow, output=x[:2])
+    form = hg.forms.block_triangular(plant)
+    assert (form.alignment, form.blocks) == ("end", (1, 3))
+    observer = hg.observers.high_gain(form, theta=10, poles=((-1,), (-1, -1, -1)))
+    step = hg.sample(observer, hg.methods.heun, dt=2e-3)
+    known = hg.error_bound(step, disturbance={"x1": 1}, noise={"y1": 1})
+    assert 1 / 10.1 <= known.shares["disturbance"]["x1"] < 0.105  # e' = -10.1 e - 1, while the plant rests
+    assert 0.98 <= known.shares["noise"]["x1"] < 1.1
+    content = hg.certificate(form, (*observer.checks, *hg.contraction(step).checks, known.check), observer.name)
+    rows = {row.id: row.found for row in recheck(sealed(content)).rows}
+    assert rows["high_gain.error"] == "verified"
+    (claim,) = (each for each in content["claims"] if each["id"] == "high_gain.error")
+    for share in claim["evidence"]["shares"]:
+        for one in share["bounds"]:
+            one["bound"] = str(Fraction(one["bound"]) / 50)
+    rows = {row.id: row.found for row in recheck(sealed(content)).rows}
+    assert rows["high_gain.error"] != "verified"

@@ -1,9 +1,10 @@
 """The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
 
-    e' = (theta N + sum over slopes of theta^-degree d onto of') e + theta B v,   d in [low, high], each by itself
+    e' = (theta N + sum over slopes of theta^-degree d onto of') e + B diag(theta^(1 - late)) v,   d in [low, high]
 
-e holds the errors of the observer's fields, that of the field k over s_k theta^p(k). Each slope d is what the error of
-one field, `of`, brings into the rates of others:
+e holds the errors of the observer's fields, that of the field k over s_k theta^p(k); `late` are the p of the first
+states of the outputs' chains. Each slope d, by itself, is what the error of one field, `of`, brings into the rates of
+others:
 
     db_i/dz_j              the mean of the slope on the way from the plant's state to the clamped estimate, times the
                            share c_j in [0, 1] of the error that the clamp leaves: degree p(i) - p(j), 0 in its range
@@ -69,11 +70,12 @@ class Slope:
 
 @dataclass(frozen=True, eq=False)
 class Inclusion:
-    """`N` (N, N); `B` (N, p), by which errors v of the samples enter; the `slopes`; how the fields lie, the `layout`;
-    the `units` (n) of the chain's states, by which the errors of fields are scaled; `scale` (n), of parameters, from
-    the form's states to these; `numbers`: what the observer is built with beside theta; `own`: evidence of the core,
-    beside these; `hull`: places of the slopes that vary, from -1 to 1 in their ranges, in whose hull they keep
-    together; none where each goes by itself; `chained`: whether a program's fields are of w, not of z."""
+    """`N` (N, N); `B` (N, p), by which errors v of the samples enter at theta = 1; the `slopes`; how the fields lie,
+    the `layout`; the `units` (n) of the chain's states, by which the errors of fields are scaled; `scale` (n), of
+    parameters, from the form's states to these; `numbers`: what the observer is built with beside theta; `own`:
+    evidence of the core, beside these; `late` (p): the powers of theta of the first states of the outputs' chains;
+    `hull`: places of the slopes that vary, from -1 to 1 in their ranges, in whose hull they keep together; none where
+    each goes by itself; `chained`: whether a program's fields are of w, not of z."""
 
     N: Array
     B: Array
@@ -83,6 +85,7 @@ class Inclusion:
     scale: tuple[sp.Expr, ...]
     numbers: Mapping[str, Any]
     own: Evidence = field(default_factory=dict)
+    late: tuple[int, ...] = (0,)
     hull: tuple[tuple[Fraction, ...], ...] = ()
     chained: bool = False
 
@@ -141,7 +144,8 @@ class Inclusion:
             M[:, slope.of] += rational(slope.onto) * (number(slope.low + slope.high) / 2 * level**-slope.degree)
         G = [rational(slope.onto) * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
         H = [identity(len(M))[slope.of] for slope in varying]
-        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), self.B * level, self.N * level)
+        entering = self.B * np.array([level ** (1 - power) for power in self.late], dtype=object)
+        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), entering, self.N * level)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +187,9 @@ def inclusion(
     scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
     moved = (replace(each, onto=tuple(x * t[k] / t[each.of] for k, x in enumerate(each.onto))) for each in others)
     entering = rational(measured) * rational(t)[:, None]
-    own = {"units": tuple(units)}
-    return Inclusion(scaled, entering, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers, own)
+    powers, own = exponents(form), {"units": tuple(units)}
+    late = tuple(powers[head] for head in form.heads) if entering.size else ()
+    return Inclusion(scaled, entering, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers, own, late)
 
 
 def on_integrators(

@@ -1,10 +1,11 @@
 """What the error of an observer obeys, rebuilt from the plant and the observer's numbers.
 
-    e' = (theta N + sum over slopes of theta^-degree d onto of') e + theta B v,   d in [low, high] each by itself
+    e' = (theta N + sum over slopes of theta^-degree d onto of') e + B diag(theta^(1 - late)) v,   d in [low, high]
 
-e holds the errors of fields over their units and theta^power. A slope of b_i in z_j, in these coordinates, has 0 in its
-range, as a clamp lets a share of the error pass, and the degree power(i) - power(j); an a_i that moves, and a
-saturation in the core, have the degree -1. The cores are those of `cores` and of a constant gain.
+each by itself; e holds the errors of fields over their units and theta^power, `late` the powers of the first states of
+the outputs' chains. A slope of b_i in z_j, in these coordinates, has 0 in its range, as a clamp lets a share of the
+error pass, and the degree power(i) - power(j); an a_i that moves, and a saturation in the core, have the degree -1. The
+cores are those of `cores` and of a constant gain.
 """
 
 from collections.abc import Callable, Mapping
@@ -36,7 +37,7 @@ class Slope:
 
 @dataclass(frozen=True)
 class ErrorInclusion:
-    """N and the slopes, with how many boxes they were shown; `measured` (N, p), by what the samples enter, over theta.
+    """N and the slopes, with how many boxes they were shown; `measured` (N, p), by what the samples enter at theta = 1.
     The error of the field k is theta^-power scale_i times that of z_i, i = `index`(k), which it estimates where it is
     `fed`; b reads z_i from the field that it `picks`."""
 
@@ -49,6 +50,11 @@ class ErrorInclusion:
     picks: list[int]
     power: list[int]
     scale: list[Expression]
+    late: list[int]
+
+    def entering(self, theta: Fraction, output: int) -> list[Fraction]:
+        """By what an error of the samples of an output enters (N) at a theta."""
+        return [theta ** (1 - self.late[output]) * row[output] for row in self.measured]
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
         """By field (N), its error where that of its state of the form is 1. Raises: `NotShown` where a scale holds
@@ -90,7 +96,9 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         slopes.append(Slope(of, moved, Fraction(0), Fraction(1), -1))
     measured = [[x * unit] for x, unit in zip(core.measured, t, strict=True)]
     N, boxes = similar(t, core.vertices[-1]), boxes + scale.boxes
-    return ErrorInclusion(N, slopes, boxes, measured, core.index, core.fed, core.picks, core.power, scale.expressions)
+    return ErrorInclusion(
+        N, slopes, boxes, measured, core.index, core.fed, core.picks, core.power, scale.expressions, [0]
+    )
 
 
 def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
@@ -112,7 +120,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         moving, seen = _moving(context, observer, evidence, scale)
         slopes = slopes + moving
     measured, each = _by_chain(context, observer, scale), [*range(n)]
-    return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale)
+    return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale, shift)
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:

@@ -86,7 +86,7 @@ def _inputs(
 ) -> list[Input]:
     """The inputs of a share that are not 0, in its unit. Raises: `NotShown`."""
     p, n, stages, unit = len(context.form.output), len(context.z), len(method.nodes), scalar(share, "unit")
-    into = [[theta * row[j] for row in error.measured] for j in range(p)]
+    into = [error.entering(theta, j) for j in range(p)]
     nothing, scales, inputs = [Fraction(0)] * len(error.N), error.scales(context, theta), list[Input]()
     for j, size in enumerate(_sizes(share, "samples", p)):
         inputs += [end * size for end in ends(method, into[j]) if size]

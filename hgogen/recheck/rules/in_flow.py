@@ -72,7 +72,7 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     columns = list[list[Fraction]]()
     for j, size in enumerate(column(evidence, "noise", len(context.form.output))):
         if size:
-            columns.append([theta * row[j] * size for row in error.measured])
+            columns.append([x * size for x in error.entering(theta, j)])
             said.append(f"under noise of {short(size)} in output {j + 1}")
     for beside in part(evidence, "beside", list):
         rows = column({"beside": beside}, "beside", len(context.z))

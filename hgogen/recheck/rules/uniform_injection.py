@@ -113,7 +113,7 @@ def _inclusion(n: int, slopes: list[Slope]) -> ErrorInclusion:
     for k in range(n - 1):
         shift[k][k + 1] = Fraction(1)
     every = [*range(n)]
-    return ErrorInclusion(shift, slopes, 0, [], every, [True] * n, every, every, [])
+    return ErrorInclusion(shift, slopes, 0, [], every, [True] * n, every, every, [], [])
 
 
 def _injected(K: list[Fraction], q: tuple[Fraction, ...]) -> list[Fraction]:
