@@ -100,7 +100,12 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
         return IssGain({}, _unknown(observer, "iss_gain", claim, known))
     driven = Driven(known.error.at(known.theta), known.B, known.B[:0])
     W, fields = inverse_root(floats(rational(known.falls.weights.P))), known.error.layout.picks
-    each = [input_bound(driven.form, W, known.B.shape[1], of_state(known.scales, k), known.falls.alpha) for k in fields]
+    each = [
+        input_bound(
+            lambda alpha: (driven.form(alpha),), W, known.B.shape[1], of_state(known.scales, k), known.falls.alpha
+        )
+        for k in fields
+    ]
     bounds = [one for one in each if one]
     if len(bounds) < len(each):
         return IssGain(

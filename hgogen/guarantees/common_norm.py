@@ -157,7 +157,7 @@ class Flow:
                 return self._holds(theta, a, by)
 
             alpha = _reached(most * SLOW, most, weights, holds, lambda a: self._weights(theta, a), _ABOUT)
-        tried = (self._proved(theta, alpha * share) for share in SHARES)
+        tried = (self.at(theta, alpha * share) for share in SHARES)
         return next(filter(None, tried), None)
 
     @cached_property
@@ -171,7 +171,7 @@ class Flow:
         lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
         end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
         last = _reached(theta, end, weights, lambda by, at: self._holds(at, Fraction(0), by), self._weights, _FINE)
-        return next(filter(None, map(self._proved, worth_trying(last, theta, self.theta))), None)
+        return next(filter(None, map(self.at, worth_trying(last, theta, self.theta))), None)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
         """Why there is no proof at theta: slopes at which, held, errors do not decay, or the one that hinders most."""
@@ -244,7 +244,8 @@ class Flow:
                 return self.theta * FACTOR**k, weights
         return None
 
-    def _proved(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+        """A proof of that rate at a theta; None where none is found."""
         weights = self._weights(theta, alpha)
         known = weights and proved(self._exactly(theta, alpha), *weights)
         return Falls(theta, alpha, known) if known else None

@@ -40,7 +40,7 @@ def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array
     if W is None:
         return None
     asked = form.floats, floats(corners), floats(np.array(list(rows.values()))), W
-    exactly = confirmed(form, lambda margin: _sought(*asked, margin))
+    exactly = confirmed((form,), lambda margin: _sought(*asked, margin))
     return Confined(Weights.of(*exactly), reached(exactly[0], corners, rows)) if exactly else None
 
 
@@ -56,7 +56,7 @@ def _sought(of: Quadratic, corners: Array, rows: Array, W: Array, margin: float)
     seen = Seen(of, W, even(of, W))
     begins, reads = corners @ np.linalg.inv(W).T, rows @ W
     far, steep = (np.linalg.norm(each, axis=1).max() for each in (begins, reads))
-    candidate = shortest(seen.form, reads / steep, holding(of, begins / far), margin, _WHAT)
+    candidate = shortest((seen.form,), reads / steep, holding(of, begins / far), margin, _WHAT)
     if candidate is None:
         return None
     P, S = seen.back(*candidate)

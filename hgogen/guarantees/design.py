@@ -1,5 +1,6 @@
 """Gains by linear matrix inequalities: found in floats, rounded, verified in rationals.
 
+    gain             K of `observers.high_gain` for a wanted rate, of a small noise bound
     constant_gain    K of `observers.high_gain`, for a_i that vary in ranges
     steady_gain      K of the same, to which the filter `riccati` settles at a point: of Q and R, without a solver
     adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
@@ -34,6 +35,7 @@ from hgogen.guarantees.adaptive_gain import Disturbance, candidate, facts, judge
 from hgogen.guarantees.adaptive_gain import attenuation as block_of
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.designed_gain import Gain, gain
 from hgogen.guarantees.formulas import (
     DisturbedError,
     attenuation,
@@ -47,8 +49,10 @@ from hgogen.guarantees.formulas import (
 )
 from hgogen.guarantees.gain_programs import Optimum, Task, best
 from hgogen.guarantees.lmi import gains, solver
+from hgogen.guarantees.noise_in_time import noise_bounds
 from hgogen.guarantees.steady_gain import steady_gain
 from hgogen.guarantees.steepness import obstacle
+from hgogen.guarantees.unreached_rate import NoGain
 from hgogen.intervals.digits import down, up
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive, real, reals
@@ -59,17 +63,21 @@ __all__ = [
     "Checks",
     "Design",
     "DisturbedError",
+    "Gain",
     "Infeasible",
+    "NoGain",
     "adaptive_gain",
     "attenuation",
     "constant_gain",
     "core_eigenvalues",
     "disturbed_error",
     "error_bounds",
+    "gain",
     "gain_in_time",
     "gain_of_poles",
     "inside_parabola",
     "least_gamma",
+    "noise_bounds",
     "slope",
     "steady_gain",
     "verified",

@@ -43,6 +43,15 @@ class Quadratic:
         squares = self.Q.T @ (S[:, None] * self.Q) - self.Z.T @ (S[:, None] * self.Z)
         return np.asarray(sum((half + half.T for half in halves), squares))
 
+    def driven(self, onto: Sequence[tuple[Array, Array]], reads: Array) -> "Quadratic":
+        """The form of v and of inputs (q) beside it: what they add to the X v and Y v of each pair, `onto`, and to
+        Q v, `reads` (k, q); the last q multipliers are of the inputs themselves."""
+        q, size = reads.shape[1], self.size
+        one = np.eye(size + q, dtype=int) + 0 * self.pairs[0][0][0, 0]
+        pairs = tuple((np.hstack([X, x]), np.hstack([Y, y])) for (X, Y), (x, y) in zip(self.pairs, onto, strict=True))
+        Q = np.vstack([np.hstack([self.Q, reads]), 0 * one[:q]])
+        return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]))
+
     @property
     def size(self) -> int:
         """N."""
@@ -78,16 +87,19 @@ def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
 
 
 def confirmed(
-    form: Quadratic, by_margin: Callable[[float], tuple[Array, Array] | None], q: int = 0, most: Fraction = _NOTHING
+    forms: Sequence[Quadratic],
+    by_margin: Callable[[float], tuple[Array, Array] | None],
+    q: int = 0,
+    most: Fraction = _NOTHING,
 ) -> tuple[Array, Array] | None:
-    """Weights, of FLINT's rationals, that make an exact form negative, from those in floats that are sought with a
+    """Weights, of FLINT's rationals, that make exact forms negative, from those in floats that are sought with a
     margin, a smaller one where there is no room for it, a larger one where a solver has taken all of it; the sum of the
     last q of S is at most `most`. None where none are confirmed."""
     for candidate in filter(None, map(by_margin, _MARGINS)):
         places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # by which the trace of P lies below 1
         for bits in _FINE:
             P, S = (on_grid(each, bits + places) for each in candidate)
-            if (not q or sum(S[-q:]) <= number(most)) and verified((form,), P, S):
+            if (not q or sum(S[-q:]) <= number(most)) and verified(forms, P, S):
                 return P, S
     return None
 

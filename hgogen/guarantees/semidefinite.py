@@ -22,7 +22,7 @@ from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even
 
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
 _CLOSE = 1e-6  # how well a margin is found
-_CLOSER = 1e-8
+CLOSER = 1e-8
 _USABLE = ("Solved", "AlmostSolved")  # what the solver says of its solution
 
 Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `_short` has them
@@ -79,13 +79,13 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margi
     one, sizes = np.eye(n), (n * (n + 1) // 2, k, len(groups))
     none = np.zeros((sizes[0], 1 + k + len(groups)))
     of_forms = [
-        _definite(_entries(form, groups), np.eye(form.size)[None], 0 * np.eye(form.size)) for form in (first, *rest)
+        definite(_entries(form, groups), np.eye(form.size)[None], 0 * np.eye(form.size)) for form in (first, *rest)
     ]
     of_groups = [_split(group, place, sizes, np.eye(len(group.places)), 0.0) for place, group in enumerate(groups)]
     positive: Rows = (np.hstack([-_packed(_basis(n)), none]), -_LEAST * _packed(one[None])[:, 0], True)
     trace: Rows = (np.hstack([_short(one[None]).T, none[:1]]), np.array([float(n)]), False)
     all_rows = [*of_forms, *of_groups, positive, trace, _signs(sizes)]
-    solution = _solved(np.append(np.zeros(sum(sizes)), -1.0), all_rows, _CLOSE, what)
+    solution = solved(np.append(np.zeros(sum(sizes)), -1.0), all_rows, _CLOSE, what)
     if solution is None:
         return None
     (P, S, largest), prices = _parts(solution[0], n, k), solution[1]
@@ -98,26 +98,29 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margi
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def shortest(form: Quadratic, rows: Array, limits: Limits, by: float, what: str) -> tuple[Array, Array] | None:
-    """P and S of a form of floats that is negative `by` that, with a small largest c P^-1 c' of the `rows` c (r, n);
+def shortest(
+    forms: Sequence[Quadratic], rows: Array, limits: Limits, by: float, what: str
+) -> tuple[Array, Array] | None:
+    """P and S of forms of floats that are negative `by` that, with a small largest c P^-1 c' of the `rows` c (r, n);
     None where the solver leaves no numbers.
 
     Raises: `NoSolver` of `what` needs it.
     """
-    n, k = rows.shape[1], len(form.Q)
-    few, groups = _few(form)
-    sizes, small = (n * (n + 1) // 2, k, len(groups)), -by * np.eye(few.size)
+    n, k = rows.shape[1], len(forms[0].Q)
+    (first, groups), rest = _few(forms[0]) if len(forms) == 1 else (forms[0], ()), forms[1:]
+    sizes, small = (n * (n + 1) // 2, k, len(groups)), -by * np.eye(first.size)
     wide, corner, (A, b) = np.zeros((sum(sizes), n + 1, n + 1)), np.zeros((1, n + 1, n + 1)), limits
     wide[: sizes[0], 1:, 1:], corner[0, 0, 0] = -_basis(n), -1.0
     of_rows = []
     for c in rows:
         beside = np.zeros((n + 1, n + 1))
         beside[0, 1:] = beside[1:, 0] = c
-        of_rows.append(_definite(wide, corner, beside))
+        of_rows.append(definite(wide, corner, beside))
     of_groups = [_split(group, j, sizes, np.zeros((len(group.places),) * 2), by) for j, group in enumerate(groups)]
     others: Rows = (np.hstack([A, np.zeros((len(A), len(groups) + 1))]), b, False)
-    all_rows = [_definite(_entries(few, groups), 0 * small[None], small), *of_groups, *of_rows, others, _signs(sizes)]
-    solution = _solved(np.append(np.zeros(sum(sizes)), 1.0), all_rows, _CLOSER, what)
+    of_forms = [definite(_entries(form, groups), 0 * small[None], small) for form in (first, *rest)]
+    all_rows = [*of_forms, *of_groups, *of_rows, others, _signs(sizes)]
+    solution = solved(np.append(np.zeros(sum(sizes)), 1.0), all_rows, CLOSER, what)
     return solution and _parts(solution[0], n, k)[:2]
 
 
@@ -133,7 +136,7 @@ def _split(group: Group, place: int, sizes: tuple[int, int, int], last: Array, b
     for i, at in enumerate(group.places):
         entries[p + at, i, i] = -1.0
     entries[p + k + place] = np.outer(group.weights, group.weights)
-    return _definite(entries, last[None], -by * np.eye(count))
+    return definite(entries, last[None], -by * np.eye(count))
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -149,13 +152,13 @@ def cheapest(
     p, one = n * (n + 1) // 2, np.eye(n)
     added = [*rewards, *(np.zeros((form.size, form.size)) for form in others)]
     of_forms = [
-        _definite(_entries(form, ()), 0 * more[None], -more - by * np.eye(form.size))
+        definite(_entries(form, ()), 0 * more[None], -more - by * np.eye(form.size))
         for form, more in zip((*forms, *others), added, strict=True)
     ]
     positive: Rows = (np.hstack([-_packed(_basis(n)), np.zeros((p, k + 1))]), -by * _packed(one[None])[:, 0], True)
     last = np.hstack([np.zeros((q, p + k - q)), np.eye(q), -np.ones((q, 1))])
     rows = [*of_forms, positive, (last, np.zeros(q), False), _signs((p, k, 0))]
-    solution = _solved(np.append(np.zeros(p + k), 1.0), rows, _CLOSER, what)
+    solution = solved(np.append(np.zeros(p + k), 1.0), rows, CLOSER, what)
     return solution and _parts(solution[0], n, k)[:2]
 
 
@@ -173,7 +176,7 @@ def holding(form: Quadratic, points: Array) -> Limits:
     return np.hstack([squares, np.zeros((len(points), k))]), np.ones(len(points))
 
 
-def _definite(entries: Array, last: Array, end: Array) -> Rows:
+def definite(entries: Array, last: Array, end: Array) -> Rows:
     """That `end` less what the variables bring, the last one of them `last`, is a definite matrix."""
     return _packed(np.concatenate([entries, last])), _packed(end[None])[:, 0], True
 
@@ -184,7 +187,7 @@ def _signs(sizes: tuple[int, int, int]) -> Rows:
     return np.hstack([np.zeros((k, p)), -np.eye(k), np.zeros((k, t + 1))]), np.zeros(k), False
 
 
-def _solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
+def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[Array, Array] | None:
     """The variables with the least <goal, x>, and the prices of the rows; None where the solver finds none.
 
     Raises: `NoSolver`."""

@@ -96,15 +96,8 @@ class Stagewise:
     def bounded(self, alpha: Fraction, inputs: Inputs) -> Quadratic:
         """The form that is negative where |e+|_P^2 <= (1 - alpha h) |e|_P^2 + h sum_k lambda_k v_k^2, v the inputs (q);
         the lambda_k are the last q multipliers."""
-        plain, q = self.contraction(alpha), inputs.D.shape[1]
-        (first, second), (k, size) = plain.pairs, plain.Q.shape
-        wide, one = 0 * identity(size + q)[:size, size:], identity(size + q)
-        pairs = (
-            (np.hstack([first[0], wide[: len(self.D)]]), np.hstack([first[1], inputs.D])),
-            (np.hstack([second[0], inputs.D * (number(self.h) / 2)]), np.hstack([second[1], inputs.D])),
-        )
-        reads = np.vstack([np.hstack([plain.Q, inputs.Q]), 0 * one[:q]])
-        return Quadratic(pairs, reads, np.vstack([np.hstack([plain.Z, wide[:k]]), one[size:]]))
+        onto = (0 * inputs.D, inputs.D), (inputs.D * (number(self.h) / 2), inputs.D)
+        return self.contraction(alpha).driven(onto, inputs.Q)
 
     def frozen(self, d: np.ndarray) -> np.ndarray:
         """e+ = T e, T (k, N, N) in floats, of slopes d (k, m) that are the same at all stages."""

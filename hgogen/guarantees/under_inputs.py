@@ -7,7 +7,7 @@ other. Then |e|_P <= 1 stays so, and from elsewhere |e|_P^2 - 1 falls to 1 - alp
 to no more than sqrt(c P^-1 c'), and stays there. P is sought for the least of that, at an alpha that is searched.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -25,6 +25,8 @@ _FIRST = 6  # of them, that is tried first: about half of the rate where one mod
 _LARGE = 1e30  # in the place of a bound, where none is proved
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
 
+Driven = Callable[[Fraction], Sequence[Quadratic]]  # by alpha, the forms of which the last multipliers are the lambda
+
 
 @dataclass(frozen=True)
 class InputBound:
@@ -36,11 +38,10 @@ class InputBound:
     bound: Fraction
 
 
-def input_bound(
-    form: Callable[[Fraction], Quadratic], W: Array | None, q: int, c: Array, most: Fraction
-) -> InputBound | None:
-    """A small bound of |c e|, c (N) of FLINT's rationals, of the form by alpha of an error with `q` inputs, that decays
-    at the rate `most` without them; None where none is proved. `W`: coordinates in which P is expected to be near 1.
+def input_bound(bounded: Driven, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
+    """A small bound of |c e|, c (N) of FLINT's rationals, of the forms that are negative at an alpha, with `q` inputs
+    among what multiplies them; alpha is searched up to `most`. None where none is proved. `W`: coordinates x, e = W x,
+    near which P is expected.
 
     Raises: `NoSolver`.
     """
@@ -49,7 +50,7 @@ def input_bound(
     tried, coordinates = list[InputBound](), W
 
     def bound(share: Fraction) -> float:
-        one = _at(form, coordinates, q, c, share * most)
+        one = _at(bounded, coordinates, q, c, share * most)
         tried.extend([one] if one else [])
         return float(one.bound) if one else _LARGE
 
@@ -60,7 +61,7 @@ def input_bound(
 def of_step(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
     """That of a step which is proved with the rate `most`. Raises: `NoSolver`."""
     step, q = steps.at(h), inputs.D.shape[1]
-    return input_bound(lambda alpha: step.bounded(alpha, inputs), steps.coordinates, q, c, most)
+    return input_bound(lambda alpha: (step.bounded(alpha, inputs),), steps.coordinates, q, c, most)
 
 
 def _walk(bound: Callable[[Fraction], float]) -> None:
@@ -77,23 +78,30 @@ def _walk(bound: Callable[[Fraction], float]) -> None:
             return
 
 
-def _at(form: Callable[[Fraction], Quadratic], W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
-    one = form(alpha)
-    asked = one.floats, floats(c[None])[0], float(alpha), W, q
-    exactly = confirmed(one, lambda margin: _sought(*asked, margin), q, alpha)
+def _at(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
+    forms = bounded(alpha)
+    asked = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
+    exactly = confirmed(forms, lambda margin: low(*asked, margin), q, alpha)
     if exactly is None:
         return None
     return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
 
 
-def _sought(of: Quadratic, c: Array, alpha: float, W: Array, q: int, margin: float) -> tuple[Array, Array] | None:
-    """P and S in floats with a small c P^-1 c', sought in coordinates x of e = W x, the inputs in a unit in which x is
-    near 1."""
-    unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ of.pairs[0][1])[:, -q:]))
-    seen = Seen(of, W, np.append(even(of, W)[:-q], [unit] * q))
-    row, most = (c @ W)[None] / np.linalg.norm(c @ W), together(of, q, float(_SHARE) * alpha)
-    candidate = shortest(seen.form, row, most, margin, _WHAT)
+def low(
+    forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
+) -> tuple[Array, Array] | None:
+    """P and S in floats with a small largest c P^-1 c' of the `rows` c (r, n), sought in coordinates x of e = W x, the
+    inputs in a unit in which x is near 1.
+
+    Raises: `NoSolver`.
+    """
+    unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
+    g = np.append(even(forms[0], W)[:-q], [unit] * q)
+    views, seen = [Seen(form, W, g) for form in forms], rows @ W
+    most = together(forms[0], q, float(_SHARE) * alpha)
+    long = float(np.linalg.norm(seen, axis=1).max())
+    candidate = shortest([view.form for view in views], seen / long, most, margin, _WHAT)
     if candidate is None:
         return None
-    P, S = seen.back(*candidate)  # of inputs of that unit
+    P, S = views[0].back(*candidate)  # of inputs of that unit
     return P * unit**2, S * unit**2

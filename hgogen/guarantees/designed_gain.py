@@ -1,0 +1,163 @@
+"""A constant gain of `observers.high_gain` for a wanted rate, of a small noise bound, proved in continuous time.
+
+    z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
+
+theta is only the unit of time in which K is written, by default one in which its numbers are near 1, or in which a
+proof is accurate. The gain is that
+of `rate_search`; what is said of it is proved of its rounded numbers in rationals, the bound of each state by a norm of
+its own.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hgogen.form import Form
+from hgogen.guarantees.gain_search import Task
+from hgogen.guarantees.noise_in_time import Bounds, bounds, named
+from hgogen.guarantees.rate_search import Candidate, Search, plain
+from hgogen.guarantees.unreached_rate import unreached
+from hgogen.intervals.digits import Down, Up, same
+from hgogen.reading.door import Misfit
+from hgogen.reading.given import BadGain, positive
+from hgogen.reading.named import BadNames, in_order, names_of
+from hgogen.sentence import Reason, Sentence, because
+
+_FORM = "a form: hg.forms.triangular(plant)"
+_FASTEST = 10  # times the number of states and the pace of rate and slopes
+_FAR = 1e15  # a number this large, or as small, is for another unit
+_OWN: Any = object()  # the measure that a state's range gives
+
+Sizes = Mapping[str, float] | None
+
+
+@dataclass(frozen=True)
+class Gain:
+    """`theta` and `K`, as `hg.observers.high_gain(form, theta=.., gains=..)` takes them: K a number for each state, or
+    a sequence of such for each output with a chain. `rate` (1/time): |e|_P falls at least like exp(-rate t), in
+    continuous time without noise; `bounds`: by the name of a state of the form and of an output, how far the estimate
+    of the one goes at most for noise of at most 1 of the other, in their units; of several outputs the shares add. Both
+    are proved in rational arithmetic."""
+
+    theta: float
+    K: tuple[Any, ...]
+    rate: float
+    bounds: Bounds
+    time: str
+
+    def bound(self, state: str, noise: Mapping[str, float]) -> float:
+        """How far the estimate of a state goes at most for noise of at most these sizes, by output.
+
+        Raises: `KeyError` for a state or an output that there is not.
+        """
+        return sum(self.bounds[state, output] * size for output, size in noise.items())
+
+    def __str__(self) -> str:
+        moved = [
+            Sentence.of("{state} by at most {bound} for 1 of {output}", state=x, bound=Up(bound, 3), output=y)
+            for (x, y), bound in self.bounds.items()
+        ]
+        pattern = (
+            "theta = {theta}, K = {K}: errors decay at least like exp(-{rate} t), t in {time}, and noise moves "
+            "{moved}; in continuous time, by rational arithmetic"
+        )
+        theta, decay = same(self.theta), Down(self.rate, 3)
+        return str(because(pattern, theta=theta, K=self._numbers, rate=decay, time=self.time, moved=moved))
+
+    @property
+    def _numbers(self) -> str:
+        if all(isinstance(k, float) for k in self.K):
+            return f"({', '.join(map(same, self.K))})"
+        return ", ".join(f"({', '.join(map(same, chain))})" for chain in self.K)
+
+
+@np.errstate(all="ignore")
+def gain(
+    form: Form,
+    *,
+    rate: float,
+    noise: Sizes = None,
+    per: Sizes = None,
+    fastest: float | None = None,
+    theta: float | None = None,
+) -> Gain:
+    """A constant gain of `observers.high_gain` for a form in chains, of a small noise bound.
+
+    Args: `rate` (1/time) > 0 at which errors decay at least; `noise` how large that of each output is at most, by name,
+    by default 1: what of several outputs counts is how they compare; `per` in what the error of each state of the form
+    is measured, by its name, by default half of its range: the largest bound in these is made small; `fastest` (1/time)
+    by how much noise alone may move the estimate in a unit of time, over how far it moves it at most: by default ten
+    times n times the rate, or what the slopes ask for; `theta` > 0, by whose powers K is divided.
+
+    Raises: `NoGain` for a rate that is not reached; `lmi.NoSolver`; `Misfit` for no form; `BadGain` for a form without
+    chains of constant gains, and for numbers that are none or not positive; `BadNames`.
+    """
+    if not isinstance(form, Form):
+        raise Misfit("gain", form, _FORM)
+    wanted, sizes = _moderate("rate", rate), _sizes(form, noise)
+    measures, open_ = _measures(form, per), plain(form, sizes)
+    if isinstance(open_, Reason):
+        raise BadGain(form.system.name, f"has no gain that is designed: {open_}")
+    pace = open_.pace(wanted)
+    rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
+    quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
+    task = Task(open_, wanted, rows, quickest)
+    levels = _levels(task.pace) if theta is None else (_moderate("theta", theta),)
+    best = min((Search(form, task, sizes, each) for each in levels), key=Search.promise).best()
+    if best is None:
+        raise unreached(form, task, sizes)
+    return _stated(form, best)
+
+
+def _levels(pace: float) -> tuple[float, ...]:
+    """Values of theta, of which the first is taken unless one of the others, from there to 1, is more accurate."""
+    return tuple(float(f"{level:.2g}") for level in (pace, math.sqrt(pace), 1.0))
+
+
+def _sizes(form: Form, noise: Any) -> np.ndarray:
+    """That of the noise of each output, 1 by default. Raises: `BadNames`, `BadGain`."""
+    names = names_of(form.system.outputs)
+    each = _by_name("noise", noise, names, 1.0)
+    return np.array([_moderate(f"noise of {name}", value) for name, value in zip(names, each, strict=True)])
+
+
+def _measures(form: Form, per: Any) -> list[float]:
+    """In what the error of each state is measured; 0 where neither it nor a range says.
+
+    Raises: `BadNames`, `BadGain`.
+    """
+    each = _by_name("per", per, form.names, _OWN)
+    halves = ((z.high - z.low) / 2 if z.low is not None and z.high is not None else 0.0 for z in form.states)
+    return [
+        float(half) if value is _OWN else _moderate(f"per of {name}", value)
+        for name, value, half in zip(form.names, each, halves, strict=True)
+    ]
+
+
+def _moderate(what: str, value: Any) -> float:
+    """A positive number. Raises: `BadGain`."""
+    size = positive(what, value)
+    if not 1 / _FAR <= size <= _FAR:
+        raise BadGain(f"{what} = {size:g}", f"must be from {1 / _FAR:g} to {_FAR:g}; take other units")
+    return size
+
+
+def _by_name(what: str, values: Any, names: Sequence[str], default: Any) -> list[Any]:
+    if not isinstance(values, Mapping | None):
+        raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
+    return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
+
+
+def _stated(form: Form, best: Candidate) -> Gain:
+    fastest = max(filter(None, (best.flow.fastest, best.falls)), key=lambda one: one.alpha)
+    known = bounds(best.flow, fastest)
+    if isinstance(known, Reason):
+        raise BadGain(form.system.name, f"has a gain whose noise is not bounded: {known}")
+    ends = np.cumsum([0, *form.blocks]).tolist()
+    each = tuple(best.K[i:j] for i, j in pairwise(ends))
+    K = best.K if len(each) == 1 else each
+    return Gain(float(best.flow.theta), K, fastest.rate, named(form, known), form.system.time)
