@@ -13,7 +13,7 @@ from hgogen.model import load
 from hgogen.modelfiles.setting import Setting, UnknownCase
 
 ROOT = Path(__file__).resolve().parents[1]
-COMMANDS = ("build", "generate", "simulate", "compare", "check", "run", "noise", "response")
+COMMANDS = ("build", "generate", "simulate", "compare", "check", "run", "noise", "response", "design")
 
 
 def model(name: str) -> str:

@@ -19,6 +19,7 @@ _FILES = {
     "check": "checking",
     "compare": "comparing",
     "cost": "costing",
+    "design": "designing",
     "response": "responding",
     "recheck": "rechecking",
     "generate": "building",

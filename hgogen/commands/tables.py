@@ -10,12 +10,15 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 from sympy.printing.str import StrPrinter
 
+from hgogen.certificates.rate_and_noise import Point
 from hgogen.check import Check, Verdict
 from hgogen.commands.headed import headed
+from hgogen.guarantees.designed_gain import Gain
 from hgogen.intervals.bounds import Range
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import down, same, up
 from hgogen.program import Bit
 from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
+from hgogen.step import Step
 from hgogen.theorem import Row, Theorem
 from hgogen.trials.agreement import Agreement
 from hgogen.trials.alarm import ITSELF
@@ -327,3 +330,33 @@ def responses(continuous: Response, sampled: Response, unit: str) -> RenderableT
                 labels = (output, state) if k == 0 else ("", "")
                 table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", "-" if alias else f"{discrete:.4g}")
     return Group(table, "")
+
+
+def designs(points: Sequence[Point], step: Step) -> RenderableType:
+    """Gains with their rates, longest dt, and what noise does, a row for each pair of state and output; and each gain
+    as a call takes it."""
+    time = step.observer.form.system.time
+    head = f"what is proved of gains: how far noise of 1 moves an estimate, by {step.rule} at dt = {step.dt:g} {time}"
+    columns = ("gain", "error of", "noise of", f"rate (1/{time})", f"dt up to ({time})", "continuous", "step")
+    table = headed(head, *columns, numbers=4)
+    for one in points:
+        name = f"{one.observer.name}, the tuning" if one.gain is None else f"theta = {same(one.gain.theta)}"
+        first = name, _down(one.rate), _down(one.longest)
+        for x, y in [(x, y) for x in one.observer.form.names for y in map(str, one.observer.form.system.outputs)]:
+            bounds = (_up(each.get((x, y))) for each in (one.continuous, one.step))
+            table.add_row(Text(first[0]), Text(x), Text(y), *first[1:], *bounds)
+            first = ("", "", "")
+    gains = [Text(f"  hg.observers.high_gain(form, theta={same(g.theta)}, gains={g.K})") for g in _gains(points)]
+    return Group(table, "", Text("the gains", style="bold"), *gains, "")
+
+
+def _gains(points: Sequence[Point]) -> Iterable[Gain]:
+    return (one.gain for one in points if one.gain is not None)
+
+
+def _down(value: float | None) -> str:
+    return "-" if value is None else down(value, 3)
+
+
+def _up(value: float | None) -> str:
+    return "-" if value is None else up(value, 3)

@@ -1,0 +1,83 @@
+"""Gains side by side: the rate at which errors decay, what noise does to each state, and how long a step may be.
+
+The first two in continuous time, where a gain is designed; then of the step of each gain, as it runs: what noise does
+at its dt, and up to which dt it is proved.
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+from hgogen import observers
+from hgogen.call import CallableStep, sample
+from hgogen.certificates.contraction import contraction, theta_of
+from hgogen.certificates.noise_gain import noise_gain
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.common_norm import Flow
+from hgogen.guarantees.designed_gain import Gain
+from hgogen.guarantees.designed_gain import gain as gain_for
+from hgogen.guarantees.noise_in_time import Bounds, noise_bounds
+from hgogen.observer import Observer
+from hgogen.step import StepTooLong
+
+_HALVINGS = 20  # of a dt that is refused
+_GUESS = 4.0  # a theta over the rate that it may have, where none is proved
+
+
+@dataclass(frozen=True)
+class Point:
+    """An observer on the curve. `gain`: the designed one, for the rate `wanted`, None of a tuning; `rate` (1/time):
+    proved in continuous time, None where none is; `longest`: up to which dt its step is proved, None where it is at
+    none; `continuous`, `step`: the bounds of what noise does in continuous time, and by the step at its dt, empty where
+    none are proved."""
+
+    observer: Observer = field(repr=False)
+    gain: Gain | None
+    wanted: float | None
+    rate: float | None
+    continuous: Bounds
+    longest: float | None
+    step: Bounds
+
+    @property
+    def about(self) -> float:
+        """Its rate, or one to begin with."""
+        return float(theta_of(self.observer)) / _GUESS if self.rate is None else self.rate
+
+
+def tuned(step: CallableStep) -> Point:
+    """The point of a step of a constant injection.
+
+    Raises: `NoSolver`.
+    """
+    error, known = step.observer.error, noise_bounds(step.observer)
+    falls = None if error is None or isinstance(error, Nothing) else Flow(error, theta_of(step.observer)).fastest
+    bounds: Mapping[tuple[str, str], float] = {} if isinstance(known, Nothing) else known
+    return _as_it_runs(Point(step.observer, None, None, falls.rate if falls else None, bounds, None, {}), step)
+
+
+def designed(like: CallableStep, rate: float) -> Point:
+    """The point of a gain that is designed for a rate, on the form, at the dt and by the method of a step.
+
+    Raises: `NoSolver`; as `hg.design.gain`, `high_gain` and `sample` do.
+    """
+    gain = gain_for(like.observer.form, rate=rate)
+    observer = observers.high_gain(like.observer.form, theta=gain.theta, gains=gain.K)
+    point = Point(observer, gain, rate, gain.rate, gain.bounds, None, {})
+    dt = Fraction(like.dt)
+    for _ in range(_HALVINGS):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of a long dt: what is asked is up to which it is proved
+                step = sample(observer, like.method, float(dt), between=like.between)
+            return _as_it_runs(point, step, like.dt)
+        except StepTooLong:
+            dt /= 2
+    return point
+
+
+def _as_it_runs(point: Point, step: CallableStep, dt: float | None = None) -> Point:
+    """With what is proved of its step; of noise only where that has the dt that is asked for."""
+    longest, noise = contraction(step).reach.longest, noise_gain(step) if dt in (None, step.dt) else None
+    return replace(point, longest=None if longest is None else float(longest), step=noise.gains if noise else {})

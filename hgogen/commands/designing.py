@@ -1,0 +1,122 @@
+"""The command `design`: constant gains for wanted rates, and what noise and a step make of each."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+
+from hgogen.call import CallableStep
+from hgogen.certificates.contraction import theta_of
+from hgogen.certificates.rate_and_noise import Point, designed, tuned
+from hgogen.commands import tables
+from hgogen.commands.command import Bar, Json, ModelArgument, Out, Tuned, command, folder_of, rendered, show
+from hgogen.commands.headed import file_list
+from hgogen.commands.process import note
+from hgogen.guarantees.unreached_rate import NoGain
+from hgogen.model import Model, load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+
+_AROUND = (1 / 3, 1.0, 3.0)  # times the rate of the tuning
+_MOST = 20  # rates
+
+
+@command()
+def design_(
+    model: ModelArgument,
+    observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
+    rates: Annotated[
+        str,
+        typer.Option("--rates", help="Rates at which errors decay, in 1 per unit of the model's time, such as 1,3."),
+    ] = "",
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Design constant gains of high_gain for wanted rates, each of a small noise bound, and set them beside the model's
+    tuning: the rate that is proved, what noise does to each state in continuous time and by the step at the model's
+    dt, and up to which dt the step is proved. By default at the tuning's own rate, a third and three times that; the
+    tuning is that of --observer, the model's own, or of high_gain. Draws the figure design.svg and design.png.
+
+    JSON keys: model, observer, form, method, dt, points (observer, designed: for which rate, null of the tuning, which
+    is the first, theta, K: null of the tuning, rate, longest: the dt, noise: a list of state, output, continuous, step;
+    null where nothing is proved), refused (why, by rate), files.
+    """
+    loaded = load(model).set(setting)
+    folder = folder_of(out, loaded, observer)
+    folder.demand("design.svg")
+    asked = _rates(rates)
+    step = _reference(loaded, observer)
+    points, refused = [tuned(step)], dict[float, NoGain]()
+    wanted = asked or [_short(points[0].about * k) for k in _AROUND]
+    with Bar("gains", len(wanted)) as bar:
+        for rate in wanted:
+            try:
+                points.append(designed(step, rate))
+            except NoGain as error:
+                refused[rate] = error
+            bar.tick()
+    if len(refused) == len(wanted):
+        raise refused[wanted[-1]]
+    note(*map(str, refused.values()))
+    from hgogen.trials.curve import curve
+
+    paths = folder.write(rendered({"design": curve(points, step)}))
+    value = {
+        "model": loaded.path,
+        "observer": step.observer.name,
+        "form": step.observer.form.kind,
+        "method": step.rule,
+        "dt": step.dt,
+        "points": [_row(one) for one in points],
+        "refused": {f"{rate:g}": str(error) for rate, error in refused.items()},
+        "files": [str(path) for path in paths],
+    }
+    show(as_json, value, tables.designs(points, step), file_list(paths))
+
+
+def _reference(loaded: Model, observer: str | None) -> CallableStep:
+    """The step of the tuning, which a constant injection has. Raises: `BadParameter`."""
+    step = loaded.step(observer)
+    if step.observer.error is not None:
+        return step
+    if observer is not None:
+        raise typer.BadParameter(
+            f"{observer} has no constant injection, beside which a gain is set; take high_gain", param_hint="--observer"
+        )
+    return loaded.step("high_gain")
+
+
+def _rates(text: str) -> Sequence[float]:
+    """The rates in a text. Raises: `BadParameter`."""
+    if not text:
+        return ()
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if not values or len(values) > _MOST or not all(0 < value < math.inf for value in values):
+        said = f"{text[:60]!r} must be up to {_MOST} positive numbers, such as 1,3,10"
+        raise typer.BadParameter(said, param_hint="--rates")
+    return values
+
+
+def _short(rate: float) -> float:
+    """To three digits, down."""
+    digits = 2 - math.floor(math.log10(rate))
+    return float(f"{math.floor(rate * 10.0**digits) / 10.0**digits:.3g}")
+
+
+def _row(one: Point) -> dict[str, Any]:
+    return {
+        "observer": one.observer.name,
+        "designed": one.wanted,
+        "theta": float(theta_of(one.observer)),
+        "K": None if one.gain is None else one.gain.K,
+        "rate": one.rate,
+        "longest": one.longest,
+        "noise": [
+            {"state": x, "output": y, "continuous": one.continuous.get((x, y)), "step": one.step.get((x, y))}
+            for x, y in {**one.continuous, **one.step}
+        ],
+    }
