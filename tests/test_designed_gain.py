@@ -112,6 +112,20 @@ def test_theta_is_only_how_a_gain_is_written() -> None:
     assert {check.verdict for check in observer.checks} == {Verdict.PROVED}
 
 
+def test_noise_of_chains_aligned_at_the_end_does_not_depend_on_theta() -> None:
+    """Of the same gain, each row of which acts on both outputs, written with two values of theta."""
+    x = [hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 4)]
+    flow = [-x[0] + sp.sin(x[2]) * x[2] / 20, x[2], -x[1] / 10]
+    plant = hg.System("ends", states=tuple(x), outputs=(hg.Signal("y1"), hg.Signal("y2")), flow=flow, output=x[:2])
+    form = hg.forms.block_triangular(plant)
+    assert (form.alignment, form.blocks) == ("end", (1, 2))
+    K, powers = np.array([[3, 0.2], [0.1, 4], [0.3, 5]]), np.array([[1, 2], [0, 1], [1, 2]])
+    one, other = (hg.observers.high_gain(form, theta=theta, gains=K / theta**powers) for theta in (1.0, 2.0))
+    known = hg.design.noise_bounds(one)
+    assert known["x1", "y1"] > 0.7  # what is slow passes by 3/4
+    assert dict(hg.design.noise_bounds(other)) == pytest.approx(dict(known), rel=0.05)
+
+
 def test_a_single_state_is_bounded_by_its_own_fastest() -> None:
     """e' = (5 - k) e + k v: noise comes to k/(k - 5), less the larger k."""
     slow, fast = (hg.design.gain(chain(1, lambda x: 5 * x[0]), rate=1, fastest=most) for most in (4, 40))
@@ -135,17 +149,28 @@ def test_a_measure_weighs_a_state() -> None:
     assert fine.bounds["x2", "y"] < 0.96 * coarse.bounds["x2", "y"]
 
 
-def test_of_several_outputs_each_has_its_chain_and_its_noise() -> None:
+def test_of_several_outputs_each_row_acts_on_all() -> None:
     form = hg.forms.block_triangular(two_outputs())
     gain = hg.design.gain(form, rate=2)
-    assert [len(each) for each in gain.K] == [2, 1]
+    assert np.shape(gain.K) == (3, 2)
     observer = hg.observers.high_gain(form, theta=gain.theta, gains=gain.K)
     assert {check.verdict for check in observer.checks if check.id.maker == "high_gain"} == {Verdict.PROVED}
     noise = {"y1": 0.5, "y2": 2.0}
     state = form.names[0]
     assert gain.bound(state, noise) == gain.bounds[state, "y1"] / 2 + gain.bounds[state, "y2"] * 2
-    assert f"K = ({gain.K[0][0]:g}, " in str(gain)
+    assert f"K = (({gain.K[0][0]:g}, {gain.K[0][1]:g}), (" in str(gain)
     assert str(gain).count(" for 1 of y1") == form.n
+
+
+def test_the_sizes_of_noise_are_weighed() -> None:
+    """A gain for other sizes does no better under these."""
+    form = hg.forms.block_triangular(two_outputs())
+    halves = {x: float(z.high - z.low) / 2 for x, z in zip(form.names, form.states, strict=True)}
+    loud = ({"y1": 1.0, "y2": 30.0}, {"y1": 30.0, "y2": 1.0})
+    gains = [hg.design.gain(form, rate=2, noise=noise) for noise in loud]
+    for noise, own, other in zip(loud, gains, reversed(gains), strict=True):
+        largest = [max(gain.bound(x, noise) / halves[x] for x in form.names) for gain in (own, other)]
+        assert largest[0] < 0.99 * largest[1]
 
 
 def test_a_parameter_may_be_anywhere_in_its_range() -> None:

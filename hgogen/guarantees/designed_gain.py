@@ -11,7 +11,6 @@ its own.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,7 @@ Sizes = Mapping[str, float] | None
 @dataclass(frozen=True)
 class Gain:
     """`theta` and `K`, as `hg.observers.high_gain(form, theta=.., gains=..)` takes them: K a number for each state, or
-    a sequence of such for each output with a chain. `rate` (1/time): |e|_P falls at least like exp(-rate t), in
+    of several outputs a matrix, a row for each state. `rate` (1/time): |e|_P falls at least like exp(-rate t), in
     continuous time without noise; `bounds`: by the name of a state of the form and of an output, how far the estimate
     of the one goes at most for noise of at most 1 of the other, in their units; of several outputs the shares add. Both
     are proved in rational arithmetic."""
@@ -66,13 +65,7 @@ class Gain:
             "{moved}; in continuous time, by rational arithmetic"
         )
         theta, decay = same(self.theta), Down(self.rate, 3)
-        return str(because(pattern, theta=theta, K=self._numbers, rate=decay, time=self.time, moved=moved))
-
-    @property
-    def _numbers(self) -> str:
-        if all(isinstance(k, float) for k in self.K):
-            return f"({', '.join(map(same, self.K))})"
-        return ", ".join(f"({', '.join(map(same, chain))})" for chain in self.K)
+        return str(because(pattern, theta=theta, K=_numbers(self.K), rate=decay, time=self.time, moved=moved))
 
 
 @np.errstate(all="ignore")
@@ -157,7 +150,10 @@ def _stated(form: Form, best: Candidate) -> Gain:
     known = bounds(best.flow, fastest)
     if isinstance(known, Reason):
         raise BadGain(form.system.name, f"has a gain whose noise is not bounded: {known}")
-    ends = np.cumsum([0, *form.blocks]).tolist()
-    each = tuple(best.K[i:j] for i, j in pairwise(ends))
-    K = best.K if len(each) == 1 else each
+    K = best.K if len(form.blocks) > 1 else tuple(k for (k,) in best.K)
     return Gain(float(best.flow.theta), K, fastest.rate, named(form, known), form.system.time)
+
+
+def _numbers(K: Any) -> str:
+    """A gain as text that reads back as the same."""
+    return f"({', '.join(map(_numbers, K))})" if isinstance(K, tuple) else same(K)

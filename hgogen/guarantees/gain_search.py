@@ -7,9 +7,8 @@
 
 for all d at the corners, or by multipliers where these are many; all of it is linear in P, Y, the multipliers and t.
 The last row asks that noise alone moves e by at most `fastest`, per unit of time, in the norm in which e is at most 1:
-without it the gain of a single state, for one, would have no end. P and Y keep to the chains, Y_ik = 0 where the state
-i is in no chain of the output k, so that K does. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix
-Inequalities in System and Control Theory", SIAM (1994), 6.1.3, 7.1.
+without it the gain of a single state, for one, would have no end. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear
+Matrix Inequalities in System and Control Theory", SIAM (1994), 6.1.3, 7.1.
 """
 
 from collections.abc import Iterator, Sequence
@@ -119,8 +118,7 @@ class _Program:
 
     @cached_property
     def _of_P(self) -> list[tuple[int, int]]:
-        chain = self.open.chain
-        return [(i, j) for j in range(len(chain)) for i in range(j + 1) if chain[i] == chain[j]]
+        return [(i, j) for j in range(len(self.open.chain)) for i in range(j + 1)]
 
     @cached_property
     def _multipliers(self) -> int:
@@ -131,7 +129,7 @@ class _Program:
     @cached_property
     def _size(self) -> int:
         """N."""
-        return len(self._of_P) + len(self.open.chain) + 2 * self._multipliers + len(self.open.C)
+        return len(self._of_P) + self.open.C.size + 2 * self._multipliers + len(self.open.C)
 
     @cached_property
     def _P(self) -> Array:
@@ -143,10 +141,9 @@ class _Program:
 
     @cached_property
     def _Y(self) -> Array:
-        n, p = len(self.open.chain), len(self.open.C)
+        (p, n), first = self.open.C.shape, len(self._of_P)
         Y = np.zeros((self._size, n, p))
-        for i, j in enumerate(self.open.chain):
-            Y[len(self._of_P) + i, i, j] = 1.0
+        Y[first : first + n * p] = np.eye(n * p).reshape(n * p, n, p)
         return Y
 
     def _diagonal(self, first: int, count: int) -> Array:

@@ -11,6 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from hgogen.chains.columns import columns
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
@@ -31,9 +32,9 @@ _ONE = Fraction(1)
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gain K (n) with a proof that its error `falls` at the rate; `worth`: its largest bound, about."""
+    """A gain K (n, p) with a proof that its error `falls` at the rate; `worth`: its largest bound, about."""
 
-    K: tuple[float, ...]
+    K: tuple[tuple[float, ...], ...]
     flow: Flow
     falls: Falls
     worth: float = _LARGE
@@ -96,15 +97,16 @@ class Search:
         K = self.task.gain(less * self.task.rate, noisy)
         if K is None or not np.isfinite(K).all():
             return None
-        powers = [self.theta**k for size in self.form.blocks for k in range(1, size + 1)]
-        each = (K / self.sizes)[range(self.form.n), self.task.open.chain] / powers
-        short = tuple(float(f"{k:.{_DIGITS}g}") for k in each.tolist())
-        error = with_gains(self.form, [*map(Fraction, short)])
+        K = K / self.sizes
+        places = columns(self.form, K.size)
+        entries = [float(f"{K[at.row, at.chain] / self.theta**at.power:.{_DIGITS}g}") for at in places]
+        error = with_gains(self.form, [*map(Fraction, entries)])
         if isinstance(error, Nothing):
             return None
         flow = Flow(error, Fraction(self.theta))
         falls = flow.at(flow.theta, 2 * Fraction(self.task.rate))
-        return Candidate(short, flow, falls) if falls else None
+        rows = tuple(map(tuple, np.reshape(entries, K.shape).tolist()))
+        return Candidate(rows, flow, falls) if falls else None
 
 
 def plain(form: Form, sizes: Array, narrower: int | None = None) -> Open | Reason:
