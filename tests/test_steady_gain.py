@@ -13,6 +13,7 @@ from test_whole_gain import C, pair
 
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.check import Verdict
 from hgogen.guarantees.steady_gain import steady_gain
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain
@@ -108,6 +109,14 @@ def test_it_is_proved_as_it_runs_and_verified() -> None:
     report = recheck(sealed(hg.certificate(form, checks, "high_gain")))
     rows = {row.id: row.found for row in report.rows}
     assert rows["high_gain.step"] == rows["high_gain.tuned"] == rows["high_gain.theta"] == "verified"
+
+
+def test_the_filter_stays_unknown_and_names_it() -> None:
+    observer = hg.observers.riccati(hg.forms.triangular(damped()), Q=(0.1, 1), R=0.1, theta=4)
+    (check,) = (check for check in observer.checks if check.id == "riccati.convergence")
+    assert check.verdict is Verdict.UNKNOWN
+    assert str(check.reason).endswith("can be proved as it runs, by hg.design.steady_gain")
+    assert "high_gain with the gain of hg.design.steady_gain" in check.fix
 
 
 # --- what is refused ----------------------------------------------------------------------------------------
