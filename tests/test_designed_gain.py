@@ -86,11 +86,13 @@ def test_no_theta_does_better_at_its_rate(name: str) -> None:
     assert largest[0] <= largest[1]
 
 
-def test_the_observer_of_a_gain_proves_it_and_its_step_is_verified() -> None:
+@pytest.mark.parametrize("method", ["rk4", "bilinear"])
+def test_the_observer_of_a_gain_proves_it_and_its_step_is_verified(method: str) -> None:
+    """By the bilinear rule too, as A - K C is a matrix of numbers."""
     form = hg.forms.triangular(model("pendulum"))
     gain = hg.design.gain(form, rate=8)
     observer = hg.observers.high_gain(form, theta=gain.theta, gains=gain.K)
-    step = hg.sample(observer, hg.methods.rk4, dt=1e-3)
+    step = hg.sample(observer, getattr(hg.methods, method), dt=1e-3)
     known, noise = hg.contraction(step), hg.noise_gain(step)
     assert known.proved
     assert noise is not None

@@ -244,20 +244,27 @@ def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
     reason = obstacle(form)
     if reason:
         return Nothing(reason)
-    n, slopes, ranges = form.n, list[Slope](), list[Evidence | None]()
-    heads, gain = [form.heads[k] for k in form.leads], as_matrix(form, K)
-    for at, a in enumerate(a for chain in chains(form) for a in chain):
+    n, each, gain = form.n, [a for chain in chains(form) for a in chain], as_matrix(form, K)
+    heads = [form.heads[k] for k in form.leads]
+    onto = [-gain[:, heads.index(at)] if at in heads else np.arange(n) == at - 1 for at in range(n)]
+    core, slopes, ranges = np.zeros((n, n), dtype=object), list[Slope](), list[Evidence | None]()
+    moves = not all(a.is_Rational for a in each)
+    for at, a in enumerate(each):
         known = span(a, form)
         if not (known and known.defined and known.finite):
             return Nothing(because("a = {a} has no finite range on the box", a=a))
+        if not moves:
+            core[:, at] = [Fraction(a.p, a.q) * Fraction(x) for x in onto[at].tolist()]
+            continue
         ranges.append(enclosure(form, a, known))
         ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
-        onto = -gain[:, heads.index(at)] if at in heads else np.arange(n) == at - 1
-        slopes.append(Slope(at, tuple(map(Fraction, onto.tolist())), *ends, -1))
+        slopes.append(Slope(at, tuple(map(Fraction, onto[at].tolist())), *ends, -1))
     numbers = {"gains": tuple(map(sp.Rational, K))}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
-    error = inclusion(form, plain(form), np.zeros((n, n)), by_chain(form, K), ones, one, numbers, slopes)
-    return error if isinstance(error, Nothing) else replace(error, own={"ranges": ranges})
+    error = inclusion(form, plain(form), core, by_chain(form, K), ones, one, numbers, slopes)
+    if isinstance(error, Nothing):
+        return error
+    return replace(error, own={"ranges": ranges} if moves else {"core": fractions(error.N)})
 
 
 def of_state(scales: Sequence[Fraction], field: int) -> Array:
