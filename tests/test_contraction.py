@@ -22,6 +22,7 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Contracts, Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import Quadratic, Weights, rational, verified
+from hgogen.guarantees.stagewise import corners
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.stepping.machine import Machine
@@ -358,3 +359,13 @@ def test_an_observer_in_the_plants_coordinates_has_none_and_says_so() -> None:
     known = hg.contraction(load(MODELS / "battery.toml").step("high_gain"))
     assert not known.proved
     assert "stays in the plant's" in str(known.checks[0].reason)
+
+
+def test_a_rate_far_below_one_over_dt_is_found() -> None:
+    """Within a seventh of that of the slowest slopes that are held, which no norm exceeds."""
+    step = load(MODELS / "duffing.toml").step("high_gain")
+    known = hg.contraction(step)
+    assert known.steps is not None
+    stage = known.steps.at(Fraction(step.dt))
+    radius = max(np.abs(np.linalg.eigvals(stage.frozen(corners(stage.slopes)))).max(axis=1))
+    assert 0.85 * -np.log(radius) / step.dt < (known.rate or 0) <= -np.log(radius) / step.dt

@@ -21,6 +21,7 @@ from hgogen.guarantees.stagewise import ErrorStep, Stagewise, corners, flowing
 ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than a check may
 CLOSE = 1.02  # a search ends where its ends are that close
 _HALVINGS = 6  # of the rate
+_FIRST = Fraction(3, 4)  # of the rate at slopes that are held, which no norm exceeds, where one is looked for first
 _SHARES = (Fraction(1), Fraction(199, 200), Fraction(19, 20), Fraction(0))  # of a rate found in floats, for proofs
 _WHAT = "a proof of the step"
 _NOTHING = Fraction(0)
@@ -90,9 +91,9 @@ class Steps:
         """
         if not self.may_contract(h):
             return None
-        slow, fast = Fraction(0), 1 / h
+        slow, fast = Fraction(0), Fraction((1 - _frozen(self.at(h))[0] ** 2) / float(h))
         for _ in range(_HALVINGS):
-            middle = (slow + fast) / 2 if slow else fast / 16
+            middle = Fraction(math.sqrt(slow * fast)) if slow else fast * _FIRST
             slow, fast = (middle, fast) if self.weights(h, middle) else (slow, middle)
         for alpha in (slow * share for share in _SHARES):
             weights = self.certain(h, alpha)
@@ -121,7 +122,13 @@ def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, 
 
 def unstable(step: Stagewise) -> Array | None:
     """Slopes d (m) in [-1, 1] at which, held, errors do not decay; None where none of those tried is so."""
+    radius, d = _frozen(step)
+    return d if radius >= 1 else None
+
+
+def _frozen(step: Stagewise) -> tuple[float, Array]:
+    """The largest factor by which errors decay at slopes that are held, of those tried, and these slopes."""
     d = corners(step.slopes)
     radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)
     worst = int(radius.argmax())
-    return d[worst] if radius[worst] >= 1 else None
+    return float(radius[worst]), d[worst]
