@@ -85,7 +85,7 @@ def test_between_the_two_it_warns_with_both() -> None:
 
 
 def test_who_knows_of_a_proof_is_said_where_there_may_be_one() -> None:
-    """Of a constant injection by an explicit method, with guards; in both sentences."""
+    """Of a constant injection, with guards; in both sentences."""
     pendulum = load(MODELS / "pendulum.py")
     high, tells = (
         pendulum.step("high_gain").observer,
@@ -96,7 +96,6 @@ def test_who_knows_of_a_proof_is_said_where_there_may_be_one() -> None:
     with pytest.raises(StepTooLong, match=tells):
         hg.sample(high, hg.methods.rk4, dt=0.2)
     others = (
-        (high, "exponential", {}),
         (high, "rk4", {"guards": "none"}),
         (pendulum.step("cascade").observer, "rk4", {}),
     )
