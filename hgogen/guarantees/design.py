@@ -3,12 +3,13 @@
     gain             K of `observers.high_gain` for a wanted rate, of a small noise bound
     constant_gain    K of `observers.high_gain`, for a_i that vary in ranges
     steady_gain      K of the same, to which the filter `riccati` settles at a point: of Q and R, without a solver
+    injection_filter F, G and H of `observers.filtered_injection`, for little noise at a wanted rate
     adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
     verified         what holds of K and P, whoever designed them
 
 and what papers give by formula, which asks for no solver: `formulas` lists it.
 
-For the second `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
+For `adaptive_gain` `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
 D P + P D >= 0 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is
 computed and proved of them, by `convergence.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
 on, falls as gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of
@@ -36,6 +37,7 @@ from hgogen.guarantees.adaptive_gain import attenuation as block_of
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.designed_gain import Gain, gain
+from hgogen.guarantees.filter_design import InjectionFilter, injection_filter
 from hgogen.guarantees.formulas import (
     DisturbedError,
     attenuation,
@@ -65,6 +67,7 @@ __all__ = [
     "DisturbedError",
     "Gain",
     "Infeasible",
+    "InjectionFilter",
     "NoGain",
     "adaptive_gain",
     "attenuation",
@@ -75,6 +78,7 @@ __all__ = [
     "gain",
     "gain_in_time",
     "gain_of_poles",
+    "injection_filter",
     "inside_parabola",
     "least_gamma",
     "noise_bounds",

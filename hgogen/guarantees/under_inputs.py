@@ -23,6 +23,7 @@ _WHAT = "a bound of what inputs do"
 _SHARES = tuple(Fraction(k, 100) for k in (5, 10, 20, 30, 40, 50, 60, 70, 80, 87, 93))  # of the rate, for alpha
 _FIRST = 6  # of them, that is tried first: about half of the rate where one mode decays, more where they are many
 _LARGE = 1e30  # in the place of a bound, where none is proved
+_MARGIN = 1e-6
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
 
 Driven = Callable[[Fraction], Sequence[Quadratic]]  # by alpha, the forms of which the last multipliers are the lambda
@@ -50,7 +51,7 @@ def input_bound(bounded: Driven, W: Array | None, q: int, c: Array, most: Fracti
     tried, coordinates = list[InputBound](), W
 
     def bound(share: Fraction) -> float:
-        one = _at(bounded, coordinates, q, c, share * most)
+        one = bound_at(bounded, coordinates, q, c, share * most)
         tried.extend([one] if one else [])
         return float(one.bound) if one else _LARGE
 
@@ -78,13 +79,23 @@ def _walk(bound: Callable[[Fraction], float]) -> None:
             return
 
 
-def _at(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
+def bound_at(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
+    """A bound of |c e| at this alpha, proved; None where none is. Arguments as of `input_bound`. Raises: `NoSolver`."""
     forms = bounded(alpha)
     asked = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
     exactly = confirmed(forms, lambda margin: low(*asked, margin), q, alpha)
     if exactly is None:
         return None
     return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
+
+
+def about(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> float | None:
+    """The same bound in floats, which prove nothing."""
+    forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
+    weights = low(forms, row, float(alpha), W, q, _MARGIN)
+    if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
+        return None
+    return float(np.sqrt(row[0] @ np.linalg.solve(weights[0], row[0])))
 
 
 def low(

@@ -24,7 +24,7 @@ from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.continuous_time import theta_checks
-from hgogen.guarantees.inclusion import Layout, on_integrators
+from hgogen.guarantees.filter_design import core, injected
 from hgogen.observer import Observer, any_theta, founded
 from hgogen.part import Ode
 from hgogen.program import Field, sym
@@ -100,8 +100,7 @@ def filtered_injection(
     source, filter_ = _matrix("G", source, (m,)), _matrix("F", F, (m, m))
     outer, inner = _matrix("N", np.eye(n) if N is None else N, (n, n)), _matrix("H", H, (n, m))
     pushed = outer @ inner
-    core = _core(filter_, source, pushed)
-    demand_hurwitz("N, F, G, H", core, "choose them such that Q decays")
+    demand_hurwitz("N, F, G, H", core(filter_, source, pushed), "choose them such that Q decays")
     eta = Field("eta", (0.0,) * m, meaning="state of the injection's filter")
     fields = (chain.field(initial, high.initial[0]), eta)
 
@@ -115,10 +114,7 @@ def filtered_injection(
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(m, 1)}
 
-    order = (*range(n), *[0] * m)
-    layout = Layout(order, order, (True,) * n + (False,) * m, tuple(range(n)))
-    numbers = {"F": filter_, "G": source, "NH": pushed}
-    error = on_integrators(chain, layout, core, np.append(np.zeros(n), source)[:, None], numbers)
+    error = injected(chain, filter_, source, pushed)
     return observer_on(
         chain,
         "filtered_injection",
@@ -152,13 +148,6 @@ def _matrix(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
 def _printed(matrix: np.ndarray) -> str:
     """A matrix for a banner, row by row."""
     return f"({', '.join(map(listed, matrix))})"
-
-
-def _core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-    """Q (n + m, n + m)."""
-    n = len(pushed)
-    measured = np.outer(G, np.eye(n)[0])
-    return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-measured, F]])
 
 
 def _sparse(matrix: np.ndarray) -> Graph:
