@@ -12,7 +12,7 @@ D. Gale, H. Nikaido, "The Jacobian matrix and global univalence of mappings", Ma
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from itertools import chain, combinations, permutations
+from itertools import chain, combinations, islice, permutations
 
 import numpy as np
 import sympy as sp
@@ -28,6 +28,7 @@ from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
 
 STATES = 5  # 31 minors, and 120 orders of rows
+_TRIED = 3  # orders of rows for which a proof is tried
 _SMALL = 1e-9  # of the largest minor at a sample point: not above 0
 _SHORT = 64  # the largest denominator of a row's weights
 
@@ -45,7 +46,8 @@ def univalent(jacobian: sp.Matrix, read: Sequence[Signal], box: Box, boxes: int)
     n = jacobian.rows
     if n > STATES:
         return None
-    candidates = _candidates(_samples(jacobian, read), n)
+    sampled = _samples(jacobian, read)
+    candidates = chain(islice(_orders(sampled), _TRIED), _combined(sampled)) if len(sampled) else ()
     return next((L for L in candidates if _proved(weighted(L, jacobian), box, boxes)), None)
 
 
@@ -72,15 +74,21 @@ def _samples(jacobian: sp.Matrix, read: Sequence[Signal]) -> np.ndarray:
     return np.asarray(matrices[np.isfinite(matrices).all(axis=(1, 2))])
 
 
-def _candidates(sampled: np.ndarray, n: int) -> Iterator[Weights]:
-    """Weights with which all minors are above 0 at the sample points: first orders and signs of the rows."""
-    for order in permutations(range(n)) if len(sampled) else ():
+def _orders(sampled: np.ndarray) -> Iterator[Weights]:
+    """Orders and signs of the rows with which all minors are above 0 at the sample points."""
+    n = sampled.shape[-1]
+    for order in permutations(range(n)):
         signs = np.sign([sampled[0, k, i] for i, k in enumerate(order)])
         L = np.zeros((n, n))
         L[range(n), order] = signs
         if signs.all() and _positive(L @ sampled):
             yield _short(L)
-    if len(sampled) and np.linalg.matrix_rank(sampled[0]) == n:
+
+
+def _combined(sampled: np.ndarray) -> Iterator[Weights]:
+    """About the inverse of the Jacobian at the middle, where all minors are above 0 at the sample points with it."""
+    n = sampled.shape[-1]
+    if np.linalg.matrix_rank(sampled[0]) == n:
         inverse = np.linalg.inv(sampled[0])
         rows = _short(inverse / np.abs(inverse).max(axis=1, keepdims=True))
         L = np.array(rows, dtype=float)
