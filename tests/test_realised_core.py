@@ -72,6 +72,13 @@ def test_a_polynomial_that_may_be_further_proves_nothing(monkeypatch: pytest.Mon
     assert steps.certain(h) is None
 
 
+def test_a_core_that_the_program_does_not_halve_enough_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, h = steps_of("pendulum", "high_gain"), Fraction(1, 2)
+    assert steps.certain(h) is not None
+    monkeypatch.setattr(realised, "HALVINGS", 2)
+    assert steps.certain(h) is None
+
+
 @pytest.mark.parametrize(("name", "observer"), CORES)
 def test_the_error_moves_as_by_scipys_exponential(name: str, observer: str) -> None:
     """e+ = (Phi + Psi_0 J_0 + Psi_1 (J_1 (Phi + Psi_0 J_0) - J_0)) e, the phi by a block of one exponential."""

@@ -16,7 +16,7 @@ import numpy as np
 from flint import arb, arb_mat, ctx, fmpq_mat
 
 from hgogen.algebra.definite import number
-from hgogen.discretisation.kernels import DEGREE
+from hgogen.discretisation.kernels import DEGREE, HALVINGS
 from hgogen.guarantees.inclusion import Uncertain
 from hgogen.guarantees.quadratic import BALLS, Array, floats, identity
 from hgogen.guarantees.stagewise import Inputs, Stagewise
@@ -38,11 +38,12 @@ def by_bilinear_rule(L: Array, h: Fraction) -> tuple[Array, Array]:
 def by_matrix_exponential(L: Array, h: Fraction) -> tuple[Array, Array]:
     """Of balls that hold what a program takes; without an end where that may be further than `WITHIN` from the
     exponential's."""
-    X = L * number(h)
+    X, known = L * number(h), number(WITHIN)
+    halvings = _halvings(X)
     with ctx.workprec(BALLS):
         exactly = _phi_2(X)
-        away = max(each.abs_upper() for each in (exactly - _taken(X)).ravel())
-        phi_2 = exactly + (arb(0, number(WITHIN)) if away < number(WITHIN) else arb(0, "inf"))
+        away = max(each.abs_upper() for each in (exactly - _taken(X, halvings)).ravel())
+        phi_2 = exactly + (arb(0, known) if away < known and halvings <= HALVINGS else arb(0, "inf"))
         return identity(len(X)) + X @ phi_2, phi_2
 
 
@@ -55,12 +56,16 @@ def _phi_2(X: Array) -> Array:
     return np.array([[whole[i, 2 * n + j] for j in range(n)] for i in range(n)], dtype=object)
 
 
-def _taken(X: Array) -> Array:
-    """The program's polynomial for phi_2, at the fewest halvings: these bring the sums of |x_ij| by rows to 1/2, in
-    coordinates that a diagonal matrix scales, and in none the largest sum is below the spectral radius of |X|. Each
-    halving more leaves 2^-14 of the rest of the series."""
+def _halvings(X: Array) -> int:
+    """The fewest that bring the sums of |x_ij| by rows to 1/2, in coordinates that a diagonal matrix scales: in none is
+    the largest sum below the spectral radius of |X|."""
     radius = float(np.abs(np.linalg.eigvals(np.abs(floats(X)))).max(initial=0)) * _SURE
-    halvings, one = max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0, _balls(identity(len(X)))
+    return max(0, int(np.ceil(np.log2(2 * radius)))) if radius else 0
+
+
+def _taken(X: Array, halvings: int) -> Array:
+    """The program's polynomial for phi_2. Each halving more leaves 2^-14 of the rest of the series."""
+    one = _balls(identity(len(X)))
     X = _balls(X) / 2**halvings
     phi_2 = one
     for j in range(DEGREE, 0, -1):
