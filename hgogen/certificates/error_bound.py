@@ -209,7 +209,8 @@ def _bounded(
     if real:
         if start is None or multiple is None:
             raise Unbounded(because("how much is rounded is not known, as the estimate may meet its limits"))
-        rounding = rounding_share(step, real, steps, proof, shares, start, multiple, samples, shown)
+        moves = _moves(plant, shares)
+        rounding = rounding_share(step, real, steps, proof, shares, start, multiple, samples, shown, moves)
         early, calls, decayed = {k: without[k] + rounding.early[k] for k in fields}, rounding.calls, rounding.left
         shares.append(rounding.share)
         multiple = _multiple(steps, proof, start, early)
@@ -230,6 +231,12 @@ def _bounded(
         inside=stated.inside,
     )
     return replace(stated, signed=own)
+
+
+def _moves(plant: PlantStep, shares: Sequence[Share]) -> list[Fraction]:
+    """How far the plant goes in a call, by row of its form. Raises: `Unbounded`."""
+    beside = [share.sizes.beside for share in shares if share.sizes.beside]
+    return [plant.h * (speed + sum((each[i] for each in beside), Fraction(0))) for i, speed in enumerate(plant.speeds)]
 
 
 def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fraction]:

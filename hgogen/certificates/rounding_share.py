@@ -1,11 +1,12 @@
 """The share that rounding has in an error: its sizes on the states that the other shares and the start leave.
 
-What rounding does depends on how large the numbers are, these on the error, and the error on rounding. So with r times
-a bound R of what it does at first
+What rounding does depends on how large the numbers are, these on the error, and the error on rounding. With R what it
+does where it moves nothing itself,
 
-    rho(plant's ranges + start + the other shares + r R) <= r rho_1   shows by induction that it does no more than r R,
+    rho(plant's ranges + start + the other shares + r R) <= r rho(plant's ranges + start + the other shares)
 
-and later, when the start has decayed, it does less: |e|_P^2 - 1 falls to 1 - alpha h of itself at each call.
+shows by induction that it does no more than r R. Once the start has decayed it does less: |e|_P^2 - 1 falls to 1 -
+alpha h of itself at each call, in the norm of what is rounded from then on.
 """
 
 import math
@@ -13,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from itertools import pairwise, product
 from typing import Any
 
 import sympy as sp
@@ -40,7 +42,9 @@ CLOSE = Fraction(1, 20)  # of a bound: what is left of the start, and of roundin
 _ROOM = Fraction(11, 10)  # of the other shares, with what is left of the start
 _ROUNDS = 40
 _GROWTH = Fraction(11, 10)  # of r, from round to round
+_PIECES = 32  # of the ranges of the first states
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
+Side = tuple[Fraction, Fraction]
 Sized = Mapping[int, Fraction]  # by field, in the unit of its state of the form
 
 
@@ -65,39 +69,47 @@ def rounding_share(
     multiple: Fraction,
     samples: Sequence[Fraction],
     shown: Heads,
+    moves: Sequence[Fraction],
 ) -> Rounding:
     """The share of a program in a working precision, beside the others, from first errors of `multiple` times what the
-    ranges allow, of samples that err by at most `samples` (p).
+    ranges allow, of samples that err by at most `samples` (p), beside a plant that `moves` (n) at most in a call.
 
     Raises: `Unbounded`, `NoSolver`.
     """
-    every = range(len(start.scales))
-    parts = [_of_share(share.unit, share.proofs, start.scales) for share in shares]
+    every, scales = range(len(start.scales)), start.scales
+    parts = [_of_share(share.unit, share.proofs, scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
-    begins = reached(rational(proof.weights.P), start.corners, {k: of_state(start.scales, k) for k in every})
-    sizes = _Sizing(step, real, steps, start, samples)
-    first = sizes.beside({k: others[k] * _ROOM for k in every})
-    proofs, relative = dict[int, InputBound](), first.over(first.largest)
-    inputs = relative.inputs(steps.at(proof.h), steps.error, start.scales, shown)
-    for k in (k for k, fed in enumerate(steps.error.layout.fed) if fed):
-        one = of_step(steps, proof.h, inputs, of_state(start.scales, k), proof.alpha)
-        if one is None:
+    begins = reached(rational(proof.weights.P), start.corners, {k: of_state(scales, k) for k in every})
+    sizes, taken = _Sizing(step, real, steps, start, samples, shown, moves), min(multiple, Fraction(1))
+
+    def moved(what: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
+        """The proofs of what such sizes do, over the largest, and what they say of each field."""
+        inputs = what.over(what.largest).inputs(steps.at(proof.h), steps.error, scales, shown)
+        fed = (k for k in every if steps.error.layout.fed[k])
+        proofs = {k: of_step(steps, proof.h, inputs, of_state(scales, k), proof.alpha) for k in fed}
+        known = {k: one for k, one in proofs.items() if one}
+        if len(known) < len(proofs):
             raise Unbounded(because("no bound is found of what rounding does"))
-        proofs[k] = one
-    bounds = _of_share(first.largest, proofs, start.scales)
+        return known, _of_share(what.largest, known, scales)
 
-    def times(r: Fraction, beside: Callable[[int], Fraction]) -> Fraction:
-        """How many times as much as at first is rounded, where rounding moves the error by r times its bounds."""
-        moved = sizes.beside({k: beside(k) + r * bounds[k] for k in every})
-        return max(more / less for more, less in zip(moved.fields, first.fields, strict=True))
+    wide = {k: others[k] + taken * begins[k] for k in every}
+    first = sizes.beside(wide)
+    _, bounds = moved(first)
+    most = _kept_to(lambda r: _times(sizes.beside({k: wide[k] + r * bounds[k] for k in every}), first))
+    early = {k: most * bounds[k] for k in every}
+    later = sizes.beside({k: _ROOM * others[k] + (1 + CLOSE) * early[k] for k in every})
+    proofs, bounds = moved(later)
+    left = {k: CLOSE * (others[k] + min(bounds[k], early[k])) for k in every}
+    falls = min(one.alpha for one in proofs.values()) * proof.h
+    calls = _calls(float(most * _times(first, later)), float(falls))
+    return Rounding(Share("rounding", later, later.largest, proofs), early, left, calls)
 
-    taken = min(multiple, Fraction(1))
-    most = _kept_to(lambda r: times(r, lambda k: others[k] + taken * begins[k]))
-    last = max(Fraction(1), times(most, lambda k: _ROOM * others[k] + CLOSE * most * bounds[k]))
-    share = Share("rounding", Sizes(fields=tuple(size * last for size in first.fields)), first.largest * last, proofs)
-    falls, ratio = min(one.alpha for one in proofs.values()) * proof.h, most / last
-    early, left = ({k: more * bounds[k] + less * others[k] for k in every} for more, less in ((most, 0), (last, 1)))
-    return Rounding(share, early, {k: CLOSE * each for k, each in left.items()}, _calls(float(ratio), float(falls)))
+
+def _times(more: Sizes, less: Sizes) -> Fraction:
+    """How many times as much is rounded, in no field more. Raises: `Unbounded`."""
+    if not all(less.fields):
+        raise Unbounded(because("a field is not rounded"))
+    return max(x / y for x, y in zip(more.fields, less.fields, strict=True))
 
 
 def _kept_to(times: Callable[[Fraction], Fraction]) -> Fraction:
@@ -128,28 +140,46 @@ def _of_share(unit: Fraction, proofs: Mapping[int, InputBound], scales: Sequence
 
 @dataclass(frozen=True)
 class _Sizing:
-    """How much a call rounds on the plant's ranges, with errors of its fields beside."""
+    """How much a call rounds on the plant's ranges, with errors of its fields beside: the most of pieces of the ranges
+    of the first states, as what is injected is small where samples are those of the same piece."""
 
     step: Step
     real: Real
     steps: Steps
     start: Start
     samples: Sequence[Fraction]
+    shown: Heads
+    moves: Sequence[Fraction]
 
     def beside(self, errors: Sized) -> Sizes:
         """Raises: `Unbounded`."""
-        form, layout = self.step.observer.form, self.steps.error.layout
-        held = []
+        rounded = [self._on(ranges, errors) for ranges in self._pieces]
+        each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
+        return Sizes(fields=tuple(max(rhos) * e / Fraction(self.step.dt) for rhos, e in each))
+
+    def _on(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
+        """By field, on a piece. Raises: `Unbounded`."""
+        layout, held = self.steps.error.layout, []
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
-            low, high = map(Fraction, form.states[i].interval) if fed else (Fraction(0), Fraction(0))
-            product = self.start.scales[k] / e
-            held.append(_ball(product * (low - errors[k]), product * (high + errors[k])))
+            low, high = ranges[i] if fed else (Fraction(0), Fraction(0))
+            unit = self.start.scales[k] / e
+            held.append(_ball(unit * (low - errors[k]), unit * (high + errors[k])))
         try:
-            rounded = rounding_errors(self.step, self.real, held, *self._signals)
+            rounded = rounding_errors(self.step, self.real, held, self._samples(ranges), self._inputs)
         except Unsure as error:
             raise Unbounded(because("how far rounding goes is not known: {what}", what=error.args[0])) from error
-        sizes = (_above(rho) * e / Fraction(self.step.dt) for rho, e in zip(rounded, self._remembered, strict=True))
-        return Sizes(fields=tuple(sizes))
+        return list(map(_above, rounded))
+
+    @cached_property
+    def _pieces(self) -> list[tuple[Side, ...]]:
+        """The ranges (n) of the states, those of the first ones in pieces."""
+        count, sides = round(_PIECES ** (1 / len(self.shown))), list[list[Side]]()
+        for i, state in enumerate(self.step.observer.form.states):
+            low, high = map(Fraction, state.interval)
+            parts = count if i in self.shown else 1
+            cuts = [low + (high - low) * Fraction(part, parts) for part in range(parts + 1)]
+            sides.append(list(pairwise(cuts)))
+        return list(product(*sides))
 
     @cached_property
     def _remembered(self) -> Sequence[Fraction]:
@@ -157,22 +187,35 @@ class _Sizing:
         assert known is not None  # as `start.scales` is not
         return known
 
+    def _samples(self, ranges: Sequence[Side]) -> list[Any]:
+        """The samples of a plant in these ranges at the beginning of a call, at both ends of it."""
+        y = []
+        for j, (low, high) in enumerate(self._offsets):
+            i, slope = next((i, slope) for i, (output, slope) in self.shown.items() if output == j)
+            ends = [slope * (end + way * self.moves[i]) for end, way in zip(ranges[i], (-1, 1), strict=True)]
+            y.append(_ball(min(ends) + low - self.samples[j], max(ends) + high + self.samples[j]))
+        return y
+
     @cached_property
-    def _signals(self) -> tuple[list[Any], list[Any]]:
-        """Samples and inputs. Raises: `Unbounded`."""
-        form = self.step.observer.form
+    def _offsets(self) -> list[Side]:
+        """What each output is beside its first state times its slope. Raises: `Unbounded`."""
+        form, offsets = self.step.observer.form, list[Side]()
         where = box(signals(form), form.system.nominal)
-        y, u = list[Any](), list[Any]()
-        for row, size in zip(form.output, self.samples, strict=True):
-            known = bound(sp.sympify(row), where)
-            if not (known.defined and known.finite):
+        slopes = {output: form.states[i] * sp.Rational(slope) for i, (output, slope) in self.shown.items()}
+        for j, row in enumerate(form.output):
+            known = bound(sp.expand(row - slopes.get(j, 0)), where)
+            if not (known.defined and known.finite) or j not in slopes:
                 raise Unbounded(because("{expression} has no finite range on the box", expression=row))
-            y.append(_ball(Fraction(known.low) - size, Fraction(known.high) + size))
-        for signal in form.system.inputs:
+            offsets.append((Fraction(known.low), Fraction(known.high)))
+        return offsets
+
+    @cached_property
+    def _inputs(self) -> list[Any]:
+        """Raises: `Unbounded`."""
+        for signal in self.step.inputs:
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))
-            u.append(_ball(*map(Fraction, signal.interval)))
-        return y, u
+        return [_ball(*map(Fraction, signal.interval)) for signal in self.step.inputs]
 
 
 def _ball(low: Fraction, high: Fraction) -> Any:
