@@ -369,3 +369,14 @@ def test_a_rate_far_below_one_over_dt_is_found() -> None:
     stage = known.steps.at(Fraction(step.dt))
     radius = max(np.abs(np.linalg.eigvals(stage.frozen(corners(stage.slopes)))).max(axis=1))
     assert 0.85 * -np.log(radius) / step.dt < (known.rate or 0) <= -np.log(radius) / step.dt
+
+
+@pytest.mark.parametrize(("name", "tuning"), [("flexible_joint.toml", "filtered"), ("geared_motor.py", "high_gain")])
+def test_a_norm_that_is_far_from_round_is_proved(name: str, tuning: str) -> None:
+    """Whose P has eigenvalues 10^7 times others, in the coordinates that an error has by its units."""
+    step = load(MODELS / name).step(tuning)
+    known, (above,) = hg.contraction(step), (check for check in step.observer.checks if check.id.fact == "theta")
+    assert known.proved
+    assert above.verdict is Verdict.PROVED
+    assert known.reach.least is not None
+    assert known.reach.least < 0.75 * float(step.observer.gains[0].initial[0])

@@ -102,6 +102,15 @@ def test_a_bound_is_near_the_least_where_numbers_are_far_from_1() -> None:
     assert gain.gains["x3", "y"] < 163
 
 
+def test_what_next_to_nothing_of_a_norm_shows_is_bounded_too() -> None:
+    """The angle, of which a norm of all states is a millionth; the current by a sensor that does not read it."""
+    gain = hg.noise_gain(load(MODELS / "geared_motor.py").step("high_gain"))
+    assert gain is not None
+    assert 1 <= gain.gains["phi", "y1"] < 1.4
+    assert gain.gains["phi", "y2"] < 1.9
+    assert gain.gains["i", "y1"] < 1e-6
+
+
 @pytest.mark.slow
 def test_of_several_outputs_the_shares_add() -> None:
     observer = hg.observers.high_gain(hg.forms.block_triangular(two_outputs()), theta=6, poles=((-1, -1), (-1,)))

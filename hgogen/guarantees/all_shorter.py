@@ -20,7 +20,7 @@ from hgogen.guarantees.contracting import Steps
 from hgogen.guarantees.quadratic import Weights, floats, on_grid, rational
 
 _PIECES = 12  # that are tried before it is given up
-_GRID = 44  # bits after the point of the weights
+_GRID = 60  # bits after the point of the weights
 _NOTHING = Fraction(0)
 
 

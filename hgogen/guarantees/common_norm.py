@@ -254,7 +254,7 @@ class Flow:
         """Weights in floats with which the forms are negative."""
         forms = self._floats(theta, alpha)
         weights = self._sought(forms)
-        return weights if weights is not None and negative(forms, *weights) else None
+        return weights if weights is not None and negative(forms, *weights, self._coordinates) else None
 
     def _sought(self, forms: tuple[Quadratic, ...]) -> Pair | None:
         if forms[0].size > ROWS:
@@ -289,13 +289,14 @@ class Flow:
 
     def _plain(self, forms: tuple[Quadratic, ...]) -> Pair | None:
         """P of large theta, and S with which slopes take least from it."""
-        if self._alone is None:
+        P = self._alone
+        if P is None:
             return None
-        n = len(self._alone)
-        return self._alone, np.linalg.norm(self._alone @ forms[0].pairs[0][1][:, n:], axis=0)
+        n = len(P)
+        return P, np.linalg.norm(P @ forms[0].pairs[0][1][:, n:], axis=0)
 
     def _holds(self, theta: Fraction, alpha: Fraction, weights: Pair) -> bool:
-        return negative(self._floats(theta, alpha), *weights)
+        return negative(self._floats(theta, alpha), *weights, self._coordinates)
 
     def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
         return self._forms(self.error.at(theta), theta, number(alpha))
@@ -320,17 +321,9 @@ class Flow:
 
     @cached_property
     def _alone(self) -> Array | None:
-        """The first P, or one (n, n) with N'P + P N = -c I, its trace n; None where it shows nothing."""
-        N = self.error.limit
-        n, one = len(N), np.eye(len(N))
-        if self.first is not None:
-            return np.asarray(self.first * n / np.trace(self.first))
-        try:
-            P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
-        except np.linalg.LinAlgError:
-            return None
-        P = (P + P.T) / 2
-        return P * n / np.trace(P) if np.linalg.eigvalsh(P).min() > 0 else None
+        """The first P, its trace n, or that of the linear part alone; None where it shows nothing."""
+        first = self.first
+        return self.error.alone if first is None else np.asarray(first * len(first) / np.trace(first))
 
     @cached_property
     def _coordinates(self) -> Array | None:

@@ -22,6 +22,7 @@ ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than
 CLOSE = 1.02  # a search ends where its ends are that close
 _HALVINGS = 6  # of the rate
 _FIRST = Fraction(3, 4)  # of the rate at slopes that are held, which no norm exceeds, where one is looked for first
+_PASSES = 2
 _SHARES = (Fraction(1), Fraction(199, 200), Fraction(19, 20), Fraction(0))  # of a rate found in floats, for proofs
 _WHAT = "a proof of the step"
 _NOTHING = Fraction(0)
@@ -76,13 +77,19 @@ class Steps:
             return None
         form = self.at(h).contraction(alpha)
         weights = sought((form,), _WHAT, self.coordinates)
-        return weights if weights is not None and negative((form.floats,), *weights) else None
+        return weights if weights is not None and negative((form.floats,), *weights, self.coordinates) else None
 
     @cached_property
     def coordinates(self) -> Array | None:
-        """P^(-1/2) (N, N) of continuous time, near which the P of a step are; None where a solver finds none."""
-        weights = sought((flowing(self._uncertain, number(_NOTHING)),), _WHAT)
-        return None if weights is None else inverse_root(weights[0])
+        """P^(-1/2) (N, N) of continuous time, near which the P of a step are; None where a solver finds none. It is
+        sought near that of the linear part, and where that is far off once more."""
+        W = self.error.coordinates
+        for _ in range(_PASSES):
+            weights = sought((flowing(self._uncertain, number(_NOTHING)),), _WHAT, W)
+            if weights is None:
+                return None
+            W = inverse_root(weights[0])
+        return W
 
     def proved(self, h: Fraction) -> Contracts | None:
         """A proof with a rate that is close to the largest that the inequality gives; None where none is found.

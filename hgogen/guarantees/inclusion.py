@@ -18,6 +18,7 @@ holds for every z, also far outside of the box: the box is convex, and x is in i
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -32,7 +33,7 @@ from hgogen.evidence.grammar import outward, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.quadratic import Array, floats, fractions, identity, rational, stacked
+from hgogen.guarantees.quadratic import Array, floats, fractions, identity, inverse_root, rational, stacked
 from hgogen.guarantees.steepness import companions, jacobian, obstacle
 from hgogen.intervals.bounds import Range
 from hgogen.sentence import Reason, because
@@ -102,6 +103,23 @@ class Inclusion:
             if slope.degree == -1:
                 N[:, slope.of] += float(slope.low + slope.high) / 2 * np.array(slope.onto, dtype=float)
         return N
+
+    @cached_property
+    def alone(self) -> Array | None:
+        """P (N, N) with N'P + P N = -c I for that, its trace N; None where it shows nothing. In floats."""
+        N = self.limit
+        n, one = len(N), np.eye(len(N))
+        try:
+            P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
+        except np.linalg.LinAlgError:
+            return None
+        P = (P + P.T) / 2
+        return P * n / np.trace(P) if np.linalg.eigvalsh(P).min() > 0 else None
+
+    @cached_property
+    def coordinates(self) -> Array | None:
+        """P^(-1/2) of it, near which the P that are sought are."""
+        return None if self.alone is None else inverse_root(self.alone)
 
     def named(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
         """The values of the slopes that are entries of a Jacobian, for d (m) in [-1, 1], by name."""

@@ -24,7 +24,7 @@ BALLS = 256  # bits of a ball
 _MARGINS = (1e-4, 1e-6, 1e-3)  # by which a form is negative, so that it is when it is rounded
 _FINE = (34, 48)  # bits after the point, where P is of any size
 _NOTHING = Fraction(0)
-_GRIDS = (30, 44)  # bits after the point to which P and S are rounded, where the trace of P is its size
+_GRIDS = (30, 44, 60)  # bits after the point to which P and S are rounded, where the trace of P is its size
 _ROUNDING = 1e-8  # what rounding to a grid may take from a form
 _SMALL = 1e-6  # of the largest reading: what counts for one that is smaller
 
@@ -139,8 +139,12 @@ def even(of: Quadratic, W: Array) -> Array:
     return np.asarray(np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > 0) & (enters > 0))))
 
 
-def negative(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
-    """Whether all forms are negative as far as floats tell, by what rounding to a grid may take."""
+def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:
+    """Whether all forms of floats are negative as far as floats tell, by what rounding to a grid may take: in
+    coordinates x of e = `W` x, in which P is near the unit matrix."""
+    if W is not None:
+        g = even(forms[0], W)
+        forms, P, S = [Seen(form, W, g).form for form in forms], W.T @ P @ W, S * g**2
     values = np.array([form.value(P, S) for form in forms])
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 

@@ -15,13 +15,14 @@ import numpy as np
 
 from hgogen.algebra.definite import root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, extent, floats
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, extent, floats, inverse_root
 from hgogen.guarantees.semidefinite import shortest, together
 from hgogen.guarantees.stagewise import Inputs
 
 _WHAT = "a bound of what inputs do"
 _SHARES = tuple(Fraction(k, 100) for k in (5, 10, 20, 30, 40, 50, 60, 70, 80, 87, 93))  # of the rate, for alpha
 _FIRST = 6  # of them, that is tried first: about half of the rate where one mode decays, more where they are many
+_SMALL, _PASSES = 1e-3, 2  # (c x)^2 that is sought in other coordinates, and how often
 _LARGE = 1e30  # in the place of a bound, where none is proved
 _MARGIN = 1e-6
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
@@ -99,10 +100,11 @@ def about(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> float
 
 
 def low(
-    forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
+    forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float, passes: int = _PASSES
 ) -> tuple[Array, Array] | None:
     """P and S in floats with a small largest c P^-1 c' of the `rows` c (r, n), sought in coordinates x of e = W x, the
-    inputs in a unit in which x is near 1.
+    inputs in a unit in which x is near 1; where one is far less, which a solver takes for 0, in those of that P once
+    more.
 
     Raises: `NoSolver`.
     """
@@ -111,8 +113,13 @@ def low(
     views, seen = [Seen(form, W, g) for form in forms], rows @ W
     most = together(forms[0], q, float(_SHARE) * alpha)
     long = float(np.linalg.norm(seen, axis=1).max())
-    candidate = shortest([view.form for view in views], seen / long, most, margin, _WHAT)
+    seen = seen / long
+    candidate = shortest([view.form for view in views], seen, most, margin, _WHAT)
     if candidate is None:
         return None
+    if passes and np.einsum("ij,ji->i", seen, np.linalg.solve(candidate[0], seen.T)).max() < _SMALL:
+        again = low(forms, rows, alpha, W @ inverse_root(candidate[0]), q, margin, passes - 1)
+        if again is not None:
+            return again
     P, S = views[0].back(*candidate)  # of inputs of that unit
     return P * unit**2, S * unit**2
