@@ -380,3 +380,21 @@ def test_a_norm_that_is_far_from_round_is_proved(name: str, tuning: str) -> None
     assert above.verdict is Verdict.PROVED
     assert known.reach.least is not None
     assert known.reach.least < 0.75 * float(step.observer.gains[0].initial[0])
+
+
+def test_a_step_without_a_norm_says_which_slope_hinders_and_by_how_much() -> None:
+    known = hg.contraction(load(MODELS / "chua.toml").step("high_gain"))
+    assert not known.proved
+    said = str(known.checks[0].reason)
+    assert "no norm is found for all slopes in their ranges, db_3/dz2 in [" in said
+    assert said.endswith("hinders most; one is with 0.84 of the ranges of all slopes of b")
+
+
+def test_a_share_of_the_ranges_keeps_what_is_no_slope_of_b() -> None:
+    """The saturations of peaking_free pass from nothing to all, whatever b does."""
+    error = load(MODELS / "pendulum.py").step("peaking_free").observer.error
+    less = error.narrowed(Fraction(1, 2))
+    for one, other in zip(error.slopes, less.slopes, strict=True):
+        factor = Fraction(1, 2) if one.entry else 1
+        assert (other.low, other.high) == (one.low * factor, one.high * factor)
+    assert {slope.entry is None for slope in less.slopes} == {True, False}

@@ -247,3 +247,25 @@ def test_a_short_chain_aligned_at_the_end_is_in_units_of_its_own() -> None:
             one["bound"] = str(Fraction(one["bound"]) / 50)
     rows = {row.id: row.found for row in recheck(sealed(content)).rows}
     assert rows["high_gain.error"] != "verified"
+
+
+@pytest.mark.parametrize(("x2", "u", "names"), [({}, (-1, 1), "x2"), ({"low": -1, "high": 1}, None, "u")])
+def test_without_a_range_the_bound_asks_for_it(x2: Any, u: Any, names: str) -> None:
+    x = [hg.Signal("x1", low=-1, high=1), hg.Signal("x2", **x2)]
+    drive = hg.Signal("u", low=u[0], high=u[1]) if u else hg.Signal("u")
+    flow, outputs = [x[1], drive - x[0] - x[1]], (hg.Signal("y"),)
+    plant = hg.System("endless", states=x, inputs=(drive,), outputs=outputs, flow=flow, output=[x[0]])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=[-1, -1])
+    check = hg.error_bound(hg.sample(observer, hg.methods.rk4, dt=0.01), noise={"y": 0.1}, rates={"u": 1}).check
+    assert check.verdict is Verdict.UNKNOWN
+    assert f"is bounded on ranges, and {names} has none" in str(check.reason)
+    assert check.fix == f"Declare low and high of {names}."
+
+
+def test_ranges_that_the_limits_of_an_estimate_do_not_hold_have_no_set_of_starts() -> None:
+    """A value of the state beyond 1e300 is lost."""
+    x = [hg.Signal(name, low=-1e308, high=1e308) for name in ("x1", "x2")]
+    plant = hg.System("vast", states=x, outputs=(hg.Signal("y"),), flow=[x[1], -x[0] - x[1]], output=[x[0]])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=[-1, -1])
+    with np.errstate(all="ignore"):
+        assert hg.start_set(hg.sample(observer, hg.methods.rk4, dt=0.01)) is None

@@ -133,6 +133,26 @@ def test_noise_of_no_size_has_no_bound(size: Any) -> None:
         gain.bound("q", {"y": size})
 
 
+def test_of_chains_that_end_together_the_later_head_counts_by_its_power() -> None:
+    """Of a gain below 1, by which less of the noise would seem to enter than does."""
+    x1, x2, x3, u = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "x3", "u"))
+    outputs, flow = (hg.Signal("y1"), hg.Signal("y2")), [x2, u - x2, u - x3 / 100]
+    plant = hg.System("two", states=(x1, x2, x3), inputs=(u,), outputs=outputs, flow=flow, output=[x1, x3])
+    form = hg.forms.block_triangular(plant, "end")
+    observer = hg.observers.high_gain(form, theta=0.5, poles=((-1, -1), (-1,)))
+    step = hg.sample(observer, hg.methods.rk4, dt=0.05)
+    gain, machine = hg.noise_gain(step), Machine(step)
+    assert gain is not None
+    x, _, _ = machine.record(np.zeros((600, 1)), np.tile([0.0, 0.1], (600, 1)))
+    assert 0.097 < x[-1, 2] <= gain.bound("x3", {"y2": 0.1}) < 0.101
+    content = hg.certificate(form, (*observer.checks, gain.check), "high_gain")
+    assert verdict(content) == "verified"
+    (claim,) = (each for each in content["claims"] if each["id"] == "high_gain.noise")
+    for one in claim["evidence"]["bounds"]:
+        one["bound"] = str(Fraction(one["bound"]) / 2)
+    assert verdict(content) == "fails"
+
+
 def test_where_nothing_is_proved_there_is_no_bound() -> None:
     gains = load(MODELS / "hyperjerk.py").module.tuning["low_power"]
     observer = hg.observers.low_power(hg.forms.triangular(model("hyperjerk")), **gains)

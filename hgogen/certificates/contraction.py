@@ -15,10 +15,11 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from hgogen.certificates.reach import NOWHERE, Reach, reach
+from hgogen.certificates.reach import NOWHERE, Reach, enough, reach
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Grounds
 from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.common_norm import Flow
 from hgogen.guarantees.contracting import ROWS, Contracts, Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.step_evidence import AtOneLength, Throughout
@@ -144,10 +145,13 @@ def theta_of(observer: Observer) -> Fraction:
 
 
 def _why(observer: Observer, steps: Steps, h: Fraction) -> Reason:
-    """Why there is no proof at a step length."""
+    """Why there is no proof at a step length: slopes that are held, else what hinders most, and by how much."""
     held = unstable(steps.at(h))
     if held is None:
-        return because("no common norm is found for all slopes in their ranges")
+        known, share = Flow(steps.error, steps.theta).obstacle(observer.form.states), enough(steps, h)
+        if share is None:
+            return known
+        return because("{why}; one is with {share} of the ranges of all slopes of b", why=known, share=Down(share, 2))
     values = steps.error.named(observer.form.states, held)
     return because("with {slopes}, held there, errors do not decay", slopes=point(values))
 

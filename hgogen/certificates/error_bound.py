@@ -35,6 +35,7 @@ from hgogen.intervals.outward import number
 from hgogen.method import ByTableau
 from hgogen.reading.named import names_of
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
+from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice, demand_step
 
 AnyStep = TypeVar("AnyStep", bound=Step)
@@ -118,6 +119,10 @@ def error_bound(
         return _unknown(step, known.checks[0].reason)
     if not isinstance(step.method, ByTableau):
         return _unknown(step, because("the plant's own step is not known for {rule}", rule=step.rule))
+    endless = [name for name, signal in _read(step) if not signal.bounded]
+    if endless:
+        why = because("what a plant does beside a step is bounded on ranges, and {names} has none", names=endless)
+        return _unknown(step, why, f"Declare low and high of {', '.join(endless)}.")
     plant = PlantStep(form, step.method.plain, known.proof.h, moving)
     try:
         entering = _entering(plant, most)
@@ -142,6 +147,12 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
     Raises: as `error_bound`.
     """
     return replace(step, signed=error_bound(step, **bounds).signed)
+
+
+def _read(step: Step) -> list[tuple[str, Signal]]:
+    """The states of the form, by their names, and the inputs."""
+    form = step.observer.form
+    return [*zip(form.names, form.states, strict=True), *((u.name, u) for u in form.system.inputs)]
 
 
 def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
@@ -318,6 +329,6 @@ def _claim(step: Step) -> str:
     return f"{running(step.observer, step.rule, step.dt)}, every state is known within a bound, for ever"
 
 
-def _unknown(step: Step, why: Reason) -> ErrorBound:
-    check = Check(ClaimId(step.observer.name, "error"), _claim(step), Verdict.UNKNOWN, why, fix="Validate by trials.")
+def _unknown(step: Step, why: Reason, fix: str = "Validate by trials.") -> ErrorBound:
+    check = Check(ClaimId(step.observer.name, "error"), _claim(step), Verdict.UNKNOWN, why, fix=fix)
     return ErrorBound(check, {}, {}, {})

@@ -17,6 +17,7 @@ from hgogen.guarantees.contracting import Steps, farthest
 from hgogen.intervals.digits import down, up
 
 _ROOM = 2**10  # how much longer a dt is looked for where nothing is refused
+_SHARES = 8  # that are tried, each half of the one before
 _HALVINGS, _DOUBLINGS = 10, 6  # of dt, of theta, where there is no proof at the step's own
 _BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))  # of the way to the start: where a proof is tried
 
@@ -60,6 +61,22 @@ def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
     pieces = all_shorter(steps, longest) if longest else ()
     tuned = all_shorter(at(least), h * theta / least) if least and least < theta else ()
     return Reach(longest, pieces, least, tuned)
+
+
+def enough(steps: Steps, h: Fraction) -> Fraction | None:
+    """Of a step that is not proved, the largest share of the ranges of its slopes with which it is; None of none.
+
+    Raises: `NoSolver`.
+    """
+
+    def of(share: Fraction) -> Steps:
+        return replace(steps, error=steps.error.narrowed(share))
+
+    first = _first(lambda share: of(share).may_contract(h), (Fraction(1, 2**k) for k in range(1, _SHARES)))
+    if first is None:
+        return None
+    end = farthest(lambda share: of(share).may_contract(h), first, Fraction(1))
+    return _proved(lambda share: of(share).certain(h), first, end)
 
 
 def _first(holds: Callable[[Fraction], bool], values: Iterable[Fraction]) -> Fraction | None:

@@ -73,8 +73,9 @@ class Start:
 
 
 def start_of(observer: Observer, steps: Steps) -> Start | None:
-    """The start of an estimate; None of more than 8 states, of states without ranges, where fields of one state do not
-    start alike, or whose chain has gains that are no numbers."""
+    """The start of an estimate; None of more than 8 states, of states without ranges, or of ranges that its outer box
+    does not hold with room around, where fields of one state do not start alike, or whose chain has gains that are no
+    numbers."""
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     if scales is None or form.n > _STATES or not all(state.bounded for state in form.states):
@@ -82,7 +83,8 @@ def start_of(observer: Observer, steps: Steps) -> Start | None:
     first = _first(observer, error)
     if first is None:
         return None
-    return Start(scales, first, _corners(error, scales, first), _limits(observer, error))
+    limits = _limits(observer, error)
+    return Start(scales, first, _corners(error, scales, first), limits) if min(limits.values()) > 0 else None
 
 
 @lru_cache(maxsize=32)

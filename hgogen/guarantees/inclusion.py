@@ -121,6 +121,13 @@ class Inclusion:
         """P^(-1/2) of it, near which the P that are sought are."""
         return None if self.alone is None else inverse_root(self.alone)
 
+    def narrowed(self, share: Fraction) -> "Inclusion":
+        """The same, the ranges of the slopes of b that share of what they are; 0 stays in them."""
+        slopes = (
+            replace(each, low=each.low * share, high=each.high * share) if each.entry else each for each in self.slopes
+        )
+        return replace(self, slopes=tuple(slopes))
+
     def named(self, states: Sequence[sp.Symbol], d: Array) -> dict[str, Fraction]:
         """The values of the slopes that are entries of a Jacobian, for d (m) in [-1, 1], by name."""
         values = {}

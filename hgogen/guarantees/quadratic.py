@@ -96,6 +96,8 @@ def confirmed(
     margin, a smaller one where there is no room for it, a larger one where a solver has taken all of it; the sum of the
     last q of S is at most `most`. None where none are confirmed."""
     for candidate in filter(None, map(by_margin, _MARGINS)):
+        if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
+            continue
         places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # by which the trace of P lies below 1
         for bits in _FINE:
             P, S = (on_grid(each, bits + places) for each in candidate)
