@@ -5,7 +5,8 @@
 
 Phi and Phi' C' C Phi are Taylor series at the begin to an order N. What they leave is the coefficient N + 1 somewhere
 in the piece (Lagrange), entry by entry: at most that of the series whose coefficients are the norms of those of A and C
-on the whole piece, from |Phi| <= exp(length |A|). Arb's balls are rounded outward.
+on the whole piece, from |Phi| <= exp(length |A|); an entry of V' V, V = C Phi, is no more than |V|^2. Arb's balls are
+rounded outward.
 """
 
 from collections.abc import Sequence
@@ -77,7 +78,7 @@ class Course:
         for k in range(ORDER + 1):
             phi.append(_convolved(a, phi, k) * _BALLS.over(k + 1))
         v = [_convolved(c, phi, k) for k in range(order)]
-        shown = _convolved(v, v, ORDER + 1) * self.p
+        shown = _convolved(v, v, ORDER + 1)
         return phi[-1] * h ** (ORDER + 1), shown * h ** (ORDER + 2) * _BALLS.over(ORDER + 2)
 
     def _series(self, time: Any, order: int) -> tuple[list[Any], list[Any]]:
