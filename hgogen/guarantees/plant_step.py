@@ -43,6 +43,7 @@ _SHORT = 10_000  # the largest denominator of a tableau's coefficients
 _LOOSE = Fraction(1001, 1000)  # of a supremum: what is taken for it
 _SUMMED = 1 + Fraction(1, 10**9)  # of a number, which another arithmetic ends elsewhere
 Rows = tuple[tuple[Fraction, ...], ...]
+_UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape  # of a series, the third where FLINT divides by a ball of 0
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class PlantStep:
             return None
         try:
             stages, end = self._step_series
-        except (Undecided, ZeroDivisionError, NoTape):
+        except _UNKNOWN:
             return None
         at = flint.arb(number(c[stage]))
         bent = (_above(last[_THIRD] * at - one[_THIRD]) for last, one in zip(end, stages[stage], strict=True))
@@ -184,7 +185,7 @@ class PlantStep:
         order = self.tableau.order
         try:
             flow, (_, step) = self._flow_series(order + 2), self._step_series
-        except (Undecided, ZeroDivisionError, NoTape) as error:
+        except _UNKNOWN as error:
             raise Unbounded(
                 because("the method's remainder has no bound on the ranges: {flow}", flow=self.flow)
             ) from error
