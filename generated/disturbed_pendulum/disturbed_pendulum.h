@@ -137,8 +137,9 @@
  *   proved: adaptive_lmi.definite: the smallest eigenvalue is at least 0.04047
  *   proved: adaptive_lmi.shrink: the smallest eigenvalue is at least 0.05695
  *   proved: adaptive_lmi.decay: the largest eigenvalue is at most -0.3242
- *   proved: adaptive_lmi.convergence: gamma_inf = 20.53 is above 6.347 = max(1, 2 k lambda_max(P)/lambda)
- *   proved: adaptive_lmi.attenuation: mu <= 1.35e+6
+ *   proved: adaptive_lmi.attenuation: mu <= 1.23e+4
+ *   proved: adaptive_lmi.convergence: above 0.192
+ *   proved: adaptive_lmi.theta: above 0.192
  * Hypotheses of its theorem, and the evidence of the claims: disturbed_pendulum.md
  * @endverbatim
  */
