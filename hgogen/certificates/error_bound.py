@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.own_states import slopes_of_states
 from hgogen.certificates.rounding_share import rounding_share
-from hgogen.certificates.size import Each, by_name, size, sizes
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
@@ -34,6 +33,7 @@ from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import ByTableau
 from hgogen.reading.named import names_of
+from hgogen.reading.sizes import Each, by_name, size, sizes
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
 from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice, demand_step

@@ -16,7 +16,6 @@ import sympy as sp
 
 from hgogen.algebra.points import exact
 from hgogen.certificates.contraction import claimed, theta_of
-from hgogen.certificates.size import sizes
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
@@ -30,6 +29,7 @@ from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
 from hgogen.reading.named import names_of
+from hgogen.reading.sizes import sizes
 from hgogen.sentence import Reason, Sentence, because
 from hgogen.structure.polytope import fixed
 

@@ -6,7 +6,6 @@ from fractions import Fraction
 from functools import lru_cache
 
 from hgogen.certificates.contraction import claimed, contraction, running
-from hgogen.certificates.size import sizes
 from hgogen.check import Check
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import Inclusion, of_state
@@ -17,6 +16,7 @@ from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
 from hgogen.reading.named import in_order
+from hgogen.reading.sizes import sizes
 from hgogen.sentence import Sentence, because
 from hgogen.step import Step, demand_step
 

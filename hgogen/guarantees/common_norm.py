@@ -328,7 +328,7 @@ class Flow:
     @cached_property
     def _coordinates(self) -> Array | None:
         """P^(-1/2) of it, near which the P that are sought are."""
-        return None if self._alone is None else inverse_root(self._alone)
+        return self.error.coordinates if self.first is None else inverse_root(self.first)
 
 
 def _among(W: Array, value: Array) -> Array:

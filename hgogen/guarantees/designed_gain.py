@@ -3,13 +3,12 @@
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
 theta is only the unit of time in which K is written, by default one in which its numbers are near 1, or in which a
-proof is accurate. The gain is that
-of `rate_search`; what is said of it is proved of its rounded numbers in rationals, the bound of each state by a norm of
-its own.
+proof is accurate. The gain is that of `rate_search`; what is said of it is proved of its rounded numbers in rationals,
+the bound of each state by a norm of its own.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,15 +22,14 @@ from hgogen.guarantees.unreached_rate import unreached
 from hgogen.intervals.digits import Down, Up, same
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive
-from hgogen.reading.named import BadNames, in_order, names_of
+from hgogen.reading.named import names_of
+from hgogen.reading.sizes import Each, by_name
 from hgogen.sentence import Reason, Sentence, because
 
 _FORM = "a form: hg.forms.triangular(plant)"
 _FASTEST = 10  # times the number of states and the pace of rate and slopes
 _FAR = 1e15  # a number this large, or as small, is for another unit
 _OWN: Any = object()  # the measure that a state's range gives
-
-Sizes = Mapping[str, float] | None
 
 
 @dataclass(frozen=True)
@@ -73,8 +71,8 @@ def gain(
     form: Form,
     *,
     rate: float,
-    noise: Sizes = None,
-    per: Sizes = None,
+    noise: Each = None,
+    per: Each = None,
     fastest: float | None = None,
     theta: float | None = None,
 ) -> Gain:
@@ -114,7 +112,7 @@ def _levels(pace: float) -> tuple[float, ...]:
 def _sizes(form: Form, noise: Any) -> np.ndarray:
     """That of the noise of each output, 1 by default. Raises: `BadNames`, `BadGain`."""
     names = names_of(form.system.outputs)
-    each = _by_name("noise", noise, names, 1.0)
+    each = by_name("noise", noise, names, 1.0)
     return np.array([_moderate(f"noise of {name}", value) for name, value in zip(names, each, strict=True)])
 
 
@@ -123,7 +121,7 @@ def _measures(form: Form, per: Any) -> list[float]:
 
     Raises: `BadNames`, `BadGain`.
     """
-    each = _by_name("per", per, form.names, _OWN)
+    each = by_name("per", per, form.names, _OWN)
     halves = ((z.high - z.low) / 2 if z.low is not None and z.high is not None else 0.0 for z in form.states)
     return [
         float(half) if value is _OWN else _moderate(f"per of {name}", value)
@@ -137,12 +135,6 @@ def _moderate(what: str, value: Any) -> float:
     if not 1 / _FAR <= size <= _FAR:
         raise BadGain(f"{what} = {size:g}", f"must be from {1 / _FAR:g} to {_FAR:g}; take other units")
     return size
-
-
-def _by_name(what: str, values: Any, names: Sequence[str], default: Any) -> list[Any]:
-    if not isinstance(values, Mapping | None):
-        raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
-    return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
 
 
 def _stated(form: Form, best: Candidate) -> Gain:

@@ -28,7 +28,7 @@ from hgogen.guarantees.noise_in_time import driven
 from hgogen.guarantees.quadratic import Array, floats, inverse_root
 from hgogen.guarantees.semidefinite import sought
 from hgogen.guarantees.stagewise import flowing
-from hgogen.guarantees.under_inputs import Driven, InputBound, about, bound_at
+from hgogen.guarantees.under_inputs import Driven, InputBound, bound_at, bound_in_floats
 from hgogen.intervals.digits import up
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive
@@ -150,7 +150,7 @@ class _Search:
     def proved(self, filter_: Filter) -> InputBound | None:
         """A proof of the rate, with a bound of what noise does."""
         asked = self._asked(filter_)
-        return bound_at(*asked) if asked and about(*asked) else None
+        return bound_at(*asked) if asked and bound_in_floats(*asked) else None
 
     def improved(self, filter_: Filter) -> Iterator[Filter]:
         """Filters of few digits, the best first: about the last, as far as floats tell, none is better."""
@@ -174,7 +174,7 @@ class _Search:
     def _worth(self, numbers: np.ndarray) -> float:
         """The logarithm of the bound in floats; a large number where there is none."""
         asked = self._asked(self._filter(numbers))
-        known = asked and about(*asked)
+        known = asked and bound_in_floats(*asked)
         return float(np.log(known)) if known else _LARGE
 
     def _asked(self, filter_: Filter) -> tuple[Driven, Array, int, Array, Fraction] | None:

@@ -33,7 +33,17 @@ from hgogen.evidence.grammar import outward, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.quadratic import Array, floats, fractions, identity, inverse_root, rational, stacked
+from hgogen.guarantees.quadratic import (
+    Array,
+    balance,
+    floats,
+    fractions,
+    identity,
+    inverse_root,
+    lyapunov,
+    rational,
+    stacked,
+)
 from hgogen.guarantees.steepness import companions, jacobian, obstacle
 from hgogen.intervals.bounds import Range
 from hgogen.sentence import Reason, because
@@ -42,6 +52,7 @@ from hgogen.structure.scaling import exponents
 
 _BOXES = 2_000  # for the range of one slope
 _LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
+_ROUND = 1e-10  # of the largest eigenvalue of a P in floats: a smaller one may be rounding
 
 
 @dataclass(frozen=True)
@@ -105,21 +116,32 @@ class Inclusion:
         return N
 
     @cached_property
-    def alone(self) -> Array | None:
-        """P (N, N) with N'P + P N = -c I for that, its trace N; None where it shows nothing. In floats."""
+    def _alone(self) -> tuple[Array, Array] | None:
+        """Units d (N) of e and P (N, N) with N'P + P N = -I for that in these: 1, or where P is too far from round for
+        floats those in which N is balanced; None where it shows nothing."""
         N = self.limit
-        n, one = len(N), np.eye(len(N))
-        try:
-            P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
-        except np.linalg.LinAlgError:
+        for d in (np.ones(len(N)), balance(N)):
+            P = lyapunov(N * d / d[:, None])
+            if P is not None and 0 < _ROUND * np.linalg.eigvalsh(P).max() < np.linalg.eigvalsh(P).min():
+                return d, P
+        return None
+
+    @property
+    def alone(self) -> Array | None:
+        """That P of e, its trace N; None where it shows nothing. In floats."""
+        if self._alone is None:
             return None
-        P = (P + P.T) / 2
-        return P * n / np.trace(P) if np.linalg.eigvalsh(P).min() > 0 else None
+        d, P = self._alone
+        P = P / d / d[:, None]
+        return np.asarray(P * len(P) / np.trace(P))
 
     @cached_property
     def coordinates(self) -> Array | None:
         """P^(-1/2) of it, near which the P that are sought are."""
-        return None if self.alone is None else inverse_root(self.alone)
+        if self._alone is None:
+            return None
+        d, P = self._alone
+        return np.asarray(d[:, None] * inverse_root(P))
 
     def narrowed(self, share: Fraction) -> "Inclusion":
         """The same, the ranges of the slopes of b that share of what they are; 0 stays in them."""

@@ -19,7 +19,7 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow, falling
 from hgogen.guarantees.inclusion import Inclusion, Uncertain, of_state
 from hgogen.guarantees.quadratic import Array, Quadratic, floats, inverse_root, rational
-from hgogen.guarantees.under_inputs import input_bound, low
+from hgogen.guarantees.under_inputs import input_bound, weights_in_floats
 from hgogen.intervals.outward import number as outward
 from hgogen.observer import Observer
 from hgogen.reading.named import names_of
@@ -89,7 +89,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     return known
 
 
-def about(error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float) -> float:
+def together_in_floats(error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float) -> float:
     """The largest |c z|, c (r, n) of the `rows`, that one norm bounds under noise of all outputs, of these sizes (p) at
     most, with an alpha near this one, in floats, z the errors of the form's states; infinite where none is found.
 
@@ -101,7 +101,7 @@ def about(error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: floa
     e, least = _over(replace(e, B=e.B * sizes), alpha), float("inf")
     rows = rows @ np.array([floats(of_state(scales, k)[None])[0] for k in error.layout.picks])
     for share in _TRIED:
-        candidate = low(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
+        candidate = weights_in_floats(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
         if candidate is not None and np.linalg.eigvalsh(candidate[0]).min() > 0:
             squares = np.einsum("ij,ij->i", rows, np.linalg.solve(candidate[0], rows.T).T)
             least = min(least, float(np.sqrt(squares.max())))

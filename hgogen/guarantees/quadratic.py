@@ -8,6 +8,7 @@ that keeps to the relations (the S-procedure; Boyd, El Ghaoui, Feron, Balakrishn
 System and Control Theory", SIAM (1994), 2.6.3).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -24,8 +25,9 @@ BALLS = 256  # bits of a ball
 _MARGINS = (1e-4, 1e-6, 1e-3)  # by which a form is negative, so that it is when it is rounded
 _FINE = (34, 48)  # bits after the point, where P is of any size
 _NOTHING = Fraction(0)
-_GRIDS = (30, 44, 60)  # bits after the point to which P and S are rounded, where the trace of P is its size
+_GRIDS = (30, 44, 60, 110)  # bits after the point to which P and S are rounded, where the trace of P is its size
 _ROUNDING = 1e-8  # what rounding to a grid may take from a form
+_SWEEPS = 10  # over all rows and columns
 _SMALL = 1e-6  # of the largest reading: what counts for one that is smaller
 
 
@@ -51,6 +53,10 @@ class Quadratic:
         pairs = tuple((np.hstack([X, x]), np.hstack([Y, y])) for (X, Y), (x, y) in zip(self.pairs, onto, strict=True))
         Q = np.vstack([np.hstack([self.Q, reads]), 0 * one[:q]])
         return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]))
+
+    def over(self, pace: Any) -> "Quadratic":
+        """The form over a number > 0, with the multipliers over it as well: where the one is negative the other is."""
+        return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z)
 
     @property
     def size(self) -> int:
@@ -131,6 +137,39 @@ class Seen:
         return (back + back.T) / 2, S / self.g**2  # rounding leaves it not quite symmetric
 
 
+def rounder(W: Array | None, P: Array) -> Array:
+    """Coordinates in which P is the unit matrix, by way of those of W, in which it is nearer to it and floats tell."""
+    return inverse_root(P) if W is None else np.asarray(W @ inverse_root(W.T @ P @ W))
+
+
+def lyapunov(N: Array) -> Array | None:
+    """P (n, n) with N'P + P N = -I, in floats; None where there is none."""
+    n, one = len(N), np.eye(len(N))
+    try:
+        P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
+    except np.linalg.LinAlgError:
+        return None
+    return np.asarray((P + P.T) / 2) if np.isfinite(P).all() else None
+
+
+def balance(N: Array) -> Array:
+    """Units d (n) with which the rows and columns of N, in e over d, are as long as each other (Osborne 1960)."""
+    d = np.ones(len(N))
+    for _ in range(_SWEEPS):
+        for i in range(len(N)):
+            size = abs(N * d / d[:, None])
+            column, row = size[:, i].sum() - size[i, i], size[i].sum() - size[i, i]
+            d[i] *= np.sqrt(row / column) if row and column else 1.0
+    return d
+
+
+def pace(of: Quadratic, W: Array) -> float:
+    """How fast the x of e = W x move in a form of floats, by which it is in a unit of time of its own."""
+    n = len(W)
+    fast = float(np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, :n] @ W))
+    return fast if 0 < fast < math.inf else 1.0
+
+
 def even(of: Quadratic, W: Array) -> Array:
     """The g (k) with which each relation enters the form of x by as much as it reads of x; a reading that is 0, or next
     to it, counts as a small share of the largest."""
@@ -145,8 +184,10 @@ def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = N
     """Whether all forms of floats are negative as far as floats tell, by what rounding to a grid may take: in
     coordinates x of e = `W` x, in which P is near the unit matrix."""
     if W is not None:
+        fast = pace(forms[0], W)
+        forms = [form.over(fast) for form in forms]
         g = even(forms[0], W)
-        forms, P, S = [Seen(form, W, g).form for form in forms], W.T @ P @ W, S * g**2
+        forms, P, S = [Seen(form, W, g).form for form in forms], W.T @ P @ W, S * g**2 / fast
     values = np.array([form.value(P, S) for form in forms])
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 

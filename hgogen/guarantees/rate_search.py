@@ -17,7 +17,7 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.gain_search import Open, Task, opened
 from hgogen.guarantees.inclusion import Inclusion, Slope, with_gains
-from hgogen.guarantees.noise_in_time import about
+from hgogen.guarantees.noise_in_time import together_in_floats
 from hgogen.guarantees.quadratic import Array
 from hgogen.sentence import Reason, because
 
@@ -89,7 +89,7 @@ class Search:
             middle = (low + high) / 2
             one = self._at(middle, noisy)
             low, high, best = (low, middle, one) if one else (middle, high, best)
-        worth = about(best.flow.error, self.sizes, self.task.rows, best.falls, 2 * noisy)
+        worth = together_in_floats(best.flow.error, self.sizes, self.task.rows, best.falls, 2 * noisy)
         return replace(best, worth=min(worth, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:

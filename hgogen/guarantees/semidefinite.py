@@ -18,7 +18,7 @@ import numpy as np
 from hgogen.algebra.threads import one_thread
 from hgogen.guarantees.lmi import cones
 from hgogen.guarantees.merged import Group, merged
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even, pace
 
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
 _CLOSE = 1e-6  # how well a margin is found
@@ -58,13 +58,15 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
     """
     if W is None:
         return margin([form.floats for form in forms], what, priced)
-    g = even(forms[0].floats, W)
-    views = [Seen(form.floats, W, g) for form in forms]
+    fast = pace(forms[0].floats, W)
+    slow = [form.floats.over(fast) for form in forms]
+    g = even(slow[0], W)
+    views = [Seen(form, W, g) for form in slow]
     best = margin([view.form for view in views], what, priced)
     if best is None:
         return None
     P, S = views[0].back(best.P, best.S)
-    return replace(best, P=P, S=S)
+    return replace(best, P=P, S=S * fast, margin=best.margin * fast)
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -84,22 +84,22 @@ def bound_at(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> In
     """A bound of |c e| at this alpha, proved; None where none is. Arguments as of `input_bound`. Raises: `NoSolver`."""
     forms = bounded(alpha)
     asked = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
-    exactly = confirmed(forms, lambda margin: low(*asked, margin), q, alpha)
+    exactly = confirmed(forms, lambda margin: weights_in_floats(*asked, margin), q, alpha)
     if exactly is None:
         return None
     return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
 
 
-def about(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> float | None:
+def bound_in_floats(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> float | None:
     """The same bound in floats, which prove nothing."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
-    weights = low(forms, row, float(alpha), W, q, _MARGIN)
+    weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
         return None
     return float(np.sqrt(row[0] @ np.linalg.solve(weights[0], row[0])))
 
 
-def low(
+def weights_in_floats(
     forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float, passes: int = _PASSES
 ) -> tuple[Array, Array] | None:
     """P and S in floats with a small largest c P^-1 c' of the `rows` c (r, n), sought in coordinates x of e = W x, the
@@ -118,7 +118,7 @@ def low(
     if candidate is None:
         return None
     if passes and np.einsum("ij,ji->i", seen, np.linalg.solve(candidate[0], seen.T)).max() < _SMALL:
-        again = low(forms, rows, alpha, W @ inverse_root(candidate[0]), q, margin, passes - 1)
+        again = weights_in_floats(forms, rows, alpha, W @ inverse_root(candidate[0]), q, margin, passes - 1)
         if again is not None:
             return again
     P, S = views[0].back(*candidate)  # of inputs of that unit

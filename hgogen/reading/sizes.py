@@ -17,7 +17,7 @@ def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -
     return [size(f"{what} of {name}", value) for name, value in zip(names, each, strict=True)]
 
 
-def by_name(what: str, values: Each, names: Sequence[str], default: float | None) -> list[Any]:
+def by_name(what: str, values: Each, names: Sequence[str], default: Any) -> list[Any]:
     """What is given for each name, or the default. Raises: `BadNames`."""
     if not isinstance(values, Mapping | None):
         raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
