@@ -1,12 +1,15 @@
 """The observer with adaptive gain: the paper's pendulum in continuous time and by the oracle's steps, and what it
 refuses."""
 
+from fractions import Fraction
 from functools import cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
+from forger import sealed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import adaptive_lmi as oracle
@@ -16,9 +19,11 @@ import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.check import Refuted, Verdict
+from hgogen.guarantees.attenuating import MovingGain
 from hgogen.guarantees.design import adaptive_gain, slope
 from hgogen.model import load
 from hgogen.reading.given import BadGain
+from hgogen.recheck.verification import recheck
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate
 from hgogen.trials import figures as figure
@@ -211,6 +216,56 @@ def test_the_hypotheses_of_its_theorem() -> None:
     assert proved["D P + P D >= 0"] is Verdict.PROVED
     assert proved["the L2 gain from the declared disturbance to the error in w is at most mu"] is Verdict.PROVED
     assert not any("L2" in row.claim for row in rows(observer().theorem, observer().checks))
+
+
+CANCELLED = (tuple((oracle.K[i] * oracle.LOW ** (i + 1) if i else 0,) for i in range(3)), (1,))
+TORQUE = (((0, 0), (0, 0), (0, 1)), (1, 0))
+
+
+def test_a_proof_at_the_least_gamma_alone_is_not_verified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a v that enters y, and w_2 and w_3 as the injection does at gamma_inf, where they cancel."""
+    whole = MovingGain._systems
+    content = certified(CANCELLED)
+    assert found(content) == "verified"
+    monkeypatch.setattr(MovingGain, "_systems", lambda gain: islice(whole(gain), 0, None, 4))  # two powers enter
+    assert found(certified(CANCELLED)) != "verified"
+
+
+def certified(disturbance: Any) -> dict[str, Any]:
+    built = observer(disturbance=disturbance)
+    return hg.certificate(form(), built.checks, built.name)
+
+
+def found(content: dict[str, Any]) -> str:
+    return recheck_of(content).found
+
+
+def recheck_of(content: dict[str, Any]) -> Any:
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id == "adaptive_lmi.attenuation")
+    return row
+
+
+def forged(**evidence: Any) -> Any:
+    """What is said of the claim with other evidence."""
+    content = certified(TORQUE)
+    (claim,) = (claim for claim in content["claims"] if claim["id"] == "adaptive_lmi.attenuation")
+    for name, change in evidence.items():
+        claim["evidence"][name] = change(claim["evidence"])
+    return recheck_of(content)
+
+
+def test_each_lambda_is_below_the_square_of_the_gain() -> None:
+    assert forged().found == "verified"
+    large = forged(S=lambda known: [*known["S"][:-1], str(2 * Fraction(known["mu"]) ** 2)])
+    assert large.found == "fails"
+    assert "a lambda is above mu^2" in large.sentence
+
+
+def test_a_v_that_a_rising_gain_may_raise_is_not_one() -> None:
+    """It is positive, but D V + V D is not, of D = diag(1, 2, 3)."""
+    rising = forged(V=lambda _: [["1", "1", "0"], ["1", "21/20", "0"], ["0", "0", "1"]])
+    assert rising.found == "fails"
+    assert "D V + V D" in rising.sentence
 
 
 @cache

@@ -108,3 +108,19 @@ def test_a_steeper_plant_than_it_is_said_fails() -> None:
             J = share(content, kind)["follows"]["steepness"]
             J[i][j] = str(Fraction(J[i][j]) * Fraction(98, 100))
         assert row(content).found == "fails"
+
+
+@pytest.mark.parametrize("end", ["upper", "lower"])
+def test_slopes_in_a_parameter_are_those_of_all_its_values(end: str) -> None:
+    """2 c |x1| is the largest at c = 2.1, 4 |x1|/c^2 at c = 1.9, of a program that has c = 2."""
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-2, high=2)
+    c = hg.Signal("c", "", "", 2)
+    flow = [x2, -(c**2) * x1 if end == "upper" else -4 * x1 / c]
+    plant = hg.System("stiff", states=(x1, x2), parameters=(c,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=12, poles=(-1, -1))
+    known = hg.error_bound(hg.sample(observer, hg.methods.rk4, dt=1e-3), parameters={"c": 0.1})
+    content = hg.certificate(observer.form, (*observer.checks, known.check), "high_gain")
+    assert row(content).found == "verified"
+    rows = share(content, "parameters")["follows"]["rows"]
+    rows[1][0] = str(Fraction(rows[1][0]) * Fraction(98, 100))
+    assert row(content).found == "fails"

@@ -18,6 +18,9 @@ from scipy.linalg import expm
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
+from hgogen.guarantees.bounded_real import Driven, _verified
+from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.quadratic import identity, rational
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
@@ -66,6 +69,17 @@ def test_at_a_gain_that_rests_it_is_that_of_the_slowest_slope(gamma: float, know
     worst = max(norm(*each) for each in held(gamma))
     assert known == pytest.approx(worst, rel=0.02)
     assert worst <= bound.gain <= 1.01 * worst
+
+
+def test_a_bound_is_that_of_what_is_counted() -> None:
+    """Of e' = v - e its gain of e is 1, of 2 e it is 2, with V = e^2 and 4 e^2."""
+    one = identity(1)
+    e = Uncertain(-one, one[:, :0], one[:0], one[:, :0], -one)
+    for counted, P, enough in ((1, 1, 1), (2, 4, 4)):
+        driven = Driven(e, one, counted * one)
+        for share, proved in ((Fraction(3, 4), False), (Fraction(101, 100) ** 2, True)):
+            weights = rational([[Fraction(P)]]), rational([share * enough])
+            assert _verified([driven], [driven.form()], *weights, None) is proved
 
 
 def test_of_a_gain_that_moves_one_v_is_within_three_of_the_largest() -> None:
@@ -145,6 +159,7 @@ FORGED = {
     "alpha": lambda x: x["iss_gain"]["bounds"][0].update(alpha=less(x["iss_gain"]["bounds"][0]["alpha"])),
     "one": lambda x: x["iss_gain"]["bounds"].pop(),
     "louder": lambda x: x["iss_gain"].update(noise=["1/900"]),
+    "another lambda": lambda x: x["l2_gain"]["S"].__setitem__(-1, str(2 * Fraction(x["l2_gain"]["mu"]) ** 2)),
 }
 
 

@@ -6,6 +6,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+import flint
 import numpy as np
 import pytest
 import sympy as sp
@@ -15,8 +16,8 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.kalman.least_shown import LeastShown, _moving
-from hgogen.kalman.transition import Course
+from hgogen.kalman.least_shown import LeastShown, _moving, _smallest
+from hgogen.kalman.transition import Course, Shown
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.trial import t
@@ -161,6 +162,19 @@ def test_what_the_series_leave_counts() -> None:
     assert abs(W - float(shown.W[0, 0].mid())) <= float(shown.W[0, 0].rad())
 
 
+def test_what_grows_leaves_more() -> None:
+    """All that is left out of a series of positive numbers: more than the first of it."""
+    shown = Course(sp.Matrix([[1]]), sp.Matrix([[1]]), t, ()).piece(Fraction(0), Fraction(1))
+    assert shown.Phi[0, 0].contains(flint.arb(1).exp())
+    assert shown.W[0, 0].contains((flint.arb(2).exp() - 1) / 2)
+
+
+def test_the_widest_ball_counts() -> None:
+    """A matrix that is known to within a half in its least entry, and in no other, may be as small."""
+    W = flint.arb_mat([[flint.arb(1, 0.5), 0], [0, 3]])
+    assert 0.49 < _smallest(Shown(None, W)) <= 0.5
+
+
 def test_parameters_are_anywhere_in_their_ranges() -> None:
     a, wide = hg.Signal("a", "", "", 1, low=1 - 1e-6, high=1 + 1e-6), hg.Signal("a", "", "", 1, low=0.2, high=5)
     affine = form(u * x2, -a * x1, a=a)
@@ -202,6 +216,7 @@ def test_noise_as_a_whole_scales_it() -> None:
         (None, None, "it is asked of a course that is declared in closed form, and shown to be persistent"),
         ({"u": "sin(t)"}, None, "it is asked of a course"),
         ({"u": "10 - 9*cos(t - 9/10)"}, "2*pi", "u is not shown to keep to its range, to which an observer clamps it"),
+        ({"u": "9*cos(t - 9/10) - 10"}, "2*pi", "u is not shown to keep to its range, to which an observer clamps it"),
         ({"u": "sin(t)"}, "2*pi", ""),
     ],
 )

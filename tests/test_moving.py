@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from forger import sealed
 from hypothesis import strategies as st
 from oracle import adaptive_lmi as oracle
 from plants import MODELS, model
@@ -20,6 +21,7 @@ from hgogen.guarantees import lmi
 from hgogen.guarantees.continuous_time import AtTheta, FromTheta
 from hgogen.guarantees.moving import Law, moving_checks
 from hgogen.model import load
+from hgogen.recheck.verification import recheck
 from hgogen.theorem import Convergence, convergence, rows
 from tests.sweep import sweep
 
@@ -88,6 +90,25 @@ def test_a_gain_that_may_fall_faster_than_the_core_decays_is_not_proved() -> Non
         assert [check.verdict for check in fast] == [Verdict.UNKNOWN] * 2
         slow = pair(system, (2, 1), law(10.0, 0.1, easing))
         assert [check.verdict for check in slow] == [Verdict.PROVED] * 2
+
+
+def test_the_rate_is_that_of_a_gain_that_falls_as_well() -> None:
+    """x' = 0 with N = -1, V = e^2, b = 1/4: 2 l at a gain l that rests, 2 l (1 - p_1/4) at one that falls. A rate
+    between them, of a forged certificate, is not that of every course."""
+    (x,) = states(1)
+    form = hg.forms.triangular(plant([0], (x,)))
+    built = hg.observers.updated_gain(form, p_1=0.8, p_2=10, p_3=30, cap=100, gains=(1,), b=0.5)
+    content = hg.certificate(form, built.checks, built.name)
+    (claim,) = (claim for claim in content["claims"] if claim["id"] == "updated_gain.theta")
+    evidence, id = claim["evidence"], claim["id"]
+
+    def seen() -> str:
+        return next(row.found for row in recheck(sealed(content)).rows if row.id == id)
+
+    assert Fraction(evidence["alpha"]) < 2 * 10 * Fraction(8, 10)
+    assert seen() == "verified"
+    evidence["alpha"] = "19"
+    assert seen() == "fails"
 
 
 # --- against gains that move --------------------------------------------------------------------------------

@@ -101,11 +101,46 @@ def test_the_slope_is_the_largest_between_plant_and_estimate() -> None:
     assert 2 * (3.1623 + 0.2) <= slopes[1] <= 2.02 * (3.1623 + 0.2)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_estimate_may_be_beyond_either_end(sign: int) -> None:
+    """x2 = exp(w), w up to 1.7, or x2 = exp(-w), w from -1.7, with an estimate that errs by .1."""
+    x1, x2 = hg.Signal("x1", low=-4, high=4), hg.Signal("x2", low=1, high=5)
+    own = hg.Signal("w", low=min(0, 1.7 * sign), high=max(0, 1.7 * sign))
+    plant = hg.System("curved", states=(x1, x2), outputs=(y,), flow=[sign * sp.log(x2), 3 - x2], output=[x1])
+    form = hg.forms.triangular(hg.recast(plant, {own: sign * sp.log(x2)}, {x2: sp.exp(sign * own)}))
+    slopes = slopes_of_states(form, [Fraction(0), Fraction(1, 10)])["x2"]
+    assert slopes[0] == 0
+    assert np.exp(1.8) <= float(slopes[1]) <= 1.001 * np.exp(1.8)
+
+
+def test_what_is_linear_counts_without_the_rest_as_well() -> None:
+    """x2 = 2 w - w^2/4: of two estimates beyond where the square is clamped, the whole is 2 w."""
+    x1, x2 = hg.Signal("x1", low=-4, high=4), hg.Signal("x2", low=1, high=3)
+    root, own = 4 - 2 * sp.sqrt(4 - x2), hg.Signal("w", low=0.5, high=2.1)
+    plant = hg.System("bent", states=(x1, x2), outputs=(y,), flow=[root - x1, 2 - x2], output=[x1])
+    form = hg.forms.triangular(hg.recast(plant, {own: root}, {x2: 2 * own - own**2 / 4}))
+    slopes = slopes_of_states(form, [Fraction(0), Fraction(1, 100)])["x2"]
+    assert 2 <= slopes[1] <= 2.02
+
+
 def test_of_a_recovered_state_it_is_that_of_the_inverse() -> None:
     form = geared()
     (low, high), (least, most) = (z.interval for z in form.states)
     z1, z2 = np.meshgrid(np.linspace(low, high, 200), np.linspace(least, most, 200))
     each = np.abs([(32 - 4 * z2) / (z1 + 8) ** 2, 4 / (z1 + 8)]).max(axis=(1, 2))  # of 4 (z1 + z2)/(z1 + 8)
+    slopes = np.array([float(x) for x in slopes_of_states(form, [Fraction(0)] * 2)["x2"]])
+    assert (each <= slopes).all()
+    assert (slopes <= 1.03 * each).all()
+
+
+def test_of_a_sum_of_recovered_states_it_is_that_of_both() -> None:
+    """x2 = v - x1, as each of them is clamped by itself: x1 = z1, v = z1 + 4 (z1 + z2)/(z1 + 8)."""
+    plant, own = geared().system.declared, hg.Signal("v", low=-3, high=3)
+    x1, x2 = plant.states
+    form = hg.forms.phase(hg.recast(plant, {own: x2 + x1}, {x2: own - x1}))
+    (low, high), (least, most) = (z.interval for z in form.states)
+    z1, z2 = np.meshgrid(np.linspace(low, high, 200), np.linspace(least, most, 200))
+    each = np.abs([2 + (32 - 4 * z2) / (z1 + 8) ** 2, 4 / (z1 + 8)]).max(axis=(1, 2))
     slopes = np.array([float(x) for x in slopes_of_states(form, [Fraction(0)] * 2)["x2"]])
     assert (each <= slopes).all()
     assert (slopes <= 1.03 * each).all()

@@ -162,6 +162,20 @@ def test_a_choice_that_rounding_may_turn_errs_by_what_is_between_its_branches() 
     assert chosen(Computed(ball(0, 0.4), arb(1e-7))).error == 0
 
 
+@pytest.mark.parametrize(("gap", "known"), [(0.5, None), (-0.5, None), (2, True), (-2, False)])
+def test_a_comparison_that_errors_may_turn_is_not_known(gap: float, known: bool | None) -> None:
+    """Both sides err by a half, and are one from each other where the errors meet."""
+    held = [Computed(arb(value), arb(0.5)) for value in (0, gap)]
+    for op in (ca.OP_LT, ca.OP_LE):
+        assert Rounding("float").apply(op, held).known is known
+
+
+def test_what_a_value_errs_by_is_rounded_as_well() -> None:
+    """Of a sum that is 0 and may be computed as 1."""
+    held = [Computed(arb(1), arb(0.5)), Computed(arb(-1), arb(0.5))]
+    assert Rounding("float").apply(ca.OP_ADD, held).error >= 1 + arb(2) ** -24
+
+
 def test_constants_are_held_as_the_program_holds_them() -> None:
     for real, bits in (("float", 24), ("double", 53)):
         rounding = Rounding(real)  # type: ignore[arg-type]
@@ -367,6 +381,35 @@ def test_a_plant_that_its_observer_repeats_exactly_errs_by_rounding_alone() -> N
     assert all(0 < bound < 1e-3 for bound in known.bounds.values())
 
 
+def test_a_plant_and_its_mirror_image_round_alike() -> None:
+    """Beyond the end of the ranges that is far from 0, where an error takes the estimate, either way."""
+
+    def share(low: float, high: float) -> float:
+        x = [hg.Signal(f"x{i}", low=low, high=high) for i in (1, 2)]
+        plant = hg.System("double", states=x, outputs=(hg.Signal("y"),), flow=[x[1], 0], output=[x[0]])
+        made = hg.observers.high_gain(hg.forms.triangular(plant), theta=1, poles=(-1, -1.2))
+        known = hg.error_bound(hg.sample(made, hg.methods.rk4, dt=0.01), noise={"y": 4}, real="float")
+        return known.shares["rounding"]["x1"]
+
+    assert share(-30, -10) == pytest.approx(share(10, 30), rel=1e-3)
+
+
+def test_from_larger_first_errors_more_is_rounded_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The share in the end is all but the same."""
+    taken = list[Any]()
+
+    def share(*arguments: Any) -> rounding_share.Rounding:
+        taken.extend(arguments)
+        return rounding_share.rounding_share(*arguments)
+
+    monkeypatch.setattr("hgogen.certificates.error_bound.rounding_share", share)
+    hg.error_bound(step_of(), noise={"y": 1e-3}, rates={"tau": 5}, real="float")
+    before, multiple, after = taken[:6], taken[6], taken[7:]
+    small, large = (rounding_share.rounding_share(*before, multiple * k, *after) for k in (Fraction(1, 1000), 1))
+    assert all(large.early[k] > Fraction(6, 5) * small.early[k] for k in small.early)
+    assert small.share.unit <= large.share.unit < Fraction(6, 5) * small.share.unit
+
+
 def near_zero(low: float) -> hg.Step:
     """x1' = x2, x2' = -x1/(x1 - low), x1 from 1 on."""
     x1, x2 = hg.Signal("x1", low=1, high=2), hg.Signal("x2", low=-1, high=1)
@@ -417,6 +460,18 @@ def test_an_injection_that_is_small_rounds_little() -> None:
     known = hg.error_bound(step_of("pendulum", "filtered"), rates={"tau": 5}, real="float")
     assert known.shares["rounding"]["q"] < 2e-4
     assert known.shares["rounding"]["w"] < 2e-3
+
+
+def test_a_gain_that_is_no_number_of_the_precision_is_rounded() -> None:
+    def errors(theta: float) -> list[float]:
+        x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2)]
+        plant = hg.System("double", states=x, outputs=(hg.Signal("y"),), flow=[x[1], 0], output=[x[0]])
+        made = hg.observers.high_gain(hg.forms.triangular(plant), theta=theta, poles=(-1, -1))
+        step = hg.sample(made, hg.methods.euler, dt=1 / 16)
+        return [float(each) for each in rounding_errors(step, "float", [ball(-1, 1)] * 2, [ball(-1, 1)], [])]
+
+    for exact, more in zip(errors(2), errors(2 + 1e-9), strict=True):
+        assert more > 1.01 * exact
 
 
 def test_what_grows_with_itself_has_no_bound() -> None:
