@@ -90,7 +90,7 @@ def test_a_rate_that_is_not_reached_is_named_and_the_others_are_shown(
     monkeypatch.chdir(tmp_path)
     Path("driven.toml").write_text(
         "name = 'driven'\n[states]\nx1 = {low = -1, high = 1, flow = 'u*x2'}\n"
-        "x2 = {low = -1, high = 1, flow = 'sin(5*x1)'}\n[inputs]\nu = {low = 0.02, high = 10}\n"
+        "x2 = {low = -1, high = 1, flow = 'sin(5*x1)'}\n[inputs]\nu = {low = 0.03, high = 10}\n"
         "[outputs]\ny = {equation = 'x1'}\n[observer]\nkind = 'high_gain'\ntheta = 5\ngains = [2, 1]\ndt = 1e-3\n"
     )
     answer = as_json("design", "driven.toml", "--rates", "1,5")

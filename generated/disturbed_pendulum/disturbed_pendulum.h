@@ -138,8 +138,8 @@
  *   proved: adaptive_lmi.shrink: the smallest eigenvalue is at least 0.05695
  *   proved: adaptive_lmi.decay: the largest eigenvalue is at most -0.3242
  *   proved: adaptive_lmi.attenuation: mu <= 1.23e+4
- *   proved: adaptive_lmi.convergence: above 0.192
- *   proved: adaptive_lmi.theta: above 0.192
+ *   proved: adaptive_lmi.convergence: above 0.193
+ *   proved: adaptive_lmi.theta: above 0.193
  * Hypotheses of its theorem, and the evidence of the claims: disturbed_pendulum.md
  * @endverbatim
  */
