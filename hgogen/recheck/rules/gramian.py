@@ -16,7 +16,7 @@ from typing import Any
 
 from ..arithmetic import Undefined, evaluate
 from ..box import End, NotShown, covered, ranged
-from ..context import Context, Shown, cut, only, short
+from ..context import Context, Shown, cut, short
 from ..file import Claim, part
 from ..interval import Interval, between, intervals, point
 from ..matrix import above_zero, column, demand_nonnegative, scalar
@@ -26,7 +26,7 @@ from ..rule import Rule
 from ..structure import CHAINS
 from ..taylor import Taylor, taylor
 from ..text import Expression, expression
-from .persistence import TIME, inside, periodic, slopes_of
+from .persistence import course, inside, periodic, slopes_of
 
 _LEVEL, _STARTS = 9, 2000
 _GROUP = 8  # pieces whose series have one bound of what they leave
@@ -34,13 +34,7 @@ _GROUP = 8  # pieces whose series have one bound of what they leave
 
 def least(context: Context, claim: Claim) -> Shown:
     """Every window's smallest eigenvalue is at least the bound, for all parameter values."""
-    _ = context.equations
-    evidence, form = claim.evidence, context.form
-    inputs = {name: expression(text, TIME) for name, text in part(evidence, "inputs", dict).items()}
-    read = {name for row in form.A for entry in row for name in entry.names}
-    read |= {name for output in form.output for name in output.names} - set(context.z)
-    only(inputs, context.file.inputs, "the claim's input")
-    only(read, (*inputs, *context.file.parameters), "A or C")
+    (inputs, _), evidence = course(context, claim), claim.evidence
     level, starts = (_count(evidence, name, most) for name, most in (("level", _LEVEL), ("starts", _STARTS)))
     length, bound = above_zero(evidence, "piece"), above_zero(evidence, "bound")
     moving = [text for text in inputs.values() if text.names]
@@ -52,14 +46,14 @@ def least(context: Context, claim: Claim) -> Shown:
         if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
             raise NotShown("its pieces do not cover the period")
     _within_ranges(context, inputs, length * (starts + 2**level))
-    course = _Course(context, inputs, _weights(context, evidence))
+    windows = _Course(context, inputs, _weights(context, evidence))
     try:
-        course.demand(length, level, starts, bound)
+        windows.demand(length, level, starts, bound)
     except Undefined as reason:
         raise NotShown(f"A or C has no series along the course: {reason}") from reason
     excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
     window = length * (2**level + bool(starts))
-    by = f"by the ranges and R = {', '.join(short(value) for value in column(evidence, 'R', len(form.output)))}"
+    by = f"by the ranges and R = {', '.join(short(value) for value in column(evidence, 'R', len(context.form.output)))}"
     return Shown(f"{excitation} shows at least {short(bound, -1)}, {by}, in every window of {short(window, 1)}")
 
 

@@ -30,15 +30,24 @@ _TURNS = 1000  # of an argument over a period
 TIME = {"t": (-math.inf, math.inf)}
 
 
-def persistent(context: Context, claim: Claim) -> Shown:
-    """The claim's inputs show every state, for all parameter values."""
+def course(context: Context, claim: Claim) -> tuple[dict[str, Expression], set[str]]:
+    """The inputs of the claim, expressions of the time, and what A and C read, which is of these and of parameters.
+
+    Raises: `NotShown`.
+    """
     _ = context.equations
-    evidence, form = claim.evidence, context.form
-    inputs = {name: expression(text, TIME) for name, text in part(evidence, "inputs", dict).items()}
-    read = {name for row_ in form.A for entry in row_ for name in entry.names}
+    form, texts = context.form, part(claim.evidence, "inputs", dict)
+    inputs = {name: expression(text, TIME) for name, text in texts.items()}
+    read = {name for row in form.A for entry in row for name in entry.names}
     read |= {name for output in form.output for name in output.names} - set(context.z)
     only(inputs, context.file.inputs, "the claim's input")
     only(read, (*inputs, *context.file.parameters), "A or C")
+    return inputs, read
+
+
+def persistent(context: Context, claim: Claim) -> Shown:
+    """The claim's inputs show every state, for all parameter values."""
+    (inputs, read), evidence, form = course(context, claim), claim.evidence, context.form
     if len(context.z) > MOST:
         raise NotShown(f"the rank of more than {MOST} states is not computed")
     texts = (*inputs.values(), *form.output, *(entry for entries in form.A for entry in entries))
