@@ -22,6 +22,7 @@ ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than
 CLOSE = 1.02  # a search ends where its ends are that close
 _HALVINGS = 6  # of the rate
 _FIRST = Fraction(3, 4)  # of the rate at slopes that are held, which no norm exceeds, where one is looked for first
+_LATER = Fraction(1, 3)  # of what was tried, where next
 _PASSES = 2
 _SHARES = (Fraction(1), Fraction(199, 200), Fraction(19, 20), Fraction(0))  # of a rate found in floats, for proofs
 _WHAT = "a proof of the step"
@@ -99,8 +100,8 @@ class Steps:
         if not self.may_contract(h):
             return None
         slow, fast = Fraction(0), Fraction((1 - _frozen(self.at(h))[0] ** 2) / float(h))
-        for _ in range(_HALVINGS):
-            middle = Fraction(math.sqrt(slow * fast)) if slow else fast * _FIRST
+        for k in range(_HALVINGS):
+            middle = Fraction(math.sqrt(slow * fast)) if slow else fast * (_LATER if k else _FIRST)
             slow, fast = (middle, fast) if self.weights(h, middle) else (slow, middle)
         for alpha in (slow * share for share in _SHARES):
             weights = self.certain(h, alpha)

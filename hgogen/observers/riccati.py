@@ -122,5 +122,5 @@ def _theorem(theta: Theta) -> Check:
             "the theorem's constants are existential: no number for theta, d, gamma can be proved from it; in chains "
             "the gain to which it settles can be proved as it runs, by hg.design.steady_gain"
         ),
-        fix="validate by trials over noise seeds and jumps, or take high_gain with the gain of hg.design.steady_gain",
+        fix="validate by trials over noise seeds and jumps, or take high_gain with the gain to which it settles",
     )
