@@ -26,6 +26,18 @@ class Undecided(ArithmeticError):
     """The balls do not decide a value at this point: a pole, the edge of a domain, or a branch point."""
 
 
+def between(low: Fraction, high: Fraction) -> Any:
+    """The least ball that holds the numbers from one rational to another."""
+    ends = (flint.arb(flint.fmpq(end.numerator, end.denominator)) for end in (low, high))
+    return next(ends).union(next(ends))
+
+
+def magnitude(ball: Any) -> Fraction:
+    """A rational at or above the size of what a ball holds."""
+    top = ball.abs_upper().fmpq()
+    return Fraction(int(top.p), int(top.q))
+
+
 @dataclass(frozen=True)
 class Balls:
     """Series with balls of the precision of `flint.ctx`, at points that `seed` draws in wider and wider ranges."""

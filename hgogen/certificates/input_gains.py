@@ -29,11 +29,10 @@ from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
 from hgogen.reading.named import names_of
-from hgogen.reading.sizes import sizes
+from hgogen.reading.sizes import Each, sizes
 from hgogen.sentence import Reason, Sentence, because
 from hgogen.structure.polytope import fixed
 
-Each = Mapping[str, float] | None
 _FIX = "Validate by trials."
 _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational arithmetic")
 

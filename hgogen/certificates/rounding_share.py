@@ -18,9 +18,9 @@ from itertools import pairwise, product
 from typing import Any
 
 import sympy as sp
-from flint import arb
 
-from hgogen.algebra.definite import fraction, number, root
+from hgogen.algebra.balls import between, magnitude
+from hgogen.algebra.definite import root
 from hgogen.certificates.rounded_step import rounding_errors
 from hgogen.certificates.start_set import Start
 from hgogen.guarantees.confined import reached
@@ -163,12 +163,12 @@ class _Sizing:
         for k, (i, fed, e) in enumerate(zip(layout.index, layout.fed, self._remembered, strict=True)):
             low, high = ranges[i] if fed else (Fraction(0), Fraction(0))
             unit = self.start.scales[k] / e
-            held.append(_ball(unit * (low - errors[k]), unit * (high + errors[k])))
+            held.append(between(unit * (low - errors[k]), unit * (high + errors[k])))
         try:
             rounded = rounding_errors(self.step, self.real, held, self._samples(ranges), self._inputs)
         except Unsure as error:
             raise Unbounded(because("how far rounding goes is not known: {what}", what=error.args[0])) from error
-        return list(map(_above, rounded))
+        return list(map(magnitude, rounded))
 
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
@@ -193,7 +193,7 @@ class _Sizing:
         for j, (low, high) in enumerate(self._offsets):
             i, slope = next((i, slope) for i, (output, slope) in self.shown.items() if output == j)
             ends = [slope * (end + way * self.moves[i]) for end, way in zip(ranges[i], (-1, 1), strict=True)]
-            y.append(_ball(min(ends) + low - self.samples[j], max(ends) + high + self.samples[j]))
+            y.append(between(min(ends) + low - self.samples[j], max(ends) + high + self.samples[j]))
         return y
 
     @cached_property
@@ -215,12 +215,4 @@ class _Sizing:
         for signal in self.step.inputs:
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))
-        return [_ball(*map(Fraction, signal.interval)) for signal in self.step.inputs]
-
-
-def _ball(low: Fraction, high: Fraction) -> Any:
-    return arb(number(low)).union(arb(number(high)))
-
-
-def _above(value: Any) -> Fraction:
-    return fraction(value.abs_upper().fmpq())
+        return [between(*map(Fraction, signal.interval)) for signal in self.step.inputs]

@@ -21,6 +21,7 @@ from hgogen.algebra.definite import fraction, number, positive, root
 from hgogen.guarantees.inclusion import Uncertain
 from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, even, floats, identity, on_grid
 from hgogen.guarantees.semidefinite import cheapest
+from hgogen.guarantees.stagewise import flowing
 
 _WHAT = "a bound of an L2 gain"
 _MARGINS = (1e-7, 1e-6, 1e-5, 1e-4)  # by which a form is negative, so that it is when it is rounded
@@ -39,11 +40,7 @@ class Driven:
 
     def form(self, alpha: Fraction = Fraction(0)) -> Quadratic:
         """The form but for C'C; the lambda are the last q of its multipliers."""
-        n, m, q = len(self.e.M), len(self.e.H), self.B.shape[1]
-        one = identity(n + m + q)
-        rates = np.hstack([self.e.M + one[:n, :n] * number(alpha / 2), self.e.G, self.B])
-        reads = np.vstack([np.hstack([self.e.H, 0 * one[:m, n:]]), 0 * one[:q]])
-        return Quadratic(((one[:n], rates),), reads, one[n:])
+        return flowing(self.e, number(alpha)).pushed(self.B)
 
     @property
     def counted(self) -> Array:

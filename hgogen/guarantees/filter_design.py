@@ -28,7 +28,7 @@ from hgogen.guarantees.noise_in_time import driven
 from hgogen.guarantees.quadratic import Array, floats, inverse_root
 from hgogen.guarantees.semidefinite import sought
 from hgogen.guarantees.stagewise import flowing
-from hgogen.guarantees.under_inputs import Driven, InputBound, bound_at, bound_in_floats
+from hgogen.guarantees.under_inputs import Bounded, InputBound, bound_at, bound_in_floats
 from hgogen.intervals.digits import up
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive
@@ -177,7 +177,7 @@ class _Search:
         known = asked and bound_in_floats(*asked)
         return float(np.log(known)) if known else _LARGE
 
-    def _asked(self, filter_: Filter) -> tuple[Driven, Array, int, Array, Fraction] | None:
+    def _asked(self, filter_: Filter) -> tuple[Bounded, Array, int, Array, Fraction] | None:
         """What a bound is asked of; None of a filter with which nothing decays."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):

@@ -34,8 +34,7 @@ Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, 
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
     """The forms that are negative where V' <= -alpha V + sum_j lambda_j v_j^2, the lambda_j the last multipliers, in
     the arithmetic of e and alpha."""
-    plain, still = falling(e, alpha, hull), 0 * e.B
-    return tuple(form.driven(((still, e.B),), 0 * np.repeat(e.B[:1], len(form.Q), axis=0)) for form in plain)
+    return tuple(form.pushed(e.B) for form in falling(e, alpha, hull))
 
 
 def noise_bounds(observer: Observer) -> Bounds | Nothing:

@@ -24,7 +24,7 @@ from typing import Any
 import flint
 import sympy as sp
 
-from hgogen.algebra.balls import Balls, Undecided
+from hgogen.algebra.balls import Balls, Undecided, between, magnitude
 from hgogen.algebra.definite import number
 from hgogen.algebra.points import exact
 from hgogen.algebra.series import Plant, evaluate
@@ -33,7 +33,7 @@ from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import Box, End, box
+from hgogen.intervals.box import Box, box
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed, signals
@@ -99,7 +99,7 @@ class PlantStep:
         except _UNKNOWN:
             return None
         at = flint.arb(number(c[stage]))
-        bent = (_above(last[_THIRD] * at - one[_THIRD]) for last, one in zip(end, stages[stage], strict=True))
+        bent = (magnitude(last[_THIRD] * at - one[_THIRD]) for last, one in zip(end, stages[stage], strict=True))
         terms = (self._largest(sp.diff(y, z)) * most for z, most in zip(self.form.states, bent, strict=True))
         return self.h**_THIRD * sum(terms, Fraction(0))
 
@@ -178,7 +178,7 @@ class PlantStep:
         n = self.form.n
         M = [[*(x * self.h for x in row), size] for row, size in zip(self.steepness, most, strict=True)]
         whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()
-        return tuple(_above(whole[i, n]) * _SUMMED for i in range(n))
+        return tuple(magnitude(whole[i, n]) * _SUMMED for i in range(n))
 
     def remainder(self) -> tuple[Fraction, ...]:
         """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
@@ -190,7 +190,7 @@ class PlantStep:
                 because("the method's remainder has no bound on the ranges: {flow}", flow=self.flow)
             ) from error
         coefficients = zip(flow, step, strict=True)
-        return tuple(self.h**order * (_above(x[order + 1]) + _above(y[order + 1])) for x, y in coefficients)
+        return tuple(self.h**order * (magnitude(x[order + 1]) + magnitude(y[order + 1])) for x, y in coefficients)
 
     def _flow_series(self, order: int) -> list[list[Any]]:
         """Taylor coefficients of the flow at any point of the ranges."""
@@ -206,7 +206,7 @@ class PlantStep:
         """Those of the stages (s) and of the step in its length, at any length up to h: as many as are read."""
         (a, b, c), (states, inputs, _) = self._coefficients, self._balls
         order = max(_THIRD + 1, self.tableau.order + 2)
-        length = flint.arb_series([_ball(Fraction(0), self.h), flint.arb(1)], prec=order)
+        length = flint.arb_series([between(Fraction(0), self.h), flint.arb(1)], prec=order)
         slopes, stages = list[list[Any]](), list[list[list[Any]]]()
 
         def moved(weights: Sequence[Fraction]) -> list[Any]:
@@ -244,8 +244,8 @@ class PlantStep:
                 raise Unbounded(because("{signal} has no range", signal=signal))
         ends = box(signals(form), system.nominal)
         each = (form.states, system.inputs, system.parameters)
-        states, inputs, parameters = ([_ball(*ends[x]) for x in group] for group in each)
-        rates = [_ball(-most, most) for most in self._moving]
+        states, inputs, parameters = ([between(*(Fraction(end) for end in ends[x])) for x in group] for group in each)
+        rates = [between(-most, most) for most in self._moving]
         return states, list(zip(inputs, rates, strict=True)), parameters
 
     @property
@@ -308,16 +308,6 @@ def steepness_in(expression: sp.Expr, p: sp.Symbol, where: Box) -> Fraction:
         jumps = "{expression} may jump with {p}, or be steep without bound"
         raise Unbounded(because(jumps, expression=expression, p=p))
     return Fraction(known.high)
-
-
-def _ball(low: End, high: End) -> Any:
-    return flint.arb(number(Fraction(low))).union(flint.arb(number(Fraction(high))))
-
-
-def _above(value: Any) -> Fraction:
-    """A rational at or above the size of a ball."""
-    top = value.abs_upper().fmpq()
-    return Fraction(int(top.p), int(top.q))
 
 
 def _padded(values: list[Any], order: int) -> list[Any]:

@@ -27,7 +27,7 @@ _LARGE = 1e30  # in the place of a bound, where none is proved
 _MARGIN = 1e-6
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
 
-Driven = Callable[[Fraction], Sequence[Quadratic]]  # by alpha, the forms of which the last multipliers are the lambda
+Bounded = Callable[[Fraction], Sequence[Quadratic]]  # by alpha, the forms of which the last multipliers are the lambda
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class InputBound:
     bound: Fraction
 
 
-def input_bound(bounded: Driven, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
+def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
     """A small bound of |c e|, c (N) of FLINT's rationals, of the forms that are negative at an alpha, with `q` inputs
     among what multiplies them; alpha is searched up to `most`. None where none is proved. `W`: coordinates x, e = W x,
     near which P is expected.
@@ -80,7 +80,7 @@ def _walk(bound: Callable[[Fraction], float]) -> None:
             return
 
 
-def bound_at(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
+def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> InputBound | None:
     """A bound of |c e| at this alpha, proved; None where none is. Arguments as of `input_bound`. Raises: `NoSolver`."""
     forms = bounded(alpha)
     asked = [form.floats for form in forms], floats(c[None]), float(alpha), W, q
@@ -90,7 +90,7 @@ def bound_at(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> In
     return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
 
 
-def bound_in_floats(bounded: Driven, W: Array, q: int, c: Array, alpha: Fraction) -> float | None:
+def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> float | None:
     """The same bound in floats, which prove nothing."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)

@@ -17,7 +17,7 @@ from typing import Any
 import flint
 import sympy as sp
 
-from hgogen.algebra.balls import Balls
+from hgogen.algebra.balls import Balls, between
 from hgogen.algebra.definite import number
 from hgogen.algebra.series import Plant, evaluate
 from hgogen.algebra.tape import tape
@@ -48,7 +48,7 @@ class Course:
     def __init__(self, A: sp.Matrix, C: sp.Matrix, time: sp.Symbol, ends: Sequence[tuple[sp.Symbol, Any, Any]]) -> None:
         self.n, self.p = A.rows, C.rows
         self._plant = Plant(tape([*A, *C], (time, *(symbol for symbol, _, _ in ends))), 0, 0, 1 + len(ends))
-        self._constants = [_between(Fraction(low), Fraction(high)) for _, low, high in ends]
+        self._constants = [between(Fraction(low), Fraction(high)) for _, low, high in ends]
 
     def piece(self, begin: Fraction, length: Fraction) -> Shown:
         """Of the piece of that length (s) that begins there. Raises: `Undecided`, `ZeroDivisionError`."""
@@ -66,13 +66,13 @@ class Course:
 
     def steepest(self, begin: Fraction, length: Fraction) -> Any:
         """A bound of the largest eigenvalue of |A + A'|/2 on the piece, a ball."""
-        (A,), _ = self._series(_between(begin, begin + length), 1)
+        (A,), _ = self._series(between(begin, begin + length), 1)
         return _norm((A + A.transpose()) * _BALLS.over(2))
 
     def _rest(self, begin: Fraction, length: Fraction) -> tuple[Any, Any]:
         """What the two series leave at the end of the piece, balls whose upper ends are the bounds."""
         h, order = flint.arb(number(length)), ORDER + 2
-        A, C = self._series(_between(begin, begin + length), order)
+        A, C = self._series(between(begin, begin + length), order)
         a, c = ([_norm(each) for each in series] for series in (A, C))
         phi = [(h * a[0]).exp()]
         for k in range(ORDER + 1):
@@ -115,7 +115,3 @@ def _norm(M: Any) -> Any:
 def _around(n: int, size: Any) -> Any:
     """A matrix of balls about 0."""
     return flint.arb_mat(n, n, [flint.arb(0, size.abs_upper())] * (n * n))
-
-
-def _between(low: Fraction, high: Fraction) -> Any:
-    return flint.arb(number(low)).union(flint.arb(number(high)))
