@@ -472,3 +472,23 @@ def test_without_a_solver_what_it_is_needed_for_is_told(monkeypatch: pytest.Monk
     convergence, _ = theta_checks("x", hg.forms.triangular(model("pendulum")), 20.0, error)
     assert convergence.verdict is Verdict.UNKNOWN
     assert "install" in str(convergence.reason)
+
+
+def in_unit(scale: sp.Rational) -> hg.System:
+    """x1' = x2, x2' = x3, x3' = -sin x1 - x2 - x3^2/4, all of it `scale` times as fast."""
+    x = states(3, 2.0)
+    return plant([scale * x[1], scale * x[2], scale * (-sp.sin(x[0]) - x[1] - x[2] ** 2 / 4)], x)
+
+
+@pytest.mark.parametrize("power", [-8, -4, 3, 6])
+def test_the_unit_of_time_does_not_matter(power: int) -> None:
+    """Of theta and of the rate, with a P whose eigenvalues lie 1e48 apart; and as far as rationals of some hundred bits
+    hold it of the step as it runs."""
+    here, there = (flow_of(in_unit(sp.Rational(10) ** k), (-1, -1, -1), 6.0 * 10.0**k) for k in (0, power))
+    scale = Fraction(10) ** power
+    assert float(least(there).theta / scale) == pytest.approx(float(least(here).theta), rel=0.02)
+    assert fastest(there).rate / float(scale) == pytest.approx(fastest(here).rate, rel=0.06)  # one share
+    if abs(power) < 5:
+        form = hg.forms.triangular(in_unit(sp.Rational(10) ** power))
+        step = hg.sample(hg.observers.high_gain(form, theta=6 * float(scale), poles=(-1,) * 3), dt=0.01 / float(scale))
+        assert (hg.contraction(step).rate or 0) / float(scale) == pytest.approx(1.66, rel=0.02)

@@ -14,7 +14,7 @@ import numpy as np
 
 from hgogen.algebra.definite import number
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.quadratic import Array, Weights, negative, proved, rounder
+from hgogen.guarantees.quadratic import Array, Weights, inverse_root, negative, proved
 from hgogen.guarantees.semidefinite import sought
 from hgogen.guarantees.stagewise import ErrorStep, Stagewise, corners, flowing
 
@@ -89,7 +89,7 @@ class Steps:
             weights = sought((flowing(self._uncertain, number(_NOTHING)),), _WHAT, W)
             if weights is None:
                 return None
-            W = rounder(W, weights[0])
+            W = inverse_root(weights[0])
         return W
 
     def proved(self, h: Fraction) -> Contracts | None:

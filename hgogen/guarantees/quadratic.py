@@ -142,11 +142,6 @@ class Seen:
         return (back + back.T) / 2, S / self.g**2  # rounding leaves it not quite symmetric
 
 
-def rounder(W: Array | None, P: Array) -> Array:
-    """Coordinates in which P is the unit matrix, by way of those of W, in which it is nearer to it and floats tell."""
-    return inverse_root(P) if W is None else np.asarray(W @ inverse_root(W.T @ P @ W))
-
-
 def lyapunov(N: Array) -> Array | None:
     """P (n, n) with N'P + P N = -I, in floats; None where there is none."""
     n, one = len(N), np.eye(len(N))
