@@ -74,9 +74,9 @@ def test_at_a_gain_that_rests_it_is_that_of_the_slowest_slope(gamma: float, know
 def test_a_bound_is_that_of_what_is_counted() -> None:
     """Of e' = v - e its gain of e is 1, of 2 e it is 2, with V = e^2 and 4 e^2."""
     one = identity(1)
-    e = Uncertain(-one, one[:, :0], one[:0], one[:, :0], -one)
+    e = Uncertain(-one, one[:, :0], one[:0], one, one[:0], -one, one)
     for counted, P, enough in ((1, 1, 1), (2, 4, 4)):
-        driven = Driven(e, one, counted * one)
+        driven = Driven(e, counted * one)
         for share, proved in ((Fraction(3, 4), False), (Fraction(101, 100) ** 2, True)):
             weights = rational([[Fraction(P)]]), rational([share * enough])
             assert _verified([driven], [driven.form()], *weights, None) is proved

@@ -22,7 +22,7 @@ from hgogen.form import Form
 from hgogen.guarantees.bounded_real import Driven, L2Bound, l2_bound
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
-from hgogen.guarantees.inclusion import Inclusion, of_state
+from hgogen.guarantees.inclusion import Inclusion, Uncertain, of_state
 from hgogen.guarantees.quadratic import floats, inverse_root, rational, stacked
 from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Up
@@ -76,7 +76,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
     if isinstance(known, Reason):
         return L2Gain(None, _unknown(observer, "l2_gain", claim, known))
     rows = [of_state(known.scales, k) * w for k, w in zip(known.error.layout.picks, rational(weights), strict=True)]
-    driven = Driven(known.error.at(known.theta), known.B, stacked(rows, len(known.scales)))
+    driven = Driven(known.driven, stacked(rows, len(known.scales)))
     bound = l2_bound([driven], inverse_root(floats(rational(known.falls.weights.P))))
     if bound is None:
         return L2Gain(
@@ -97,14 +97,10 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     known = _known(observer, noise, disturbance)
     if isinstance(known, Reason):
         return IssGain({}, _unknown(observer, "iss_gain", claim, known))
-    driven = Driven(known.error.at(known.theta), known.B, known.B[:0])
+    driven = Driven(known.driven, known.driven.H[:0])
     W, fields = inverse_root(floats(rational(known.falls.weights.P))), known.error.layout.picks
-    each = [
-        input_bound(
-            lambda alpha: (driven.form(alpha),), W, known.B.shape[1], of_state(known.scales, k), known.falls.alpha
-        )
-        for k in fields
-    ]
+    q, fastest = known.driven.B.shape[1], known.falls.alpha
+    each = [input_bound(lambda alpha: (driven.form(alpha),), W, q, of_state(known.scales, k), fastest) for k in fields]
     bounds = [one for one in each if one]
     if len(bounds) < len(each):
         return IssGain(
@@ -123,14 +119,14 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """The `error` at `theta`, which `falls` without inputs; the inputs' columns `B` (N, q), first those of the outputs,
-    of the sizes `noise` (p), then those `beside` in the form's rows, each (n); `scales` (N); and what is `said` of the
+    """The `error` at `theta`, which `falls` without inputs; `driven` by the inputs (q), first those of the outputs, of
+    the sizes `noise` (p), then those `beside` in the form's rows, each (n); `scales` (N); and what is `said` of the
     inputs."""
 
     error: Inclusion
     theta: Fraction
     falls: Falls
-    B: np.ndarray
+    driven: Uncertain
     noise: tuple[Fraction, ...]
     beside: tuple[tuple[Fraction, ...], ...]
     scales: tuple[Fraction, ...]
@@ -157,15 +153,15 @@ def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reaso
         return beside
     if flow.fastest is None or not flow.fastest.alpha:
         return flow.obstacle(form.states)
-    samples, layout = error.at(theta).B, error.layout
-    columns = [samples[:, j] * x for j, x in enumerate(rational(noises)) if x]
+    layout, columns = error.layout, list[np.ndarray]()
     for row in beside:
         fields = zip(scales, layout.index, layout.fed, strict=True)
         columns.append(rational([-scale * row[i] * fed for scale, i, fed in fields]))
     said = [*_said("noise of {y} of {size}", system.outputs, noises)]
     said += _said("{y}' disturbed by {size}", system.declared.states, disturbed)
-    B = stacked(columns, len(scales)).T
-    return _Known(error, theta, flow.fastest, B, tuple(noises), beside, scales, tuple(said))
+    noisy = error.at(theta).driven_by(rational(np.diag(noises))[:, [size > 0 for size in noises]])
+    driven = noisy.disturbed(stacked(columns, len(scales)).T)
+    return _Known(error, theta, flow.fastest, driven, tuple(noises), beside, scales, tuple(said))
 
 
 def _said(pattern: str, signals: tuple[sp.Symbol, ...], sizes: list[Fraction]) -> list[Sentence]:

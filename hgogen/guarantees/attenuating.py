@@ -54,14 +54,14 @@ class MovingGain:
         """Those at the ends of gamma and of each gamma^-i that enters."""
         e, units, D, one = self.error.at(self.low), rational(self.error.units), self._powers, identity(len(self.plant))
         falling = e.core * (1 / number(self.low)) + D * number(self.sigma)
-        noise = self.error.B * rational([self.measurement])
+        noise = e.driven_by(rational([self.measurement]) / number(self.low))
         entering = [any(row) for row in self.plant]
         ends = [(self.low**-p, self.high**-p) if enters else (self.low**-p,) for p, enters in enumerate(entering, 1)]
         for gamma, powers in product((self.low, self.high), product(*ends)):
             M = falling * number(gamma) + (e.M - e.core)
             pushed = rational(self.plant) * (units * rational(powers))[:, None]
             counted = one * (rational([gamma**p for p in range(1, len(ends) + 1)]) / units)
-            yield Driven(replace(e, M=M), noise - pushed, counted)
+            yield Driven(replace(noise, M=M, B=noise.B - pushed), counted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """How inputs drive an error that keeps to a linear inclusion, in continuous time, by one V = e'P e.
 
-    e' = (M + G diag(d) H) e + B v,   |d_j| <= 1,   z = C e
+    e' = M e + B v + G diag(d) (H e + E v),   |d_j| <= 1,   z = C e
 
     [M'P + P M + alpha P + H'S H + C'C, P G, P B; G'P, -S, 0; B'P, 0, -diag(lambda)] < 0,   S, lambda >= 0
 
@@ -21,7 +21,7 @@ from hgogen.algebra.definite import fraction, number, positive, root
 from hgogen.guarantees.inclusion import Uncertain
 from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, even, floats, identity, on_grid
 from hgogen.guarantees.semidefinite import cheapest
-from hgogen.guarantees.stagewise import flowing
+from hgogen.guarantees.stagewise import pushed
 
 _WHAT = "a bound of an L2 gain"
 _MARGINS = (1e-7, 1e-6, 1e-5, 1e-4)  # by which a form is negative, so that it is when it is rounded
@@ -31,21 +31,19 @@ _TIMES = np.append(0.0, np.logspace(-4, 4, 400))  # of the speed of the error, a
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """What the error obeys, `e`, with the inputs' columns `B` (N, q) and what is counted of it, `C` (r, N); of FLINT's
-    rationals."""
+    """What the error obeys, `e`, with inputs v (q), and what is counted of it, `C` (r, N); of FLINT's rationals."""
 
     e: Uncertain
-    B: Array
     C: Array
 
     def form(self, alpha: Fraction = Fraction(0)) -> Quadratic:
         """The form but for C'C; the lambda are the last q of its multipliers."""
-        return flowing(self.e, number(alpha)).pushed(self.B)
+        return pushed(self.e, number(alpha))
 
     @property
     def counted(self) -> Array:
         """C'C, as large as the form."""
-        size, square = len(self.e.M) + len(self.e.H) + self.B.shape[1], self.C.T @ self.C
+        size, square = len(self.e.M) + len(self.e.H) + self.e.B.shape[1], self.C.T @ self.C
         whole = 0 * identity(size)
         whole[: len(square), : len(square)] = square
         return whole
@@ -53,7 +51,7 @@ class Driven:
     @property
     def seen(self) -> float:
         """The largest response of z to v where each slope is at its middle, at the frequencies that are tried."""
-        M, B, C = map(floats, (self.e.M, self.B, self.C))
+        M, B, C = map(floats, (self.e.M, self.e.B, self.C))
         at = 1j * _TIMES[:, None, None] * np.linalg.norm(M, 2) * np.eye(len(M))
         return float(
             np.linalg.norm(C @ np.linalg.solve(at - M, np.broadcast_to(B, (len(at), *B.shape))), 2, (1, 2)).max()
@@ -75,7 +73,7 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
 
     Raises: `NoSolver`.
     """
-    forms, q = [one.form() for one in each], each[0].B.shape[1]
+    forms, q = [one.form() for one in each], each[0].e.B.shape[1]
     of, k = forms[0].floats, len(forms[0].Q)
     back, most = np.linalg.inv(W), max(one.seen for one in each)
     fastest = max(np.linalg.norm(back @ floats(one.e.M) @ W, 2) for one in each)

@@ -122,12 +122,16 @@ def worth_trying(last: Fraction, first: Fraction, declared: Fraction) -> Iterato
 def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
     """The forms that are all negative where V' <= -alpha V, in the arithmetic of e and alpha; of slopes that keep to a
     `hull`, where they do."""
+    return tuple(flowing(each, alpha) for each in ends(e, hull))
+
+
+def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
+    """e with its slopes held at each corner of their ranges, or of a hull; e itself where these are too many."""
     n, m = e.G.shape
     if not (hull or one_by_one(n, m)):
-        return (flowing(e, alpha),)
+        return (e,)
     places: Sequence[Sequence[Any]] = hull or tuple(product((-1, 1), repeat=m))
-    ends = np.array(places, dtype=float) if e.G.dtype == float else rational(places)
-    return tuple(flowing(replace(e, M=e.M + (e.G * d) @ e.H, G=e.G[:, :0], H=e.H[:0]), alpha) for d in ends)
+    return tuple(map(e.held, np.array(places, dtype=float) if e.G.dtype == float else rational(places)))
 
 
 STILL = Moved(rational([[0]]))  # of a constant gain

@@ -1,10 +1,10 @@
 """The error of an estimate against its plant as a linear differential inclusion, in exact numbers.
 
-    e' = (theta N + sum over slopes of theta^-degree d onto of') e + B diag(theta^(1 - late)) v,   d in [low, high]
+    e' = theta (N e + B diag(theta^-late) v) + sum over slopes of theta^-degree d onto (reads'e + takes'diag(..) v)
 
-e holds the errors of the observer's fields, that of the field k over s_k theta^p(k); `late` are the p of the first
-states of the outputs' chains. Each slope d, by itself, is what the error of one field, `of`, brings into the rates of
-others:
+d in [low, high], by itself; e holds the errors of the observer's fields, that of the field k over s_k theta^p(k), v the
+errors of the samples; `late` are the p of the first states of the outputs' chains. A slope is what it `reads` brings
+into the rates of others: the error of one field, or of b(z + L (y - C z)) that and what is injected:
 
     db_i/dz_j              the mean of the slope on the way from the plant's state to the clamped estimate, times the
                            share c_j in [0, 1] of the error that the clamp leaves: degree p(i) - p(j), 0 in its range
@@ -68,14 +68,16 @@ class Layout:
 
 @dataclass(frozen=True)
 class Slope:
-    """What the error of the field `of` brings into the rates by `onto` (N), over theta^`degree`: a number in
-    [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times units, which `range` shows; None of others."""
+    """What `reads` (N) of e, and `takes` (p) of the samples' errors at theta = 1, bring into the rates by `onto` (N),
+    over theta^`degree`: a number in [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times units, which
+    `range` shows; None of others."""
 
-    of: int
+    reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
     low: Fraction
     high: Fraction
     degree: int
+    takes: tuple[Fraction, ...] = ()
     entry: tuple[int, int] | None = None
     range: Range | None = field(default=None, hash=False, repr=False)
 
@@ -112,7 +114,8 @@ class Inclusion:
         N = floats(self.N)
         for slope in self.slopes:
             if slope.degree == -1:
-                N[:, slope.of] += float(slope.low + slope.high) / 2 * np.array(slope.onto, dtype=float)
+                onto, reads = (np.array(row, dtype=float) for row in (slope.onto, slope.reads))
+                N += float(slope.low + slope.high) / 2 * np.outer(onto, reads)
         return N
 
     @cached_property
@@ -186,30 +189,48 @@ class Inclusion:
     def at(self, theta: Fraction) -> "Uncertain":
         """The inclusion at a theta > 0."""
         level = number(theta)
-        M, varying = self.N * level, self.varying
+        late = np.array([level**-power for power in self.late], dtype=object)
+        M, B, core, injected = self.N * level, self.B * late * level, self.N * level, self.B * late * level
         for slope in self.slopes:
-            M[:, slope.of] += rational(slope.onto) * (number(slope.low + slope.high) / 2 * level**-slope.degree)
+            onto = rational(slope.onto) * (number(slope.low + slope.high) / 2 * level**-slope.degree)
+            M, B = M + np.outer(onto, rational(slope.reads)), B + np.outer(onto, rational(slope.takes) * late)
+        varying = self.varying
         G = [rational(slope.onto) * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
-        H = [identity(len(M))[slope.of] for slope in varying]
-        entering = self.B * np.array([level ** (1 - power) for power in self.late], dtype=object)
-        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), entering, self.N * level)
+        H, E = ([rational(each) for each in rows] for rows in ((x.reads for x in varying), (x.takes for x in varying)))
+        return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), B, stacked(E, len(late)) * late, core, injected)
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertain:
-    """e' = (M + G diag(d) H) e + B v, |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p), of FLINT's
-    rationals; `core` (N, N): the part of M that is no slope of b."""
+    """e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p) and `E` (m, p)
+    of FLINT's rationals; `core` (N, N) and `injected` (N, p): the parts of M and B that are no slope of b."""
 
     M: Array
     G: Array
     H: Array
     B: Array
+    E: Array
     core: Array
+    injected: Array
 
     @property
     def floats(self) -> "Uncertain":
         """The same in floats."""
-        return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.core)))
+        return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.E, self.core, self.injected)))
+
+    def held(self, d: Array) -> "Uncertain":
+        """With slopes that are held at d (m), so that none varies."""
+        D = self.G * d
+        return replace(self, M=self.M + D @ self.H, B=self.B + D @ self.E, G=D[:, :0], H=self.H[:0], E=self.E[:0])
+
+    def driven_by(self, columns: Array) -> "Uncertain":
+        """With inputs of which each is a sum of errors of the samples, the `columns` (p, q) say how much of each."""
+        return replace(self, B=self.B @ columns, E=self.E @ columns, injected=self.injected @ columns)
+
+    def disturbed(self, onto: Array) -> "Uncertain":
+        """With more inputs, each of which enters the rates alone, by a column of `onto` (N, q)."""
+        B, injected = (np.hstack([columns, onto]) for columns in (self.B, self.injected))
+        return replace(self, B=B, E=np.hstack([self.E, self.H @ (0 * onto)]), injected=injected)
 
 
 def inclusion(
@@ -230,13 +251,20 @@ def inclusion(
     slopes = _slopes(form, layout, scale)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
-    t = [units[i] for i in layout.index]
+    t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]
     scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
-    moved = (replace(each, onto=tuple(x * t[k] / t[each.of] for k, x in enumerate(each.onto))) for each in others)
+    slopes = (*slopes, *(_in_units(each, t) for each in others))
     entering = rational(measured) * rational(t)[:, None]
     powers, own = exponents(form), {"units": tuple(units)}
     late = tuple(powers[head] for head in form.heads) if entering.size else ()
-    return Inclusion(scaled, entering, (*slopes, *moved), layout, tuple(units), tuple(scale), numbers, own, late)
+    each = tuple(replace(slope, takes=nothing) for slope in slopes)
+    return Inclusion(scaled, entering, each, layout, tuple(units), tuple(scale), numbers, own, late)
+
+
+def _in_units(slope: Slope, t: Sequence[Fraction]) -> Slope:
+    """The slope in fields in these units (N)."""
+    onto = tuple(x * unit_ for x, unit_ in zip(slope.onto, t, strict=True))
+    return replace(slope, onto=onto, reads=tuple(x / unit_ for x, unit_ in zip(slope.reads, t, strict=True)))
 
 
 def on_integrators(
@@ -257,7 +285,9 @@ def on_integrators(
         return units
     scale = from_form(chain.form, units)
     zero, one = Fraction(0), Fraction(1)
-    shares = (Slope(of, tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates)
+    shares = (
+        Slope(of_field(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates
+    )
     error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares)
     return error if isinstance(error, Nothing) else replace(error, chained=True)
 
@@ -305,7 +335,7 @@ def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
             continue
         ranges.append(enclosure(form, a, known))
         ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
-        slopes.append(Slope(at, tuple(map(Fraction, onto[at].tolist())), *ends, -1))
+        slopes.append(Slope(of_field(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1))
     numbers = {"gains": tuple(map(sp.Rational, K))}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
     error = inclusion(form, plain(form), core, by_chain(form, K), ones, one, numbers, slopes)
@@ -332,6 +362,11 @@ def plain(form: Form) -> Layout:
     return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
 
 
+def of_field(field: int, count: int) -> tuple[Fraction, ...]:
+    """What reads the error of one field (N)."""
+    return tuple(Fraction(int(k == field)) for k in range(count))
+
+
 def _slopes(form: Form, layout: Layout, scale: Sequence[sp.Expr]) -> tuple[Slope, ...] | Reason:
     """Those of b, with 0 in each range."""
     slopes, powers, J = [], exponents(form), jacobian(form)
@@ -345,5 +380,6 @@ def _slopes(form: Form, layout: Layout, scale: Sequence[sp.Expr]) -> tuple[Slope
         onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
         loose = _LOOSE * (max(known.high, 0.0) - min(known.low, 0.0))
         low, high = min(outward(known.low - loose, -1), Fraction(0)), max(outward(known.high + loose, 1), Fraction(0))
-        slopes.append(Slope(layout.picks[j], onto, low, high, powers[i] - powers[j], (i, j), known))
+        reads = of_field(layout.picks[j], len(onto))
+        slopes.append(Slope(reads, onto, low, high, powers[i] - powers[j], entry=(i, j), range=known))
     return tuple(slopes)

@@ -16,9 +16,10 @@ import numpy as np
 from hgogen.algebra.definite import number
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Falls, Flow, falling
+from hgogen.guarantees.common_norm import Falls, Flow, ends
 from hgogen.guarantees.inclusion import Inclusion, Uncertain, of_state
 from hgogen.guarantees.quadratic import Array, Quadratic, floats, inverse_root, rational
+from hgogen.guarantees.stagewise import pushed
 from hgogen.guarantees.under_inputs import input_bound, weights_in_floats
 from hgogen.intervals.outward import number as outward
 from hgogen.observer import Observer
@@ -34,7 +35,7 @@ Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, 
 def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
     """The forms that are negative where V' <= -alpha V + sum_j lambda_j v_j^2, the lambda_j the last multipliers, in
     the arithmetic of e and alpha."""
-    return tuple(form.pushed(e.B) for form in falling(e, alpha, hull))
+    return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
@@ -75,7 +76,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     e, W = error.at(flow.theta), inverse_root(floats(rational(falls.weights.P)))
     e, known = _over(e, number(falls.alpha)), dict[tuple[int, int], float]()
     for j in range(e.B.shape[1]):
-        alone = replace(e, B=e.B[:, [j]])
+        alone = e.driven_by(np.eye(e.B.shape[1], dtype=int)[:, [j]])
 
         def forms(alpha: Fraction, of: Uncertain = alone) -> tuple[Quadratic, ...]:
             return driven(of, number(alpha), error.hull)
@@ -97,7 +98,7 @@ def together_in_floats(error: Inclusion, sizes: Array, rows: Array, falls: Falls
     scales = error.scales(falls.theta)
     assert scales is not None
     e, W = error.at(falls.theta).floats, inverse_root(floats(rational(falls.weights.P)))
-    e, least = _over(replace(e, B=e.B * sizes), alpha), float("inf")
+    e, least = _over(e.driven_by(np.diag(sizes)), alpha), float("inf")
     rows = rows @ np.array([floats(of_state(scales, k)[None])[0] for k in error.layout.picks])
     for share in _TRIED:
         candidate = weights_in_floats(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
@@ -109,4 +110,4 @@ def together_in_floats(error: Inclusion, sizes: Array, rows: Array, falls: Falls
 
 def _over(e: Uncertain, pace: Any) -> Uncertain:
     """The same in a time that runs `pace` times as fast, so that rates are near 1; in the arithmetic of both."""
-    return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace)
+    return replace(e, M=e.M / pace, G=e.G / pace, B=e.B / pace, core=e.core / pace, injected=e.injected / pace)

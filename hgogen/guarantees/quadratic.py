@@ -54,11 +54,6 @@ class Quadratic:
         Q = np.vstack([np.hstack([self.Q, reads]), 0 * one[:q]])
         return Quadratic(pairs, Q, np.vstack([np.hstack([self.Z, 0 * reads]), one[size:]]))
 
-    def pushed(self, B: Array) -> "Quadratic":
-        """That of a form in continuous time whose rates inputs (q) push by B (N, q)."""
-        still = 0 * B
-        return self.driven(((still, B),), 0 * np.repeat(B[:1], len(self.Q), axis=0))
-
     def over(self, pace: Any) -> "Quadratic":
         """The form over a number > 0, with the multipliers over it as well: where the one is negative the other is."""
         return Quadratic(tuple((X, Y / pace) for X, Y in self.pairs), self.Q, self.Z)

@@ -2,11 +2,11 @@
 
     a  = Phi e + Psi_0 r_0,   e+ = a + Psi_1 (r_1 - r_0),   r_i = (M - L) X_i + G p_i,   X_0 = e,   X_1 = a
 
-L is the core that is realised, M and G p what the error obeys (`stagewise`). With X = h L, Phi = 1 + X phi_1, Psi_0 = h
-phi_1, Psi_1 = h phi_2, and phi_1 - phi_2 and phi_2 weigh what is injected at the two ends; so the step has a limit at h
-= 0. By the bilinear rule phi_1 is (1 - X/2)^-1, and phi_2 half of it. The matrix exponential has phi_1 = 1 + X phi_2;
-so have the polynomials that a program takes for them (`discretisation.kernels`), as halvings and doublings of X keep to
-it. There phi_2 is in balls that hold these polynomials.
+L is the core that is realised, M and G p what the error obeys (`stagewise`), errors of what is injected apart. With X =
+h L, Phi = 1 + X phi_1, Psi_0 = h phi_1, Psi_1 = h phi_2, and phi_1 - phi_2 and phi_2 weigh what is injected at the two
+ends; so the step has a limit at h = 0. By the bilinear rule phi_1 is (1 - X/2)^-1, and phi_2 half of it. The matrix
+exponential has phi_1 = 1 + X phi_2; so have the polynomials that a program takes for them (`discretisation.kernels`),
+as halvings and doublings of X keep to it. There phi_2 is in balls that hold these polynomials.
 """
 
 from collections.abc import Callable
@@ -88,14 +88,14 @@ def realised(realisation: Realisation, h: Fraction, e: Uncertain) -> Stagewise:
     """The step of length h >= 0, the samples at its ends injected by the realised core."""
     (n, m), p, (phi_1, phi_2) = e.G.shape, e.B.shape[1], realisation(e.core, h)
     size = n + 2 * m
-    unit, rest = identity(size + 2 * p), e.M - e.core
-    X = unit[:n]
-    first, v_0, v_1 = rest @ X + e.G @ unit[n : n + m], e.B @ unit[size : size + p], e.B @ unit[size + p :]
+    unit, rest, beside = identity(size + 2 * p), e.M - e.core, e.B - e.injected
+    X, v_0, v_1 = unit[:n], unit[size : size + p], unit[size + p :]
+    first = rest @ X + beside @ v_0 + e.G @ unit[n : n + m]
     with ctx.workprec(BALLS):
-        ahead = phi_1 @ (e.core @ X + first + v_0) + phi_2 @ (v_1 - v_0)  # (a - e)/h
+        ahead = phi_1 @ (e.core @ X + first + e.injected @ v_0) + phi_2 @ e.injected @ (v_1 - v_0)  # (a - e)/h
         after = X + ahead * number(h)
-        D = ahead + phi_2 @ (rest @ after + e.G @ unit[n + m : size] - first)
-        Q = np.concatenate([e.H @ X, e.H @ after])
+        D = ahead + phi_2 @ (rest @ after + beside @ v_1 + e.G @ unit[n + m : size] - first)
+        Q = np.concatenate([e.H @ X + e.E @ v_0, e.H @ after + e.E @ v_1])
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + 2 * p)]
     nodes = (Fraction(0), Fraction(1))
     return Stagewise(h, m, D[:, :size], Q[:, :size], (tuple(each[:p]), tuple(each[p:])), nodes)

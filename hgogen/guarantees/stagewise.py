@@ -2,7 +2,8 @@
 
     X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
 
-All is linear in v = (e, p_1, .., p_s): e+ = e + h D v, H X_i = Q_i v. The slopes |d_ij| <= 1 of different stages are
+All is linear in v = (e, p_1, .., p_s): e+ = e + h D v, H X_i = Q_i v; an error of what is injected at a stage adds a
+column to D and Q (`Inputs`). The slopes |d_ij| <= 1 of different stages are
 independent, so what holds for all d_i holds for whatever the estimate meets on its way. With P > 0 and S_i >= 0
 diagonal,
 
@@ -128,7 +129,7 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Stagewise:
     for i, row in enumerate(tableau.a):
         X = unit[:n] + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True)), nothing)
         v = unit[size + i * p : size + (i + 1) * p]
-        reads.append(e.H @ X)
+        reads.append(e.H @ X + e.E @ v)
         rates.append(e.M @ X + e.G @ unit[n + i * m : n + (i + 1) * m] + e.B @ v)
     D, Q = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing), np.concatenate(reads)
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + s * p)]
@@ -146,6 +147,12 @@ def flowing(e: Uncertain, alpha: Any) -> Quadratic:
     one = np.eye(n + m, dtype=int) + 0 * e.M[0, 0]
     rates = np.hstack([e.M + one[:n, :n] * (alpha / 2), e.G])
     return Quadratic(((one[:n], rates),), np.hstack([e.H, 0 * one[n:, n:]]), one[n:])
+
+
+def pushed(e: Uncertain, alpha: Any) -> Quadratic:
+    """The form that is negative where V' <= -alpha V + sum_k lambda_k v_k^2, v the inputs (q) of e; the lambda_k are
+    the last q multipliers."""
+    return flowing(e, alpha).driven(((0 * e.B, e.B),), e.E)
 
 
 def _exactly(coefficient: float) -> Any:

@@ -34,7 +34,7 @@ from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import one_by_one
-from hgogen.guarantees.inclusion import Inclusion, Slope, inclusion, plain
+from hgogen.guarantees.inclusion import Inclusion, Slope, inclusion, of_field, plain
 from hgogen.intervals.bounds import Range
 from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import fixed, span
@@ -119,7 +119,8 @@ def _pushes(gains: Sequence[Fraction], shares: Shares) -> tuple[Slope, ...]:
     """What each K_i q_1 .. q_(i-1) brings, as a slope of its own."""
     every, n = [_injected(gains, q) for q in product(*shares)], range(len(gains))
     ends = [(min(each), max(each)) for each in zip(*every, strict=True)]
-    return tuple(Slope(0, tuple(Fraction(-int(k == i)) for k in n), *ends[i], -1) for i in n)
+    first = of_field(0, len(gains))
+    return tuple(Slope(first, tuple(Fraction(-int(k == i)) for k in n), *ends[i], -1) for i in n)
 
 
 def _together(

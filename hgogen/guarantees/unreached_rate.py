@@ -64,7 +64,7 @@ def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
 
 def _called(form: Form, slope: Slope) -> str:
     if slope.entry is None:
-        return [name for chain in form.gain_names for name in chain][slope.of]
+        return [name for chain in form.gain_names for name in chain][slope.reads.index(1)]
     i, j = slope.entry
     return f"db_{i + 1}/d{form.states[j]}"
 

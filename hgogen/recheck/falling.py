@@ -100,9 +100,11 @@ def _at_once(P: Matrix, S: list[Fraction], M: Matrix, G: Matrix, H: Matrix) -> N
     demand_negative("its inequality", form)
 
 
-def driven(parts: Parts, B: Matrix, evidence: Mapping[str, Any]) -> tuple[Matrix, list[Fraction]]:
-    """[M'P + P M + H'S H, P G, P B; G'P, -S, 0; B'P, 0, -diag(lambda)] of the columns B (N, q) of inputs, and the
-    lambda, the last q of the evidence's S, which are not negative, of a P > 0. Raises: `NotShown`."""
+def driven(parts: Parts, B: Matrix, E: Matrix, evidence: Mapping[str, Any]) -> tuple[Matrix, list[Fraction]]:
+    """[M'P + P M, P G, P B; G'P, -S, 0; B'P, 0, -diag(lambda)] + [H, 0, E]'S [H, 0, E] of the columns B (N, q) and E
+    (m, q) of inputs, and the lambda, the last q of the evidence's S, which are not negative, of a P > 0.
+
+    Raises: `NotShown`."""
     n, m, q = len(parts.M), len(parts.H), len(B[0])
     if n + m + q > _ROWS:
         raise NotShown(f"its inequality has more than {_ROWS} rows")
@@ -113,16 +115,14 @@ def driven(parts: Parts, B: Matrix, evidence: Mapping[str, Any]) -> tuple[Matrix
     form, beside = zeros(n + m + q, n + m + q), [[*g, *b] for g, b in zip(parts.G, B, strict=True)]
     for i, row in enumerate(twice(P, parts.M)):
         form[i][:n] = row
-    for value, row in zip(S, parts.H, strict=False):
-        for i in range(n):
-            for j in range(n):
-                form[i][j] += value * row[i] * row[j]
     for i, row in enumerate(times(P, beside)):
         for k, value in enumerate(row):
             form[i][n + k] = form[n + k][i] = value
     for k, value in enumerate(S):
         form[n + k][n + k] = -value
-    return form, S[m:]
+    reads = [[*h, *zeros(1, m)[0], *e] for h, e in zip(parts.H, E, strict=True)]
+    weighed = [[value * x for x in row] for value, row in zip(S, reads, strict=False)]
+    return plus(form, times(transposed(reads), weighed)) if m else form, S[m:]
 
 
 def demand_negative(what: str, form: Matrix) -> None:

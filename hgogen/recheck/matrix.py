@@ -101,6 +101,11 @@ def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:
     return [value.numerator * (common // value.denominator) for value in values], common
 
 
+def outer(column: list[Fraction], row: list[Fraction]) -> Matrix:
+    """A column times a row."""
+    return [[x * y for y in row] for x in column]
+
+
 def transposed(M: Matrix) -> Matrix:
     """M'."""
     return [list(column) for column in zip(*M, strict=True)]

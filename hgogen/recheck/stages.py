@@ -34,6 +34,7 @@ from .matrix import (
     inverse,
     matrix,
     minus,
+    outer,
     plus,
     scalar,
     scaled,
@@ -69,24 +70,32 @@ class Moved:
 
 @dataclass(frozen=True)
 class Parts:
-    """M (N, N), G (N, m) and H (m, N) of what the error obeys, and the core L of M (N, N), of which a part is `moving`
-    with them or none."""
+    """e' = M e + G p + (B + R) v, p = diag(d) (H e + E v): M (N, N), G (N, m) and H (m, N) of what the error obeys, and
+    the core L of M (N, N), of which a part is `moving` with them or none; B, R (N, p) and E (m, p) of errors v of the
+    samples, B as L takes them and R as the rest does."""
 
     M: Matrix
     G: Matrix
     H: Matrix
     L: Matrix
     moving: bool
+    B: Matrix
+    R: Matrix
+    E: Matrix
 
     def varied(self, p: Matrix) -> list[Matrix]:
         """G p of rows p (m, size), as a sum's one term; none without slopes that vary."""
         return [times(self.G, p)] if p else []
 
+    def read(self, X: Matrix, v: Matrix) -> Matrix:
+        """H X + E v (m, size) of rows v (p, size)."""
+        return plus(times(self.H, X), times(self.E, v)) if self.H else []
+
 
 @dataclass(frozen=True)
 class Method:
     """Where its stages stand, from 0 to 1, the `degree` of its form in h, 0 of none; and how it `moves` e (N, size), of
-    p_i (m, size) and of what is injected (N, size) at each stage."""
+    p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
 
     nodes: list[Fraction]
     degree: int
@@ -107,7 +116,8 @@ def method_of(evidence: Mapping[str, Any]) -> Method:
         rates, stages = list[Matrix](), list[Matrix]()
         for row, p_i, v_i in zip(rows, p, v, strict=True):
             stages.append(plus(e, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True))))
-            rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), v_i))
+            driven = times(plus(parts.B, parts.R), v_i)
+            rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), driven))
         return Moved(plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True))), stages)
 
     return Method([sum(row, Fraction(0)) for row in rows], 2 * len(weights) - 1, moves)
@@ -120,16 +130,18 @@ def _realised(
     if parts.moving:
         raise NotShown("a part of its core moves, which its method does not realise")
     rest, X, (phi_1, phi_2, width) = minus(parts.M, parts.L), scaled(h, parts.L), weights(scaled(h, parts.L))
-    first = plus(times(rest, e), *parts.varied(p[0]))
-    driven = plus(times(parts.L, e), first, v[0])  # by phi_1; by phi_2 what the last sample is beside the first
-    ahead = plus(times(phi_1, driven), times(phi_2, minus(v[1], v[0])))
+    B, R = (partial(times, each) for each in (parts.B, parts.R))
+    first = plus(times(rest, e), *parts.varied(p[0]), R(v[0]))
+    driven = plus(times(parts.L, e), first, B(v[0]))  # by phi_1; by phi_2 what the last sample is beside the first
+    later = B(minus(v[1], v[0]))
+    ahead = plus(times(phi_1, driven), times(phi_2, later))
     after = plus(e, scaled(h, ahead))
-    change = minus(plus(times(rest, after), *parts.varied(p[1])), first)
+    change = minus(plus(times(rest, after), *parts.varied(p[1]), R(v[1])), first)
     D = plus(ahead, times(phi_2, change))
     if not width:
         return Moved(D, [e, after])
     any_of_it = [[width] * len(X) for _ in X]
-    off = times(any_of_it, plus(times(sizes(X), sizes(driven)), sizes(minus(v[1], v[0]))))  # of `ahead`
+    off = times(any_of_it, plus(times(sizes(X), sizes(driven)), sizes(later)))  # of `ahead`
     bent = times(sizes(rest), scaled(h, off))
     off_D = plus(off, times(any_of_it, plus(sizes(change), bent)), times(sizes(phi_2), bent))
     return Moved(D, [e, after], (off_D, scaled(h, off)))
@@ -153,7 +165,7 @@ _REALISED: Mapping[str, Callable[[Matrix], Weights]] = {
 
 @dataclass(frozen=True)
 class Input:
-    """What one input adds: to the rate of each of the stages (s), a column (N), and `beside` (N) to e over h."""
+    """What one input adds: to the samples (p) at each of the stages (s), and `beside` (N) to e over h."""
 
     stages: list[list[Fraction]]
     beside: list[Fraction]
@@ -167,11 +179,12 @@ class Input:
         return Input(scaled(size, self.stages), scaled(size, [self.beside])[0])
 
 
-def ends(method: Method, B: list[Fraction]) -> tuple[Input, Input]:
-    """An error of the sample at the beginning of a step, and at the end, with the line between them; it enters by B
-    (N)."""
-    nothing = [Fraction(0)] * len(B)
-    first, last = ([[w * x for x in B] for w in weights] for weights in ([ONE - c for c in method.nodes], method.nodes))
+def ends(method: Method, parts: Parts, output: int) -> tuple[Input, Input]:
+    """An error of the sample of an output at the beginning of a step, and at the end, with the line between them."""
+    row, nothing = unit(len(parts.B[0]))[output], [Fraction(0)] * len(parts.M)
+    first, last = (
+        [[w * x for x in row] for w in weights] for weights in ([ONE - c for c in method.nodes], method.nodes)
+    )
     return Input(first, nothing), Input(last, nothing)
 
 
@@ -194,11 +207,12 @@ def form_of(
         raise NotShown("its S has a negative number")
     one = unit(size + inputs)
     start, p = one[:n], [one[n + i * m : n + (i + 1) * m] for i in range(s)]
-    nothing, last = zeros(n, size + inputs), list(enumerate(entering, size))
-    v = [plus(nothing, *(_beside(each.stages[i], one[k]) for k, each in last)) for i in range(s)]
+    nothing, last = zeros(len(parts.B[0]), size + inputs), list(enumerate(entering, size))
+    v = [plus(nothing, *(outer(each.stages[i], one[k]) for k, each in last)) for i in range(s)]
     moved = method.moves(parts, h, start, p, v)
-    D = plus(moved.D, *(_beside(each.beside, one[k]) for k, each in last))
-    reads, PD = [row for X in moved.stages for row in times(parts.H, X)], times(P, D)
+    D = plus(moved.D, *(outer(each.beside, one[k]) for k, each in last))
+    reads = [row for X, v_i in zip(moved.stages, v, strict=True) for row in parts.read(X, v_i)]
+    PD = times(P, D)
     linear = times(transposed(start), PD)
     form = plus(linear, transposed(linear), scaled(h, times(transposed(D), PD)))
     if m:
@@ -232,11 +246,6 @@ def _slack(
     scales = [Fraction(1 / math.sqrt(abs(float(row[i])) or 1.0)) for i, row in enumerate(form)]
     sums = [sum(map(mul, row, scales)) / own for row, own in zip(plus(*terms), scales, strict=True)]
     return [[value * x for x in row] for value, row in zip(sums, unit(len(form)), strict=True)]
-
-
-def _beside(column: list[Fraction], row: list[Fraction]) -> Matrix:
-    """The matrix that is a column times a row."""
-    return [[x * y for y in row] for x in column]
 
 
 def corner(alpha: Fraction, evidence: Mapping[str, Any], size: int) -> Matrix:

@@ -1,15 +1,15 @@
 """What the error of an observer obeys, rebuilt from the plant and the observer's numbers.
 
-    e' = (theta N + sum over slopes of theta^-degree d onto of') e + B diag(theta^(1 - late)) v,   d in [low, high]
+    e' = theta (N e + B v) + sum over slopes of theta^-degree d onto (reads'e + takes'v)
 
-each by itself; e holds the errors of fields over their units and theta^power, `late` the powers of the first states of
-the outputs' chains. A slope of b_i in z_j, in these coordinates, has 0 in its range, as a clamp lets a share of the
-error pass, and the degree power(i) - power(j); an a_i that moves, and a saturation in the core, have the degree -1. The
-cores are those of `cores` and of a constant gain.
+d in [low, high], each by itself; e holds the errors of fields over their units and theta^power, v those of the samples
+over theta^late, `late` the powers of the first states of the outputs' chains. A slope of b_i in z_j, in these
+coordinates, has 0 in its range, as a clamp lets a share of the error pass, and the degree power(i) - power(j); an a_i
+that moves, and a saturation in the core, have the degree -1. The cores are those of `cores` and of a constant gain.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -18,7 +18,7 @@ from .chain import constants, core_of, gain_of, integrators, invertible, steady,
 from .context import RANGE, Context, enclosed, narrowed
 from .cores import CORES
 from .file import Claim, Observer, part
-from .matrix import Matrix, entries, matrix, scalar, scaled, similar, transposed, zeros
+from .matrix import Matrix, entries, matrix, outer, plus, scalar, scaled, similar, transposed, zeros
 from .slope import continuous, steep
 from .stages import Parts
 from .text import Expression
@@ -26,13 +26,15 @@ from .text import Expression
 
 @dataclass(frozen=True)
 class Slope:
-    """What the error of the field `of` brings into the rates by `onto`, over theta^`degree`: in [low, high]."""
+    """What `reads` of e, and `takes` of the samples' errors at theta = 1, bring into the rates by `onto`, over
+    theta^`degree`: in [low, high]."""
 
-    of: int
+    reads: list[Fraction]
     onto: list[Fraction]
     low: Fraction
     high: Fraction
     degree: int
+    takes: list[Fraction] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,6 @@ class ErrorInclusion:
     scale: list[Expression]
     late: list[int]
 
-    def entering(self, theta: Fraction, output: int) -> list[Fraction]:
-        """By what an error of the samples of an output enters (N) at a theta."""
-        return [theta ** (1 - self.late[output]) * row[output] for row in self.measured]
-
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
         """By field (N), its error where that of its state of the form is 1. Raises: `NotShown` where a scale holds
         parameters."""
@@ -67,16 +65,21 @@ class ErrorInclusion:
 
     def at(self, theta: Fraction) -> Parts:
         """What the error obeys at a theta."""
-        M, G, H = scaled(theta, self.N), [], []
+        M, G, H, E = scaled(theta, self.N), [], [], []
+        late = [theta**-power for power in self.late]
+        beside = zeros(len(M), len(late))
+        B = [[theta * x * by for x, by in zip(row, late, strict=True)] for row in self.measured or beside]
         for slope in self.slopes:
-            share = theta**-slope.degree
-            for row, x in zip(M, slope.onto, strict=True):
-                row[slope.of] += x * share * (slope.low + slope.high) / 2
+            share, takes = theta**-slope.degree, slope.takes or [Fraction(0)] * len(late)
+            takes, middle = [x * by for x, by in zip(takes, late, strict=True)], share * (slope.low + slope.high) / 2
+            onto = [x * middle for x in slope.onto]
+            M, beside = plus(M, outer(onto, slope.reads)), plus(beside, outer(onto, takes))
             if slope.low < slope.high:
                 G.append([x * share * (slope.high - slope.low) / 2 for x in slope.onto])
-                H.append([Fraction(int(k == slope.of)) for k in range(len(M))])
+                H.append(slope.reads)
+                E.append(takes)
         moving = any(slope.degree < 0 for slope in self.slopes)
-        return Parts(M, transposed(G) if G else [[] for _ in M], H, scaled(theta, self.N), moving)
+        return Parts(M, transposed(G) if G else [[] for _ in M], H, scaled(theta, self.N), moving, B, beside, E)
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
@@ -93,7 +96,7 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     slopes, boxes = bounded_slopes(context, evidence, scale.expressions, [*range(n)], core.fed, core.index, core.picks)
     for of, onto in core.gates:
         moved = [x * t[k] / t[of] for k, x in enumerate(onto)]
-        slopes.append(Slope(of, moved, Fraction(0), Fraction(1), -1))
+        slopes.append(Slope(of_field(of, len(t)), moved, Fraction(0), Fraction(1), -1))
     measured = [[x * unit] for x, unit in zip(core.measured, t, strict=True)]
     N, boxes = similar(t, core.vertices[-1]), boxes + scale.boxes
     return ErrorInclusion(
@@ -152,7 +155,7 @@ def _moving(
         boxes += shown.boxes
         chain, level = place
         onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(K)]
-        slopes.append(Slope(at, onto, low, high, -1))
+        slopes.append(Slope(of_field(at, len(K)), onto, low, high, -1))
     return slopes, boxes
 
 
@@ -195,10 +198,16 @@ def bounded_slopes(
             degree = powers[i] - powers[j]
             if degree < least:
                 raise NotShown(f"b_{i + 1} reads {z}, of a higher power of theta")
-            slopes.append(Slope(picks[j], onto, min(low, Fraction(0)), max(high, Fraction(0)), degree))
+            reads = of_field(picks[j], len(onto))
+            slopes.append(Slope(reads, onto, min(low, Fraction(0)), max(high, Fraction(0)), degree))
     if listed:
         raise NotShown("it bounds slopes that are none of b")
     return slopes, boxes
+
+
+def of_field(k: int, count: int) -> list[Fraction]:
+    """What reads the error of one field (N)."""
+    return [Fraction(int(k == at)) for at in range(count)]
 
 
 def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[Fraction, Fraction, str]]:

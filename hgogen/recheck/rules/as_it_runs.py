@@ -103,8 +103,8 @@ def noise(context: Context, claim: Claim) -> Shown:
         lambdas = column({"S": S[-2:]}, "S", 2)
         if not (0 < alpha * h < 1 and bound > 0 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
             raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
-        entering = ends(method, error.entering(theta, output))
-        form = form_of(error.at(theta), method, h, one, entering)
+        parts = error.at(theta)
+        form = form_of(parts, method, h, one, ends(method, parts, output))
         demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
         within(one, error.picks[state], error.scales(context, theta), bound)
         said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"

@@ -19,7 +19,7 @@ from ..cores import CONSTANT
 from ..falling import demand_negative
 from ..file import Claim, part
 from ..follows import STATED, demand_followed
-from ..matrix import above_zero, column, entries, plus, scalar
+from ..matrix import above_zero, column, entries, plus, scalar, unit
 from ..stages import Input, Method, corner, ends, form_of, method_of, place, within
 from ..structure import on_chains
 from ..text import number
@@ -51,7 +51,7 @@ def error(context: Context, claim: Claim) -> Shown:
         kind = part(share, "inputs", str)
         if kind not in _KINDS or kind in of:
             raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
-        unit, inputs = above_zero(share, "unit"), _inputs(context, inclusion, method, h, theta, share)
+        size, inputs = above_zero(share, "unit"), _inputs(context, inclusion, method, h, theta, share)
         by_kind[kind] = share
         of[kind] = f"{kind} of {', '.join(short(size, -1) for size in _all(share))}"
         bounds = part(share, "bounds", list)
@@ -64,7 +64,7 @@ def error(context: Context, claim: Claim) -> Shown:
                 raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
             form = form_of(inclusion.at(theta), method, h, one, inputs)
             demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
-            within(one, k, scales, bound / unit)
+            within(one, k, scales, bound / size)
             totals[k] += bound
     boxes = demand_followed(context, h, by_kind)
     of |= {kind: f"{text}, which it states" for kind, text in of.items() if kind in STATED}
@@ -85,15 +85,15 @@ def _inputs(
     context: Context, error: ErrorInclusion, method: Method, h: Fraction, theta: Fraction, share: Mapping[str, Any]
 ) -> list[Input]:
     """The inputs of a share that are not 0, in its unit. Raises: `NotShown`."""
-    p, n, stages, unit = len(context.form.output), len(context.z), len(method.nodes), scalar(share, "unit")
-    into = [error.entering(theta, j) for j in range(p)]
-    nothing, scales, inputs = [Fraction(0)] * len(error.N), error.scales(context, theta), list[Input]()
+    p, n, stages, parts = len(context.form.output), len(context.z), len(method.nodes), error.at(theta)
+    nothing, still, scales = [Fraction(0)] * p, [Fraction(0)] * len(error.N), error.scales(context, theta)
+    inputs = list[Input]()
     for j, size in enumerate(_sizes(share, "samples", p)):
-        inputs += [end * size for end in ends(method, into[j]) if size]
+        inputs += [end * size for end in ends(method, parts, j) if size]
     for j, row in enumerate(entries(share, "stages", p) if share["stages"] != [] else []):
         for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
-            at = [into[j] if k == i else nothing for k in range(stages)]
-            inputs += [Input(at, nothing) * size] if size else []
+            at = [unit(p)[j] if k == i else nothing for k in range(stages)]
+            inputs += [Input(at, still) * size] if size else []
     for i, size in enumerate(_sizes(share, "beside", n)):
         onto = [-s * (fed and at == i) for s, fed, at in zip(scales, error.fed, error.index, strict=True)]
         moved = Input([nothing] * stages, onto)
@@ -102,14 +102,14 @@ def _inputs(
             slope = context.first_gain(j).number
             if slope is None:
                 raise NotShown("the slope of an output is no number")
-            moved += ends(method, into[j])[1] * (h * slope)
+            moved += ends(method, parts, j)[1] * (h * slope)
         inputs += [moved * size] if size else []
     for k, size in enumerate(_sizes(share, "fields", len(error.N))):
         itself = Input([nothing] * stages, [Fraction(int(k == at)) for at in range(len(error.N))])
         inputs += [itself * size] if size else []
     if not inputs:
         raise NotShown("a share has no inputs")
-    return [each * (1 / unit) for each in inputs]
+    return [each * (1 / scalar(share, "unit")) for each in inputs]
 
 
 def _all(share: Mapping[str, Any]) -> list[Fraction]:

@@ -24,9 +24,9 @@ from ..uncertain import ErrorInclusion, error_inclusion
 
 def l2_gain(context: Context, claim: Claim) -> Shown:
     """The L2 gain from the claim's inputs to the errors of the states, weighed by what they count for."""
-    error, parts, scales, B, said = _of(context, claim)
+    error, parts, scales, inputs, said = _of(context, claim)
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
-    form, lambdas = driven(parts, B, evidence)
+    form, lambdas = driven(parts, *inputs, evidence)
     if max(lambdas) > mu**2:
         raise NotShown("a lambda is above mu^2")
     for count, field in zip(column(evidence, "counts", n), error.picks, strict=True):
@@ -40,14 +40,14 @@ def l2_gain(context: Context, claim: Claim) -> Shown:
 
 def iss_gain(context: Context, claim: Claim) -> Shown:
     """The bound to which the error of each state comes."""
-    error, parts, scales, B, said = _of(context, claim)
+    error, parts, scales, inputs, said = _of(context, claim)
     bounds = list[str]()
     each = entries(claim.evidence, "bounds", len(context.z))
     for z, field, one in zip(context.z, error.picks, each, strict=True):
         if not isinstance(one, dict) or set(one) != {"alpha", "P", "S", "bound"}:
             raise NotShown("a bound is no object of alpha, P, S and bound")
         alpha, bound = above_zero(one, "alpha"), above_zero(one, "bound")
-        form, lambdas = driven(parts, B, one)
+        form, lambdas = driven(parts, *inputs, one)
         if sum(lambdas) > alpha:
             raise NotShown("its lambda exceed alpha")
         for i, row in enumerate(matrix(one, "P", len(scales), len(scales))):
@@ -59,8 +59,9 @@ def iss_gain(context: Context, claim: Claim) -> Shown:
     return Shown(f"in continuous time, {said}, the error of {', '.join(bounds)}", error.boxes)
 
 
-def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], Matrix, str]:
-    """The error at the observer's theta, its scales, the columns (N, q) by which inputs enter, and words for these.
+def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fraction], tuple[Matrix, Matrix], str]:
+    """The error at the observer's theta, its scales, the columns by which inputs enter the rates (N, q) and what
+    slopes read (m, q), and words for these.
 
     Raises: `NotShown`.
     """
@@ -68,20 +69,22 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     theta, error = scalar(observer.numbers, "theta"), error_inclusion(context, observer, evidence)
     if not theta > 0 or not error.measured:
         raise NotShown("its theta is not positive, or its gains are no numbers in these coordinates")
-    scales, said = error.scales(context, theta), list[str]()
-    columns = list[list[Fraction]]()
+    scales, said, parts = error.scales(context, theta), list[str](), error.at(theta)
+    columns, read = list[list[Fraction]](), list[list[Fraction]]()
     for j, size in enumerate(column(evidence, "noise", len(context.form.output))):
         if size:
-            columns.append([x * size for x in error.entering(theta, j)])
+            columns.append([(x[j] + y[j]) * size for x, y in zip(parts.B, parts.R, strict=True)])
+            read.append([x[j] * size for x in parts.E])
             said.append(f"under noise of {short(size)} in output {j + 1}")
     for beside in part(evidence, "beside", list):
         rows = column({"beside": beside}, "beside", len(context.z))
         fields = zip(scales, error.index, error.fed, strict=True)
         columns.append([-scale * rows[i] * fed for scale, i, fed in fields])
+        read.append([Fraction(0)] * len(parts.E))
         said.append(f"under ({', '.join(short(x) for x in rows)}) beside b")
     if not columns:
         raise NotShown("nothing enters")
-    return error, error.at(theta), scales, transposed(columns), ", ".join(said)
+    return error, parts, scales, (transposed(columns), transposed(read)), ", ".join(said)
 
 
 _OF_GAIN, _OF_CORE, _INPUTS = ("core", "ranges"), ("units",), ("scale", "slopes", "noise", "beside")

@@ -56,6 +56,7 @@ from ..matrix import (
     transposed,
     twice,
     unit,
+    zeros,
 )
 from ..rule import STEEP, of_observer
 from ..slope import frobenius
@@ -108,7 +109,7 @@ def _by_one_v(context: Context, claim: Claim) -> Shown:
         M = plus(scaled(gamma, plus(error.N, scaled(sigma, D))), rest)
         pushed = [[unit_ * power * x for x in row] for unit_, power, row in zip(units, powers, G, strict=True)]
         B = minus([[row[0] * x for x in g] for row in error.measured], pushed)
-        form, lambdas = driven(replace(parts, M=M), B, weights)
+        form, lambdas = driven(replace(parts, M=M), B, zeros(len(parts.H), len(B[0])), weights)
         if max(lambdas) > mu**2:
             raise NotShown("a lambda is above mu^2")
         for i, unit_ in enumerate(units):

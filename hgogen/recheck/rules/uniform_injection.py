@@ -29,7 +29,7 @@ from ..rule import Rule, of_observer
 from ..slope import at_kinks, continuous
 from ..stages import Parts
 from ..text import Expression
-from ..uncertain import ErrorInclusion, Slope, bounded_slopes
+from ..uncertain import ErrorInclusion, Slope, bounded_slopes, of_field
 
 _CORNERS = 1024  # of slopes and shares
 Shares = list[tuple[Fraction, Fraction]]
@@ -126,7 +126,7 @@ def _of_products(K: list[Fraction], shares: Shares) -> Iterator[Slope]:
     every, n = [_injected(K, q) for q in product(*shares)], range(len(K))
     for i in n:
         ends = [each[i] for each in every]
-        yield Slope(0, [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
+        yield Slope(of_field(0, len(K)), [Fraction(-int(k == i)) for k in n], min(ends), max(ends), -1)
 
 
 def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -> Iterator[Parts]:
