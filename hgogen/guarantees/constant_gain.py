@@ -8,94 +8,48 @@ of all a_j, by exact test; that one quadratic function decays for every u is wha
 chains is a sequence for each, which acts on the output of its own chain, or a matrix, each of whose rows acts on all.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import groupby, pairwise
+from itertools import pairwise
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import sympy as sp
 
 from hgogen.algebra.hurwitz import demand_hurwitz
-from hgogen.chains.columns import Column, columns
+from hgogen.chains.columns import columns
 from hgogen.chains.gains import coefficients
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators, demand_divisor, no_chain
+from hgogen.chains.scaled_gain import ScaledGain
 from hgogen.form import Form
-from hgogen.graph import to_casadi
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
-from hgogen.intervals.digits import same
-from hgogen.program import sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.sentence import Reason
 from hgogen.structure.polytope import chains, several_corners
-from hgogen.structure.scaling import power
 
 Chain = tuple[sp.Expr, ...]
-
-_OWN = 2  # numbers in the index of an entry for its own chain
 
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """The gain of the entries `K`, of parameters, at their `places`.
+    """The gain `K`.
 
     `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
     `error` is what the error obeys.
     """
 
-    K: tuple[sp.Expr, ...]
-    places: tuple[Column, ...]
+    K: ScaledGain
     driven: bool
     vertices: np.ndarray
     error: Inclusion | Nothing
 
-    def __str__(self) -> str:
-        numbers = {x: sp.Symbol(same(float(x))) for k in self.K for x in k.atoms(sp.Float)}
-        texts = dict(zip(self.places, (str(k.xreplace(numbers)) for k in self.K), strict=True))
-        groups = groupby(texts, lambda place: place.row if self.whole else place.chain)
-        return ", ".join(f"({', '.join(texts[place] for place in group)})" for _, group in groups)
 
-    @property
-    def whole(self) -> bool:
-        """Whether rows act on outputs of other chains, too."""
-        return any(len(place.index) > _OWN for place in self.places)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """theta K_1, theta^2 K_2, ..; chain by chain of several."""
-        return tuple(f"{_power(place.power)}K_{_index(place.index)}" for place in self.places)
-
-    def scaled(self, form: Form) -> Any:
-        """theta^j K_(i,j), entry by entry, SX of the places of gains and parameters."""
-        constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
-        parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
-        values: list[Any] = to_casadi([k.subs(constants) for k in self.K], parameters)
-        powered = (_powered(place.power) * value for place, value in zip(self.places, values, strict=True))
-        return ca.vertcat(*powered)
-
-    def onto(self, e: Any) -> Any:
-        """The place derived.K, times the error (q) of each chain's output: (n)."""
-        K = sym("derived", "K", len(self.K))
-        rows = groupby(zip(self.places, ca.vertsplit(K), strict=True), lambda pair: pair[0].row)
-        return ca.vertcat(*(sum(k * e[place.chain] for place, k in row) for _, row in rows))
-
-
-def _power(exponent: int) -> str:
-    return "" if exponent == 0 else "theta " if exponent == 1 else f"theta^{exponent} "
-
-
-def _index(index: tuple[int, ...]) -> str:
-    return str(index[0]) if len(index) == 1 else f"({','.join(map(str, index))})"
-
-
-def _powered(exponent: int) -> Any:
-    """theta^exponent as products."""
-    theta = sym("gain", "theta")
-    return power(theta, exponent) if exponent >= 0 else 1 / power(theta, -exponent)
+def _of_error(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
+    values = tuple(entries)
+    return ScaledGain("K", values, columns(form, len(values)), "observer gain")
 
 
 def constant_gain(observer: str, form: Form, poles: Any, gains: Any) -> ConstantGain:
@@ -122,9 +76,9 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
     per_chain = zip(_split("poles", poles, sizes), sizes, strict=True)
     p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
-    K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
+    K = (sp.Float(x) / a for x, a in zip(p, products, strict=True))
     error = on_companion(Integrators(form, form.gains), tuple(p))
-    return ConstantGain(K, columns(form, form.n), False, np.empty((0, form.n, form.n)), error)
+    return ConstantGain(_of_error(form, K), False, np.empty((0, form.n, form.n)), error)
 
 
 def _polynomial(poles: Any, n: int) -> np.ndarray:
@@ -139,7 +93,7 @@ def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -
     if isinstance(gains, Nothing):
         raise BadGain("gains", f"were not found: {gains.reason}")
     K, ends = list[float](), []
-    for group, k in _groups(gains, [chain for chain in each if chain]):
+    for group, k in _groups("gains", gains, [chain for chain in each if chain]):
         vertices = several_corners(group, form)
         if isinstance(vertices, Reason):
             raise BadGain(f"gains = {gains!r}", f"cannot be judged: {vertices}; declare ranges, or use riccati")
@@ -151,10 +105,19 @@ def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -
         ends.append(np.array(closed, dtype=float))
     driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)
     error = with_gains(form, [*map(Fraction, K)])
-    return ConstantGain(tuple(map(sp.Float, K)), columns(form, len(K)), driven, _stacked(ends), error)
+    return ConstantGain(_of_error(form, map(sp.Float, K)), driven, _stacked(ends), error)
 
 
-def _groups(gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
+def entries_of(what: str, values: Any, form: Form) -> tuple[float, ...]:
+    """The entries of a gain of chains (n, or n q: `columns`), given as K is.
+
+    Raises: `BadGain`.
+    """
+    groups = _groups(what, values, [chain for chain in chains(form) if chain])
+    return tuple(x for _, k in groups for x in k.ravel().tolist())
+
+
+def _groups(what: str, gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain], np.ndarray]]:
     """Chains that the gain ties to each other, with its block for them: all for a matrix, else one after the other.
 
     Raises: `BadGain`.
@@ -162,13 +125,13 @@ def _groups(gains: Any, each: Sequence[Chain]) -> Iterator[tuple[Sequence[Chain]
     sizes = tuple(map(len, each))
     n, q = sum(sizes), len(sizes)
     whole = _shape(gains) == (n, q)
-    parts = (gains,) if whole else _split("gains", gains, sizes, f", or a matrix of {n} x {q}")
+    parts = (gains,) if whole else _split(what, gains, sizes, f", or a matrix of {n} x {q}")
     groups = [each] if whole else [[chain] for chain in each]
     for group, values in zip(groups, parts, strict=True):
-        k, rows = reals("gains", values), sum(map(len, group))
+        k, rows = reals(what, values), sum(map(len, group))
         if k.shape not in ((rows, len(group)), (rows,) * (len(group) == 1)) or not np.isfinite(k).all():
             said = f"{n} x {q}" if whole and q > 1 else " and ".join(map(str, sizes))
-            raise BadGain(f"gains = {gains!r}", f"must be {said} finite numbers")
+            raise BadGain(f"{what} = {gains!r}", f"must be {said} finite numbers")
         yield group, k.reshape(rows, len(group))
 
 

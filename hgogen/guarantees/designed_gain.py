@@ -14,7 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from hgogen.chains.columns import as_matrix
 from hgogen.form import Form
+from hgogen.guarantees.argument_search import least_noise, searched
+from hgogen.guarantees.constant_gain import entries_of
 from hgogen.guarantees.gain_search import Task
 from hgogen.guarantees.noise_in_time import Bounds, bounds, named
 from hgogen.guarantees.rate_search import Candidate, Search, plain
@@ -38,13 +41,15 @@ class Gain:
     of several outputs a matrix, a row for each state. `rate` (1/time): |e|_P falls at least like exp(-rate t), in
     continuous time without noise; `bounds`: by the name of a state of the form and of an output, how far the estimate
     of the one goes at most for noise of at most 1 of the other, in their units; of several outputs the shares add. Both
-    are proved in rational arithmetic."""
+    are proved in rational arithmetic. `argument`: N as `hg.observers.circle_criterion` takes it with the others; empty
+    of a gain for `high_gain`."""
 
     theta: float
     K: tuple[Any, ...]
     rate: float
     bounds: Bounds
     time: str
+    argument: tuple[Any, ...] = ()
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
         """How far the estimate of a state goes at most for noise of at most these sizes, by output.
@@ -59,11 +64,14 @@ class Gain:
             for (x, y), bound in self.bounds.items()
         ]
         pattern = (
-            "theta = {theta}, K = {K}: errors decay at least like exp(-{rate} t), t in {time}, and noise moves "
+            "theta = {theta}, K = {K}{N}: errors decay at least like exp(-{rate} t), t in {time}, and noise moves "
             "{moved}; in continuous time, by rational arithmetic"
         )
+        argument = Sentence.of(", N = {N}", N=_numbers(self.argument)) if self.argument else ""
         theta, decay = same(self.theta), Down(self.rate, 3)
-        return str(because(pattern, theta=theta, K=_numbers(self.K), rate=decay, time=self.time, moved=moved))
+        return str(
+            because(pattern, theta=theta, K=_numbers(self.K), N=argument, rate=decay, time=self.time, moved=moved)
+        )
 
 
 @np.errstate(all="ignore")
@@ -75,14 +83,18 @@ def gain(
     per: Each = None,
     fastest: float | None = None,
     theta: float | None = None,
+    argument: Any = None,
 ) -> Gain:
-    """A constant gain of `observers.high_gain` for a form in chains, of a small noise bound.
+    """A constant gain of `observers.high_gain` for a form in chains, of a small noise bound; with an `argument` one of
+    `observers.circle_criterion`.
 
     Args: `rate` (1/time) > 0 at which errors decay at least; `noise` how large that of each output is at most, by name,
     by default 1: what of several outputs counts is how they compare; `per` in what the error of each state of the form
     is measured, by its name, by default half of its range: the largest bound in these is made small; `fastest` (1/time)
     by how much noise alone may move the estimate in a unit of time, over how far it moves it at most: by default ten
-    times n times the rate, or what the slopes ask for; `theta` > 0, by whose powers K is divided.
+    times n times the rate, or what the slopes ask for; `theta` > 0, by whose powers K is divided; `argument`
+    for an output error in the argument of b, on a form whose a_i are numbers: True for an N that is searched, or its
+    entries at theta = 1, as `circle_criterion` takes them.
 
     Raises: `NoGain` for a rate that is not reached; `lmi.NoSolver`; `Misfit` for no form; `BadGain` for a form without
     chains of constant gains, and for numbers that are none or not positive; `BadNames`.
@@ -97,11 +109,21 @@ def gain(
     rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
     quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
     task = Task(open_, wanted, rows, quickest)
+    entries = () if argument in (None, False) else _argument(form, task, sizes, argument)
     levels = _levels(task.pace) if theta is None else (_moderate("theta", theta),)
-    best = min((Search(form, task, sizes, each) for each in levels), key=Search.promise).best()
+    best = min((searched(form, task, sizes, entries, each) for each in levels), key=Search.promise).best()
     if best is None:
         raise unreached(form, task, sizes)
     return _stated(form, best)
+
+
+def _argument(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> tuple[float, ...]:
+    """The entries of N. Raises: `NoSolver`, `BadGain`."""
+    if task.open.D.any():
+        raise BadGain(
+            form.system.name, "has an a_i that moves in a range, and what enters the argument of b is for numbers"
+        )
+    return least_noise(form, task, sizes) if argument is True else entries_of("argument", argument, form)
 
 
 def _levels(pace: float) -> tuple[float, ...]:
@@ -142,8 +164,12 @@ def _stated(form: Form, best: Candidate) -> Gain:
     known = bounds(best.flow, fastest)
     if isinstance(known, Reason):
         raise BadGain(form.system.name, f"has a gain whose noise is not bounded: {known}")
-    K = best.K if len(form.blocks) > 1 else tuple(k for (k,) in best.K)
-    return Gain(float(best.flow.theta), K, fastest.rate, named(form, known), form.system.time)
+    one = len(form.blocks) == 1
+    K: tuple[Any, ...] = tuple(k for (k,) in best.K) if one else best.K
+    N: tuple[Any, ...] = best.argument
+    if N and not one:
+        N = tuple(map(tuple, as_matrix(form, N).tolist()))
+    return Gain(float(best.flow.theta), K, fastest.rate, named(form, known), form.system.time, N)
 
 
 def _numbers(K: Any) -> str:

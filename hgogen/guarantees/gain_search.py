@@ -1,6 +1,6 @@
 """A gain of a small noise bound at a wanted rate, over P and Y = P K together, in floats: no proof of it.
 
-    e' = (M - K C) e + (G - K D) diag(d) H e + K v,   |d_j| <= 1,   |v_j| <= 1,   V = e'P e
+    e' = (M - K C) e + (B + K) v + (G - K D) diag(d) (H e + E v),   |d_j| <= 1,   |v_j| <= 1,   V = e'P e
 
     minimise t:   V' <= -2 rate V where v = 0,   V' <= -alpha V + sum_j lambda_j v_j^2,   sum_j lambda_j <= alpha,
                   c P^-1 c' <= t for every c,   K'P K <= fastest^2 I
@@ -19,6 +19,7 @@ from itertools import product
 import numpy as np
 
 from hgogen.guarantees.common_norm import one_by_one
+from hgogen.guarantees.inclusion import Uncertain
 from hgogen.guarantees.quadratic import Array
 from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, solved
 
@@ -31,14 +32,16 @@ _SMALL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Open:
-    """What the error obeys before there is a gain: `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), v in its
-    sizes; `chain` (n): the output of each state's chain."""
+    """What the error obeys before there is a gain: `M` (n, n), `G` (n, m), `H` (m, n), `C` (p, n), `D` (p, m), `B` (n,
+    p) and `E` (m, p), v in its sizes; `chain` (n): the output of each state's chain."""
 
     M: Array
     G: Array
     H: Array
     C: Array
     D: Array
+    B: Array
+    E: Array
     chain: tuple[int, ...]
 
     def seen(self, T: Array, pace: float) -> "Open":
@@ -47,7 +50,8 @@ class Open:
         G, H = self.G / T[:, None] / pace, self.H * T
         enters, reads = np.linalg.norm(G, axis=0), np.linalg.norm(H, axis=1)
         g = np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > _SMALL) & (enters > _SMALL)))
-        return Open(self.M * T / T[:, None] / pace, G * g, H / g[:, None], self.C * T, self.D * g, self.chain)
+        M, B = self.M * T / T[:, None] / pace, self.B / T[:, None] / pace
+        return Open(M, G * g, H / g[:, None], self.C * T, self.D * g, B, self.E / g[:, None], self.chain)
 
     def scale(self, pace: float) -> Array:
         """The T (n) in which noise moves the head of a chain by 1, and a state of size 1 the one before it by the pace
@@ -160,9 +164,8 @@ class _Program:
         powers = self._diagonal(p, p)
         for d in self._corners():
             yield _negative(self._form(d, 2 * self.rate, self._diagonal(first, k)))
-            form = self._form(d, self.alpha, self._diagonal(first - k, k))
-            enters = np.concatenate([self._Y, np.zeros((self._size, form.shape[1] - len(self.open.chain), p))], axis=1)
-            yield _negative(_bordered(form, enters, -powers))
+            S = self._diagonal(first - k, k)
+            yield _negative(self._driven(d, self._form(d, self.alpha, S), S, powers))
 
     def _corners(self) -> Iterator[Array | None]:
         m = self.open.G.shape[1]
@@ -170,12 +173,25 @@ class _Program:
 
     def _form(self, d: Array | None, alpha: float, S: Array) -> Array:
         """That of V' + alpha V."""
-        o, P, Y = self.open, self._P, self._Y
-        flow, slopes = P @ o.M - Y @ o.C + alpha / 2 * P, P @ o.G - Y @ o.D
+        o, P, Y, slopes = self.open, self._P, self._Y, self._slopes
+        flow = P @ o.M - Y @ o.C + alpha / 2 * P
         if d is not None:
             flow = flow + (slopes * d) @ o.H
         whole = flow + flow.transpose(0, 2, 1)
         return whole if d is not None else _bordered(whole + o.H.T @ S @ o.H, slopes, -S)
+
+    def _driven(self, d: Array | None, form: Array, S: Array, powers: Array) -> Array:
+        """The form with errors of the samples, whose `powers` are theirs."""
+        o, rates = self.open, self._P @ self.open.B + self._Y
+        if d is not None:
+            return _bordered(form, rates + (self._slopes * d) @ o.E, -powers)
+        beside = np.concatenate([rates + o.H.T @ S @ o.E, 0 * S @ o.E], axis=1)
+        return _bordered(form, beside, o.E.T @ S @ o.E - powers)
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """P (G - K D)."""
+        return np.asarray(self._P @ self.open.G - self._Y @ self.open.D)
 
     def _reach(self, c: Array) -> Rows:
         """[t, c; c', P] >= 0."""
@@ -214,10 +230,8 @@ def _bordered(inner: Array, beside: Array, corner: Array) -> Array:
     return np.block([[inner, beside], [beside.transpose(0, 2, 1), corner]])
 
 
-Parts = tuple[Array, Array, Array]  # M, G and H
-
-
-def opened(without: Parts, ones: Parts, *, heads: Sequence[int], chain: Sequence[int]) -> Open:
-    """From the parts with a gain of 0, and with one whose entries are all 1: they differ by what the gain reads."""
-    (M, G, H), (M_1, G_1, _) = without, ones
-    return Open(M, G, H, (M - M_1)[list(heads)], (G - G_1)[list(heads)], tuple(chain))
+def opened(without: Uncertain, ones: Uncertain, *, heads: Sequence[int], chain: Sequence[int]) -> Open:
+    """From what is obeyed, in floats, with a gain of 0, and with one whose entries are all 1: they differ by what the
+    gain reads."""
+    e, C, D = without, without.M - ones.M, without.G - ones.G
+    return Open(e.M, e.G, e.H, C[list(heads)], D[list(heads)], e.B, e.E, tuple(chain))

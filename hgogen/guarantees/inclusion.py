@@ -146,6 +146,12 @@ class Inclusion:
         d, P = self._alone
         return np.asarray(d[:, None] * inverse_root(P))
 
+    @property
+    def deaf(self) -> "Inclusion":
+        """The same, where it is not known how errors of the samples enter."""
+        slopes = tuple(replace(slope, takes=()) for slope in self.slopes)
+        return replace(self, B=self.B[:, :0], late=(), slopes=slopes)
+
     def narrowed(self, share: Fraction) -> "Inclusion":
         """The same, the ranges of the slopes of b that share of what they are; 0 stays in them."""
         slopes = (

@@ -29,6 +29,7 @@ _GRIDS = (30, 44, 60, 110)  # bits after the point to which P and S are rounded,
 _ROUNDING = 1e-8  # what rounding to a grid may take from a form
 _SWEEPS = 10  # over all rows and columns
 _SMALL = 1e-6  # of the largest reading: what counts for one that is smaller
+_NIL, _TENTH = 1e-12, 0.1  # of it: a reading of nothing, and what counts for that
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,11 +167,12 @@ def pace(of: Quadratic, W: Array) -> float:
 
 
 def even(of: Quadratic, W: Array) -> Array:
-    """The g (k) with which each relation enters the form of x by as much as it reads of x; a reading that is 0, or next
-    to it, counts as a small share of the largest."""
+    """The g (k) with which each relation enters the form of x by as much as it reads of x. A small reading counts as a
+    small share of the largest at least; one of nothing but rounding, which says nothing of its size, as a tenth."""
     n = len(W)
     enters = np.linalg.norm(np.linalg.inv(W) @ of.pairs[0][1][:, n:], axis=0)
     reads = np.linalg.norm(of.Q[:, :n] @ W, axis=1)
+    reads = np.where(reads > _NIL * reads.max(initial=0), reads, _TENTH * reads.max(initial=0))
     enters, reads = (np.maximum(each, _SMALL * each.max(initial=0)) for each in (enters, reads))
     return np.asarray(np.sqrt(np.divide(reads, enters, out=np.ones_like(reads), where=(reads > 0) & (enters > 0))))
 

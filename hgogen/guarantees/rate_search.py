@@ -6,17 +6,20 @@ these gains the one of the least bound is taken, which is found in floats. The r
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
+import sympy as sp
 
 from hgogen.chains.columns import columns
 from hgogen.form import Form
+from hgogen.guarantees.argument import injected
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.gain_search import Open, Task, opened
-from hgogen.guarantees.inclusion import Inclusion, Slope, with_gains
+from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain, with_gains
 from hgogen.guarantees.noise_in_time import together_in_floats
 from hgogen.guarantees.quadratic import Array
 from hgogen.sentence import Reason, because
@@ -32,9 +35,11 @@ _ONE = Fraction(1)
 
 @dataclass(frozen=True)
 class Candidate:
-    """A gain K (n, p) with a proof that its error `falls` at the rate; `worth`: its largest bound, about."""
+    """A gain K (n, p), with the entries of N in the `argument` of b, with a proof that the error `falls` at the rate;
+    `worth`: its largest bound, about."""
 
     K: tuple[tuple[float, ...], ...]
+    argument: tuple[float, ...]
     flow: Flow
     falls: Falls
     worth: float = _LARGE
@@ -42,12 +47,14 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """For gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`."""
+    """For gains of a form, of a `task` under noise of these `sizes` (p), written with `theta`; with the output error in
+    the argument of b by `argument`, the entries of N at theta = 1, or none."""
 
     form: Form
     task: Task
     sizes: Array
     theta: float
+    argument: tuple[float, ...] = ()
 
     def best(self) -> Candidate | None:
         """That of the least worth; None where none is found.
@@ -71,13 +78,29 @@ class Search:
     def _fast(self) -> float:
         return max(self.task.rate, _OF_PACE * self.task.pace)
 
+    @property
+    def written(self) -> tuple[float, ...]:
+        """The entries of N over their powers of theta, in as many digits as those of K."""
+        places = columns(self.form, len(self.argument)) if self.argument else ()
+        return tuple(self._short(x, at.power - 1) for x, at in zip(self.argument, places, strict=True))
+
+    def _short(self, value: float, power: int) -> float:
+        return float(f"{value / self.theta**power:.{_DIGITS}g}")
+
     def promise(self) -> float:
         """The worth with noise at about half of the rate, to two digits.
 
         Raises: `NoSolver`.
         """
-        one = self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
+        one = self.middle()
         return float(f"{one.worth:.2g}") if one else _LARGE
+
+    def middle(self) -> Candidate | None:
+        """That with noise at about half of the rate; None where none is found.
+
+        Raises: `NoSolver`.
+        """
+        return self._slowest(math.sqrt(self.task.rate * self._fast) / 2)
 
     def _slowest(self, noisy: float) -> Candidate | None:
         """With noise at that rate, the gain of the least rate in one norm that has the wanted one in its own."""
@@ -98,36 +121,41 @@ class Search:
         if K is None or not np.isfinite(K).all():
             return None
         K = K / self.sizes
-        places = columns(self.form, K.size)
-        entries = [float(f"{K[at.row, at.chain] / self.theta**at.power:.{_DIGITS}g}") for at in places]
-        error = with_gains(self.form, [*map(Fraction, entries)])
+        entries = [self._short(K[at.row, at.chain], at.power) for at in columns(self.form, K.size)]
+        error = error_of(self.form, [*map(Fraction, entries)], self.written)
         if isinstance(error, Nothing):
             return None
         flow = Flow(error, Fraction(self.theta))
         falls = flow.at(flow.theta, 2 * Fraction(self.task.rate))
         rows = tuple(map(tuple, np.reshape(entries, K.shape).tolist()))
-        return Candidate(rows, flow, falls) if falls else None
+        return Candidate(rows, self.written, flow, falls) if falls else None
 
 
-def plain(form: Form, sizes: Array, narrower: int | None = None) -> Open | Reason:
+def error_of(form: Form, K: Sequence[Fraction], argument: Sequence[float]) -> Inclusion | Nothing:
+    """What the error obeys with a gain of these entries, and with those of N in the argument of b, or none."""
+    error = with_gains(form, K)
+    return injected(error, form, [sp.Rational(Fraction(x)) for x in argument]) if argument else error
+
+
+def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Sequence[float] = ()) -> Open | Reason:
     """What the error obeys before there is a gain, noise in its sizes (p), with half of the range of the slope of that
     number; or why there is nothing to design."""
     if len(form.leads) < len(form.blocks):
         return because("it is for outputs of which each has a chain of its own")
-    without, ones = (with_gains(form, [Fraction(k)] * form.n) for k in (0, 1))
+    without, ones = (error_of(form, [Fraction(k)] * form.n, argument) for k in (0, 1))
     if isinstance(without, Nothing) or isinstance(ones, Nothing):
         return because("{why}", why=without)
     chain = [k for k, size in enumerate(form.blocks) for _ in range(size)]
     parts = (_parts(error, narrower) for error in (without, ones))
     open_ = opened(*parts, heads=form.heads, chain=chain)
-    return replace(open_, C=open_.C / sizes[:, None], D=open_.D / sizes[:, None])
+    C, D = (each / sizes[:, None] for each in (open_.C, open_.D))
+    return replace(open_, C=C, D=D, B=open_.B * sizes, E=open_.E * sizes)
 
 
-def _parts(error: Inclusion, narrower: int | None) -> tuple[Array, Array, Array]:
-    """M, G and H in the form's own coordinates."""
+def _parts(error: Inclusion, narrower: int | None) -> Uncertain:
+    """What it says at theta = 1, in the form's own coordinates, in floats."""
     slopes = tuple(_half(slope) if k == narrower else slope for k, slope in enumerate(error.slopes))
-    e = replace(error, slopes=slopes).at(_ONE).floats
-    return e.M, e.G, e.H
+    return replace(error, slopes=slopes).at(_ONE).floats
 
 
 def _half(slope: Slope) -> Slope:

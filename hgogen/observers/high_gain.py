@@ -28,7 +28,7 @@ from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
 from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.observer import Observer, any_theta, founded, state_field
 from hgogen.part import Ode
-from hgogen.program import Block, Field, Place, sym
+from hgogen.program import Block, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
@@ -116,8 +116,8 @@ def high_gain(
     part = replace(
         _part(dynamics, chosen, theta, least, weighted(form, weights)),
         fields=(z,),
-        derived=(Field("K", (0.0,) * len(chosen.K), labels=chosen.labels, meaning="observer gain"),),
-        tune=(Block("observer gain", {Place("derived", "K"): chosen.scaled(form)}),),
+        derived=(chosen.K.field,),
+        tune=(chosen.K.tuned(form),),
     )
     return Observer(
         form=form,
@@ -129,7 +129,7 @@ def high_gain(
         checks=(*form.checks, *clamped("high_gain", form), *theta_checks("high_gain", form, theta, chosen.error)),
         accepted=accept,
         theorem=_theorem(form, chosen),
-        equations=(_equation(form, chosen), f"K = {chosen}", *_means(form, weights), *described(form)),
+        equations=(_equation(form, chosen), f"K = {chosen.K}", *_means(form, weights), *described(form)),
         reference=REFERENCE,
         notices=() if least is None else _notices(dynamics, least),
         error=chosen.error,
@@ -139,7 +139,7 @@ def high_gain(
 def _equation(form: Form, chosen: ConstantGain) -> str:
     if form.jacobian is not None:
         return _ORIGINAL
-    several = _WHOLE if chosen.whole else _SEVERAL
+    several = _WHOLE if chosen.K.whole else _SEVERAL
     return several if len(form.blocks) > 1 else _STANDARD
 
 
@@ -162,7 +162,7 @@ def _theorem(form: Form, chosen: ConstantGain) -> Theorem:
 
 def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None, weights: Sequence[float]) -> Ode:
     if dynamics.form.jacobian is not None:
-        return _in_original(dynamics, least, theta, np.array(chosen.K, dtype=float))
+        return _in_original(dynamics, least, theta, np.array(chosen.K.values, dtype=float))
     return _driven(dynamics, chosen, theta, weights) if chosen.driven else _in_chains(dynamics, chosen, weights)
 
 
@@ -172,7 +172,7 @@ def _in_chains(dynamics: Dynamics, chosen: ConstantGain, weights: Sequence[float
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
-        return {"z": A @ values["z"] + chosen.onto(mean(dynamics.form, weights, y - C @ values["z"], valid))}
+        return {"z": A @ values["z"] + chosen.K.onto(mean(dynamics.form, weights, y - C @ values["z"], valid), n)}
 
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": dynamics.nonlinear(values["z"], u)}
@@ -186,7 +186,7 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Seq
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
         e = mean(dynamics.form, weights, y - dynamics.output(z, u), valid)
-        return {"z": dynamics.flow(z, u) + chosen.onto(e)}
+        return {"z": dynamics.flow(z, u) + chosen.K.onto(e, dynamics.n)}
 
     return Ode((), rest, core=theta * chosen.vertices)
 

@@ -118,6 +118,7 @@ def _injected(numbers: Numbers, n: int) -> Core:
     return Core([companion(gains)], order, order, [True] * n, order, gains)
 
 
+OF_A_GAIN: tuple[str, ...] = ("high_gain", "circle_criterion")  # of a core A - K C, K a matrix
 CONSTANT: tuple[str, ...] = ("filtered", "filtered_injection", "low_power", "peaking_free")  # of a constant injection
 CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
     "filtered": _filtered,

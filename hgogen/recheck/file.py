@@ -7,7 +7,7 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Any
 
@@ -81,12 +81,17 @@ class Built:
 
 @dataclass(frozen=True)
 class Observer:
-    """An observer; where something is proved of it, the `numbers` that it is built with, and the entries of its gain,
-    `gains`, where they may hold parameters."""
+    """An observer; where something is proved of it, the `numbers` that it is built with, and the `entries` of its gains
+    by their names, where they may hold parameters."""
 
     name: str
     numbers: Mapping[str, Any]
-    gains: tuple[Expression, ...] = ()
+    entries: Mapping[str, tuple[Expression, ...]] = field(default_factory=dict)
+
+    @property
+    def gains(self) -> tuple[Expression, ...]:
+        """The entries of the gain of the output error."""
+        return self.entries.get("gains", ())
 
 
 @dataclass(frozen=True)
@@ -276,8 +281,8 @@ def _observer(
     _parts("observer", parts, wanted)
     if missing := sorted(set(wanted) - parts.keys()):
         raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
-    gains = [gain for key in known.expressions for gain in _gain(part(parts, key, list), names, blocks)]
-    return Observer(name, {key: _numbers(parts[key]) for key in known.numbers}, tuple(gains))
+    entries = {key: tuple(_gain(part(parts, key, list), names, blocks)) for key in known.expressions}
+    return Observer(name, {key: _numbers(parts[key]) for key in known.numbers}, entries)
 
 
 def _gain(texts: list[Any], names: Mapping[str, Any], blocks: Sequence[int]) -> Iterable[Expression]:

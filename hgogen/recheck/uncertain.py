@@ -9,16 +9,17 @@ that moves, and a saturation in the core, have the degree -1. The cores are thos
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
+from .argument import Argument, argument_of
 from .box import NotShown, covered
 from .chain import constants, core_of, gain_of, integrators, invertible, steady, wanted_gain
 from .context import RANGE, Context, enclosed, narrowed
 from .cores import CORES
 from .file import Claim, Observer, part
-from .matrix import Matrix, entries, matrix, outer, plus, scalar, scaled, similar, transposed, zeros
+from .matrix import Matrix, entries, matrix, outer, plus, scalar, scaled, similar, transposed, unit, zeros
 from .slope import continuous, steep
 from .stages import Parts
 from .text import Expression
@@ -114,6 +115,8 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     shift = [longest - size if form.alignment == "end" else 0 for size in form.blocks]
     powers = [late + level for late, size in zip(shift, form.blocks, strict=True) for level in range(size)]
     slopes, more = bounded_slopes(context, evidence, scale, powers, [True] * n, [*range(n)], [*range(n)])
+    argument = _argument(context, observer, scale)
+    slopes = [_taken(slope, argument) for slope in slopes]
     if ("core" in evidence) is ("ranges" in evidence):
         raise NotShown("its evidence has not one of a core and ranges")
     seen, N = 0, zeros(n, n)
@@ -122,8 +125,22 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     else:
         moving, seen = _moving(context, observer, evidence, scale)
         slopes = slopes + moving
-    measured, each = _by_chain(context, observer, scale), [*range(n)]
+    measured, each = _by_chain(context, observer, scale) if all(argument.takes) else [], [*range(n)]
     return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale, shift)
+
+
+def _taken(slope: Slope, argument: Argument) -> Slope:
+    """A slope of b that reads one error, by what b reads in its place."""
+    at = slope.reads.index(Fraction(1))
+    return replace(slope, reads=argument.reads[at], takes=argument.takes[at])
+
+
+def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
+    """What b reads and takes; of an observer that injects nothing there the errors alone."""
+    if "argument" in observer.entries:
+        return argument_of(context, observer.entries["argument"], scale)
+    n = len(context.z)
+    return Argument(unit(n), zeros(n, len(context.heads)))
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:

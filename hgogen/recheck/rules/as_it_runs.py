@@ -15,7 +15,7 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CONSTANT
+from ..cores import CONSTANT, OF_A_GAIN
 from ..falling import demand_negative
 from ..file import Claim, part
 from ..matrix import (
@@ -179,7 +179,7 @@ def _bernstein(degree: int) -> list[list[Fraction]]:
 _OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
 RULES = tuple(
     rule
-    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CONSTANT))
+    for name, own in (*((name, _OF_GAIN) for name in OF_A_GAIN), *((name, _OF_CORE) for name in CONSTANT))
     for keys in [("scale", "slopes", "method", *own)]
     for rule in (
         *on_chains(name, "step", step, (*keys, "dt", "alpha", "P", "S")),

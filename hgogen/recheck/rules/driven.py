@@ -15,7 +15,7 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CONSTANT
+from ..cores import CONSTANT, OF_A_GAIN
 from ..falling import demand_negative
 from ..file import Claim, part
 from ..follows import STATED, demand_followed
@@ -131,6 +131,6 @@ def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
 _OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
 RULES = tuple(
     rule
-    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CONSTANT))
+    for name, own in (*((name, _OF_GAIN) for name in OF_A_GAIN), *((name, _OF_CORE) for name in CONSTANT))
     for rule in on_chains(name, "error", error, ("scale", "slopes", "method", *own, "dt", "shares"))
 )

@@ -1,6 +1,7 @@
 """The convergence of an observer of a constant injection in continuous time, verified again.
 
     high_gain            z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z), on a chain for each output
+    circle_criterion     the same with b(sat(z + N_theta (y - C z)), u), N_theta of the entries `argument`
     switched_gain        the same with one of two theta, held for a time
     filtered             w_i' = w_(i+1) + c_i + L_i eta_i,   eta_i' = -theta alpha eta_i + theta^2 beta eta_(i-1)
     filtered_injection   w' = A w + c + diag(theta, .., theta^n) NH eta,   eta' = theta F eta + theta G (y - w_1)
@@ -100,10 +101,14 @@ _CORES = {
     "low_power": Built(("theta", "gains")),
     "peaking_free": Built(("theta", "gains", "last")),
 }
-OBSERVERS = {"high_gain": Built(("theta",), ("gains",)), "switched_gain": _SWITCHED, **_CORES}
+_OF_GAINS = {
+    "high_gain": Built(("theta",), ("gains",)),
+    "circle_criterion": Built(("theta",), ("gains", "argument")),
+}
+OBSERVERS = {**_OF_GAINS, "switched_gain": _SWITCHED, **_CORES}
 _NORM = ("P", "S")
 _EACH = (
-    ("high_gain", _OF_GAIN, _ABOVE),
+    *((name, _OF_GAIN, _ABOVE) for name in _OF_GAINS),
     ("switched_gain", _OF_GAIN, _lower),
     *((name, _OF_CORE, _ABOVE) for name in _CORES),
 )

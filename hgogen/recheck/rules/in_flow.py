@@ -13,7 +13,7 @@ from fractions import Fraction
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CONSTANT
+from ..cores import CONSTANT, OF_A_GAIN
 from ..falling import demand_negative, driven
 from ..file import Claim, part
 from ..matrix import Matrix, above_zero, column, entries, matrix, scalar, transposed
@@ -90,7 +90,7 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
 _OF_GAIN, _OF_CORE, _INPUTS = ("core", "ranges"), ("units",), ("scale", "slopes", "noise", "beside")
 RULES = tuple(
     rule
-    for name, own in (("high_gain", _OF_GAIN), *((name, _OF_CORE) for name in CONSTANT))
+    for name, own in (*((name, _OF_GAIN) for name in OF_A_GAIN), *((name, _OF_CORE) for name in CONSTANT))
     for rule in (
         *on_chains(name, "l2_gain", l2_gain, (*_INPUTS, *own, "counts", "mu", "P", "S")),
         *on_chains(name, "iss_gain", iss_gain, (*_INPUTS, *own, "bounds")),

@@ -1,0 +1,159 @@
+"""High-gain observer that puts the output error into the argument of the nonlinear part as well.
+
+    z' = A z + b(sat(z + N_theta (y - C z)), u) + diag(theta, .., theta^n) K (y - C z),   N_theta = (theta^(j-1) N_j)
+
+on chains with constant a_i. What slopes of b read of the error is J (I - N C) e in the place of J e: with N_1 = 1/a_1
+and no more, b reads the sample in the place of z_1, and its slopes in z_1 are gone; other N, such as those of
+`hg.design.circle_gain`, lend damping to the slopes that are left. Noise enters b for it. At theta = 1 it is the
+observer of Arcak, Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37
+(2001), (5), with b clamped; powers of theta keep what is proved at one theta for every larger one.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.chains.columns import columns
+from hgogen.chains.scaled_gain import ScaledGain
+from hgogen.check import Claims, Verdict
+from hgogen.form import Form
+from hgogen.graph import Graph
+from hgogen.guarantees.argument import injected, sample_in_place
+from hgogen.guarantees.constant_gain import constant_gain, entries_of
+from hgogen.guarantees.continuous_time import theta_checks
+from hgogen.observer import Observer, any_theta, founded, state_field
+from hgogen.part import Ode
+from hgogen.program import Field, sym
+from hgogen.reading.given import BadGain
+from hgogen.starting import starts
+from hgogen.structure.clamped import clamped
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.spare import mean, weighted
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Arcak, Kokotovic, Nonlinear observers: a circle criterion design, Automatica 37 (2001)"
+EQUATIONS = (
+    "z' = A z + b(sat(z + N_theta (y - C z)), u) + diag(theta, .., theta^n) K (y - C z)",
+    "N_theta = (theta^(p(j) - p(k)) N_jk), p(j) the power of theta that scales z_j",
+)
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state",
+    (
+        *FORM,
+        Hypothesis(
+            "A - K C is Hurwitz", verdict=Verdict.PROVED, reason="by exact test or its poles; others are refused"
+        ),
+        Hypothesis(
+            "theta is large enough",
+            (Claims("circle_criterion", "theta"),),
+            reason="of its declared value; it can be tuned down to 1",
+        ),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+@starts(
+    "slopes of b in a measured state are large, or a gain of `hg.design.circle_gain` says so",
+    "constant a_i; b takes the sample in the place of the measured state",
+    "n",
+    lambda s: s.high,
+)
+def circle_criterion(
+    form: Form,
+    *,
+    theta: float,
+    poles: Sequence[Any] | None = None,
+    gains: Sequence[Any] | np.ndarray | None = None,
+    argument: Sequence[Any] | np.ndarray | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The high-gain observer with an injection into the argument of b, on a form in chains with constant a_i.
+
+    Checks: `circle_criterion.convergence` (a bound on theta is proved), `circle_criterion.theta` (theta is above it).
+
+    Args: `theta` > 0; `poles` (n) of A - K C, or `gains` K (n), of several chains a sequence of such, or a matrix (n,
+    q) of gains, as `high_gain` takes them; `argument` N (n), of several chains likewise, in units of a state over those
+    of the output, by default 1/a_1 in the row of each chain's first state and 0 elsewhere: b then reads the sample;
+    `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for theta <= 0, gains of another length, or a form that has
+    no chains or an a_i that moves with an input.
+    """
+    accept = founded("circle_criterion", form, accept)
+    if form.jacobian is not None:
+        raise BadGain("circle_criterion", "works in chains, this form keeps the plant's coordinates; use high_gain")
+    high, dynamics = any_theta(theta), Dynamics(form)
+    theta = high.initial[0]
+    chosen = constant_gain("circle_criterion", form, poles, gains)
+    if chosen.driven:
+        raise BadGain("circle_criterion", "wants a_i that do not move with an input; use high_gain or riccati")
+    entries = _entries(form, argument)
+    N, error = _argument(form, entries), injected(chosen.error, form, entries)
+    return Observer(
+        form=form,
+        name="circle_criterion",
+        parts=(_part(dynamics, chosen.K, N, state_field(form, initial, theta)),),
+        gains=(high,),
+        z=sym("state", "z", form.n),
+        dynamics=dynamics,
+        checks=(
+            *form.checks,
+            *clamped("circle_criterion", form),
+            *theta_checks("circle_criterion", form, theta, error),
+        ),
+        accepted=accept,
+        theorem=THEOREM.with_chains() if len(form.blocks) > 1 else THEOREM,
+        equations=(*EQUATIONS, f"K = {chosen.K}", f"N = {N}"),
+        reference=REFERENCE,
+        error=error,
+    )
+
+
+def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
+    """Those of N, exact. Raises: `BadGain`."""
+    if argument is None:
+        return sample_in_place(form)
+    entries = tuple(sp.Rational(Fraction(x)) for x in entries_of("argument", argument, form))
+    if not any(entries):
+        raise BadGain("argument", "is 0 throughout, so that nothing is injected into b: take high_gain")
+    return entries
+
+
+def _argument(form: Form, entries: Sequence[sp.Expr]) -> ScaledGain:
+    """N_theta, without what is 0."""
+    placed = zip(columns(form, len(entries)), entries, strict=True)
+    values = {replace(at, power=at.power - 1): sp.sympify(entry) for at, entry in placed if entry != 0}
+    printed = tuple(sp.Float(float(x)) if x.is_Rational and not x.is_Integer else x for x in values.values())
+    return ScaledGain("N", printed, tuple(values), "gain into the argument of b")
+
+
+def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:
+    """z' = A z + K (y - C z - offset), and b at z + N (y - C z - offset)."""
+    form = dynamics.form
+    n, still = dynamics.n, ca.SX.zeros(len(form.system.inputs))
+    A, C, weights = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still), weighted(form, None)
+
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
+        return {"z": A @ values["z"] + K.onto(mean(form, weights, y - C @ values["z"], valid), n)}
+
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
+        z = values["z"]
+        e = mean(form, weights, y - dynamics.output(z, u), valid)
+        return {"z": dynamics.nonlinear(z + N.onto(e, n), u)}
+
+    return Ode(
+        (z,),
+        rest,
+        linear,
+        lambda u: dynamics.output(ca.SX.zeros(n), u),
+        derived=(K.field, N.field),
+        tune=(K.tuned(form), N.tuned(form)),
+    )

@@ -1,0 +1,270 @@
+"""The observer that puts the output error into the argument of b: its equations, what slopes read, what is proved."""
+
+import copy
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from forger import sealed
+from oracle.circle_criterion import circle_criterion as oracle
+from oracle.sampled import run
+from plants import model
+
+import hgogen as hg
+from hgogen.certificates.certificate import certificate
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.reading.given import BadGain
+from hgogen.recheck.verification import recheck
+from hgogen.stepping.machine import Machine
+
+
+def joint(linear: bool = False, late: bool = False) -> hg.System:
+    """x1' = 2 x2, x2' = -4 sin x1 - x2/2, x3' = .. in x1 and x3, y1 = 3 x1, y2 = x3/2; `linear` with slopes at the ends
+    of their ranges."""
+    x1, x2, x3 = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "x3"))
+    bend = -4 * x1 if linear else -4 * sp.sin(x1)
+    flow = [2 * x2, bend - x2 / 2, x1 / 4 - x3]
+    outputs = (hg.Signal("y1"), hg.Signal("y2"))
+    return hg.System("joint", states=(x1, x2, x3), outputs=outputs, flow=flow, output=[3 * x1, x3 / 2])
+
+
+ARGUMENT = ((0.25, -0.3), (1.5,))
+
+
+@cache
+def observer(linear: bool = False, argument: Any = ARGUMENT, theta: float = 6) -> hg.Observer:
+    form = hg.forms.block_triangular(joint(linear))
+    return hg.observers.circle_criterion(form, theta=theta, poles=((-1, -1), (-1,)), argument=argument)
+
+
+@cache
+def pendulum(argument: Any = None, theta: float = 20) -> hg.Observer:
+    form = hg.forms.triangular(model("pendulum"))
+    return hg.observers.circle_criterion(form, theta=theta, poles=(-1, -1), argument=argument)
+
+
+# --- the equations ----------------------------------------------------------------------------------------------------
+
+
+def b(z: np.ndarray, u: np.ndarray) -> np.ndarray:
+    x = np.clip(z, -2, 2)
+    return np.array([0, -4 * np.sin(x[0]) - x[1] / 2, x[0] / 4 - x[2]])
+
+
+@pytest.mark.parametrize("theta", [1.0, 6.0])
+def test_a_run_is_that_of_the_equations(theta: float) -> None:
+    """Samples that miss are among them, and an argument beyond the ranges of b."""
+    made = observer(theta=theta)
+    step = hg.sample(made, hg.methods.rk4, dt=0.01)
+    rng = np.random.default_rng(1)
+    y = rng.uniform(-1, 1, (60, 2)) + np.linspace(0, 1.2, 60)[:, None]
+    y[rng.random((60, 2)) < 0.2] = np.nan
+    K = (np.array([2 / 3, 1 / 6]), np.array([2.0]))
+    A, C = np.array([[0, 2.0, 0], [0, 0, 0], [0, 0, 0]]), np.array([[3.0, 0, 0], [0, 0, 0.5]])
+    wanted = run(oracle(K, tuple(map(np.array, ARGUMENT)), theta, A, C, b), np.zeros(3), y, 0.01)
+    states = Machine(step).record(np.zeros((60, 0)), y)[0]
+    assert np.nanmax(1.5 * y[:, 1]) > 2
+    assert np.abs(wanted).max() > 0.1
+    np.testing.assert_allclose(states, wanted, rtol=1e-12, atol=1e-12)
+
+
+def test_by_default_b_reads_the_samples() -> None:
+    """N_1 = 1/a_1: a change of the first state of a chain, the sample as it is, moves b by nothing."""
+    made = observer(argument=None)
+    assert "N = (0.3333333333333333), (2)" in made.equations
+    read = {slope.entry: slope.reads for slope in error_of(made).slopes}
+    assert read[1, 0] == read[2, 0] == read[2, 2] == (0, 0, 0)
+    assert read[1, 1] == (0, 1, 0)
+
+
+def error_of(made: hg.Observer) -> Inclusion:
+    assert isinstance(made.error, Inclusion)
+    return made.error
+
+
+def test_what_slopes_read_is_what_the_argument_is_given() -> None:
+    """e_j - N_j (3 e_1 - v_1), e_3 - N_3 (e_3/2 - v_2), in units in which e_i = s_i (z_i - x_i)."""
+    error = error_of(observer())
+    s = [float(x) for x in error.scale]
+    reads = {slope.entry: (np.array(slope.reads, float), np.array(slope.takes, float)) for slope in error.slopes}
+    for (_, j), (of_e, of_v) in reads.items():
+        chain, entry = (1, 1.5) if j == 2 else (0, ARGUMENT[0][j])
+        a, head = ((3, 0), (0.5, 2))[chain]
+        wanted = np.eye(3)[j]
+        wanted[head] -= entry * a * s[j] / s[head]
+        np.testing.assert_allclose(of_e, wanted, atol=1e-5)
+        np.testing.assert_allclose(of_v, entry * s[j] * np.eye(2)[chain], rtol=1e-5)
+
+
+# --- what is proved ---------------------------------------------------------------------------------------------------
+
+
+def test_slopes_in_a_sample_ask_for_no_theta() -> None:
+    """The pendulum's sine is of the measured angle: with it in the argument any theta is proved, .01 as 4.44 before."""
+    (check,) = (each for each in pendulum().checks if each.id == "circle_criterion.convergence")
+    assert check.verdict is hg.Verdict.PROVED
+    assert "above 0.01" in str(check.reason)
+    step = hg.sample(pendulum(theta=1.0), hg.methods.rk4, dt=0.02)
+    assert hg.contraction(step).proved
+
+
+@pytest.mark.parametrize("method", ["euler", "rk4", "exponential", "bilinear"])
+@pytest.mark.parametrize("argument", [ARGUMENT, None, ((1.0, 0.2), (-1.0,))])
+def test_no_noise_moves_a_linear_plant_further(argument: Any, method: str) -> None:
+    """Its slopes are ends of their ranges, so that the sums of |response| are what the worst noise does: no more than
+    the bound, and for a bound that holds for all slopes not a third of it."""
+    step = hg.sample(observer(True, argument), getattr(hg.methods, method), dt=0.02)
+    gain = hg.noise_gain(step)
+    assert gain is not None
+    for j, name in enumerate(("y1", "y2")):
+        y = np.zeros((200, 2))
+        y[40, j] = 1e-3
+        machine = Machine(step)
+        response = np.abs(machine.record(np.zeros((200, 0)), y)[0]).sum(axis=0) / 1e-3
+        for x, reached in zip(("x1", "x2", "x3"), response, strict=True):
+            bound = gain.gains[x, name]
+            assert reached <= bound * (1 + 1e-9), (x, name)
+    assert gain.gains["x2", "y1"] < 3 * response_of(step, "x2", "y1")
+
+
+def response_of(step: hg.Step, state: str, output: str) -> float:
+    y = np.zeros((200, 2))
+    y[40, ("y1", "y2").index(output)] = 1e-3
+    rows = Machine(step).record(np.zeros((200, 0)), y)[0]
+    return float(np.abs(rows[:, ("x1", "x2", "x3").index(state)]).sum() / 1e-3)
+
+
+def test_in_continuous_time_bounds_hold_at_frozen_slopes() -> None:
+    """e' = (A - K C + d onto (reads)) e + (K + d onto takes) v, d at the ends of its ranges, in theta = 20."""
+    argument = (0.8, -0.4)
+    known = hg.design.noise_bounds(pendulum(argument))
+    worst = np.zeros(2)
+    for steep, damping in product((-19.6, 19.6), (-0.1, 0.0)):
+        N, K = np.array([0.8, -0.4 * 20]), np.array([40.0, 400.0])
+        M = np.array([[-K[0], 1], [-K[1], 0]])
+        M[1] += steep * np.array([1 - N[0], 0]) + damping * np.array([-N[1], 1])
+        B = K + np.array([0, steep * N[0] + damping * N[1]])
+        worst = np.maximum(worst, moved(M, B))
+    said = np.array([known["q", "y"], known["w", "y"]])
+    assert (worst <= said * (1 + 1e-3)).all()
+    assert (said < 1.5 * worst).all()
+    l2 = hg.l2_gain(pendulum(argument), noise={"y": 1}, of={"w": 1, "q": 0})
+    assert worst[1] / 4 < l2.gain <= worst[1] * 1.5
+
+
+def moved(M: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """The integrals of |exp(M t) B|."""
+    values, vectors = np.linalg.eig(M)
+    t = np.linspace(0, 12 / -values.real.max(), 20000)
+    rows = vectors @ (np.exp(np.outer(values, t)) * np.linalg.solve(vectors, B.astype(complex))[:, None])
+    return np.trapezoid(np.abs(rows.real), t, axis=1)
+
+
+# --- certificates -----------------------------------------------------------------------------------------------------
+
+
+@cache
+def content() -> dict[str, Any]:
+    made = observer()
+    step = hg.sample(made, hg.methods.rk4, dt=0.01)
+    noise, start, error = hg.noise_gain(step), hg.start_set(step), hg.error_bound(step, noise={"y1": 1e-3})
+    assert noise
+    assert start
+    flow = hg.iss_gain(made, noise={"y1": 1e-3})
+    checks = (*made.checks, *hg.contraction(step).checks, noise.check, start.check, error.check, flow.check)
+    return certificate(made.form, checks, made.name)
+
+
+FACTS = ("convergence", "theta", "step", "shorter", "tuned", "noise", "start", "error", "iss_gain")
+
+
+def found_of(changed: dict[str, Any]) -> dict[str, str]:
+    rows = {row.id: row.found for row in recheck(sealed(changed)).rows}
+    return {fact: rows[f"circle_criterion.{fact}"] for fact in FACTS}
+
+
+def test_every_claim_is_verified() -> None:
+    assert found_of(content()) == dict.fromkeys(FACTS, "verified")
+
+
+@pytest.mark.parametrize(("place", "entry"), [(0, "2"), (1, "-20"), (2, "-40")])
+def test_another_argument_is_not_what_was_proved(place: int, entry: str) -> None:
+    changed = copy.deepcopy(content())
+    changed["observer"]["argument"][place] = entry
+    assert "fails" in found_of(changed).values()
+
+
+@pytest.mark.parametrize("fact", ["noise", "error", "iss_gain"])
+def test_noise_in_the_argument_counts(fact: str) -> None:
+    """An N that adds to what slopes read little of the errors and much of the samples."""
+    changed = copy.deepcopy(content())
+    changed["observer"]["argument"] = ["1/3", "-10", "2"]
+    assert found_of(changed)[fact] == "fails"
+
+
+# --- bad input --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("argument", "said"),
+    [
+        ((0, 0), "is 0 throughout"),
+        ((1, 2, 3), "must be 2 finite numbers"),
+        ((float("nan"), 0), "must be 2 finite numbers"),
+        ("y", "argument"),
+    ],
+)
+def test_an_argument_that_is_none_is_refused(argument: Any, said: str) -> None:
+    with pytest.raises(BadGain, match=said):
+        hg.observers.circle_criterion(
+            hg.forms.triangular(model("pendulum")), theta=20, poles=(-1, -1), argument=argument
+        )
+
+
+def test_an_a_that_moves_with_an_input_is_refused() -> None:
+    x1, x2, u = (hg.Signal(name, low=1, high=2) for name in ("x1", "x2", "u"))
+    plant = hg.System(
+        "driven", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=[u * x2, -x1], output=[x1]
+    )
+    with pytest.raises(BadGain, match="do not move with an input"):
+        hg.observers.circle_criterion(hg.forms.triangular(plant), theta=6, gains=(2, 0.5))
+
+
+# --- gains that are designed ------------------------------------------------------------------------------------------
+
+
+def damped() -> hg.Form:
+    """x1' = x2, x2' = x3 - x2^3, x3' = -x3^3 on -2..2: slopes of one sign in states that nothing measures."""
+    x1, x2, x3 = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "x3"))
+    flow = [x2, x3 - x2**3, -(x3**3)]
+    return hg.forms.triangular(
+        hg.System("damped", states=(x1, x2, x3), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    )
+
+
+def test_an_argument_takes_noise_that_no_gain_alone_takes() -> None:
+    alone = hg.design.gain(damped(), rate=2)
+    both = hg.design.gain(damped(), rate=2, argument=True)
+    assert alone.argument == ()
+    assert both.rate >= 2
+    assert both.bounds["x3", "y"] < 0.8 * alone.bounds["x3", "y"]
+    made = hg.observers.circle_criterion(damped(), theta=both.theta, gains=both.K, argument=both.argument)
+    assert hg.design.noise_bounds(made) == pytest.approx(both.bounds, rel=0.02)
+
+
+def test_a_given_argument_is_taken_as_it_is() -> None:
+    designed = hg.design.gain(hg.forms.triangular(model("pendulum")), rate=10, argument=(1, 0.5), theta=4)
+    assert designed.argument == (1, 0.125)
+    assert "N = (1, 0.125)" in str(designed)
+    with pytest.raises(BadGain, match="argument"):
+        hg.design.gain(hg.forms.triangular(model("pendulum")), rate=10, argument=(1, 2, 3))
+
+
+def test_of_several_outputs_an_argument_is_a_matrix() -> None:
+    form = hg.forms.block_triangular(joint())
+    designed = hg.design.gain(form, rate=1, argument=((1 / 3, 0), (2,)))
+    made = hg.observers.circle_criterion(form, theta=designed.theta, gains=designed.K, argument=designed.argument)
+    assert hg.design.noise_bounds(made) == pytest.approx(designed.bounds, rel=0.02)
