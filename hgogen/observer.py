@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial, wraps
+from functools import cache, lru_cache, partial, wraps
 from inspect import signature
 from typing import Any
 
@@ -34,13 +34,13 @@ class Observer:
 
     `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state
     from places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the
-    state worth recording; `notices`: blocks that raise bits of the status at the end of a call; `checks`: the form's
-    and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what is claimed of it, under which
-    hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`: the error does not tend to 0, so
-    that an estimate may stay outside the ranges of a state at their edge; `delays`: by how many samples those of an
-    output may come late, at most, for the outputs that do; `error`: of a constant injection, the inclusion that its
-    error obeys (`guarantees.inclusion`), or `Nothing`; `made`: the case of `hg.observers` and the arguments that it
-    was made by.
+    state worth recording; `notices`: blocks that raise bits of the status at the end of a call; `claims`: what
+    proves its checks, the form's and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what
+    is claimed of it, under which hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`:
+    the error does not tend to 0, so that an estimate may stay outside the ranges of a state at their edge; `delays`: by
+    how many samples those of an output may come late, at most, for the outputs that do; `error`: of a constant
+    injection, the inclusion that its error obeys (`guarantees.inclusion`), or `Nothing`; `made`: the case of
+    `hg.observers` and the arguments that it was made by.
     """
 
     form: Form
@@ -49,7 +49,7 @@ class Observer:
     gains: tuple[Field, ...]
     z: Any  # a Graph, which mypy would take for a Sparsity in ca.vertcat
     dynamics: Dynamics
-    checks: tuple[Check, ...]
+    claims: Callable[[], tuple[Check, ...]]
     accepted: tuple[str, ...]
     theorem: Theorem
     equations: tuple[str, ...]
@@ -60,6 +60,15 @@ class Observer:
     delays: tuple[tuple[str, int], ...] = ()
     error: Any | None = None
     made: "partial[Observer] | None" = None
+
+    def __post_init__(self) -> None:
+        """What makes its checks is called once, for it and for copies of it."""
+        object.__setattr__(self, "claims", cache(partial(_claimed, self.claims)))
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """The form's and the theorem's, proved when they are first read: to prove may take longer than to build."""
+        return self.claims()
 
     def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "Observer":
         """The observer, or one around the same member, made again to start at what `initial` gives for its form.
@@ -105,7 +114,7 @@ class Observer:
         if isinstance(base, Observer):
             raise BadGain(self.name, "restarts and selects members by what guards it; sample a member of it alone")
         observer = make(replace(base, clamped=clamped), **gains)
-        return observer if clamped else replace(observer, checks=base.checks)
+        return observer if clamped else replace(observer, claims=lambda: base.checks)
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
@@ -137,6 +146,11 @@ class Observer:
 
     def __deepcopy__(self, memo: Any) -> "Observer":
         return self
+
+
+def _claimed(claims: Callable[[], tuple[Check, ...]]) -> tuple[Check, ...]:
+    with one_thread():
+        return claims()
 
 
 def _again(make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mapping[str, Any]) -> Observer:

@@ -123,7 +123,8 @@ def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator
 
 @dataclass(frozen=True)
 class Bit:
-    """One bit of the status: its name for callers of every language, what it says, what it asks of the caller.
+    """One bit of the status: its name for callers of every language, what it says, what it asks of the caller, which
+    `Step.asked` completes.
 
     `raised`: the name of its place, which a block writes to, where that is another.
     """

@@ -32,13 +32,7 @@ from hgogen.program import (
 from hgogen.reading.time_unit import of_time, plural
 from hgogen.signal import Signal
 from hgogen.stepping import discretise
-from hgogen.stepping.guards import (
-    SIGNAL_BITS,
-    STEP_BITS,
-    implausible,
-    or_lower,
-    readings,
-)
+from hgogen.stepping.guards import OR_LOWER, SIGNAL_BITS, STEP_BITS, implausible, or_lower, readings
 from hgogen.stepping.keeping import limit_parameters
 from hgogen.stepping.ready import UNINITIALISED, mark
 from hgogen.stepping.recovery import Sign
@@ -193,6 +187,10 @@ class Step:
     def raised(self) -> tuple[Bit, ...]:
         """The bits that its program raises: all but the last, which is of a state that nothing has made."""
         return tuple(bit for bit in self.bits if bit.place != UNINITIALISED.place)
+
+    def asked(self, bit: Bit) -> str:
+        """What a bit asks of the caller, which may depend on what is proved of the observer."""
+        return bit.action.format(or_lower=or_lower(self.observer)) if OR_LOWER in bit.action else bit.action
 
     @property
     def limited(self) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
@@ -374,8 +372,7 @@ def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
                 meaning, action = SIGNAL_BITS[kind]
                 text = meaning.format(signal.name, beyond=beyond.get(signal))
                 bits.append(Bit(f"{kind}_{signal.name}", text, action))
-    lower = or_lower(step.observer)
-    bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
+    bits += [Bit(name, meaning, action) for name, (meaning, action) in STEP_BITS.items()]
     bits += extra
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
     raisable += (UNINITIALISED,) if step.mark else ()

@@ -61,7 +61,7 @@ def proved(name: str = "newcomer", numbers: Any = None) -> hg.Observer:
     """An observer with a proof of its own, which `recheck` knows nothing of unless it knows the name."""
     built = plants.pendulum()
     own = claims(name, built.form, Margin(), {"theta": 20, **(numbers or {"gains": (1, Fraction(2, 3))})})
-    return replace(built, name=name, checks=(*built.form.checks, *own))
+    return replace(built, name=name, claims=lambda: (*built.form.checks, *own))
 
 
 def written(observer: hg.Observer) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def test_its_c_is_emitted() -> None:
 def test_a_new_kind_of_proof_writes_its_own_evidence() -> None:
     """What is written is what the rules of the observer verify."""
     built = hg.observers.low_power(plants.pendulum().form, theta=1e4)
-    renamed = replace(built, checks=tuple(map(of_another_kind, built.checks)))
+    renamed = replace(built, claims=lambda: tuple(map(of_another_kind, built.checks)))
     facts = [proof.fact for check in renamed.checks for proof in check.proofs if isinstance(proof, Grounds)]
     assert list(map(type, facts)) == [Renamed, AtTheta]
     assert written(renamed) == written(built)

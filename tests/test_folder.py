@@ -94,7 +94,7 @@ def test_the_readme_has_every_bit_and_every_member(name: str) -> None:
     readme, header, each = made(name)["README.md"], emitted.files(name)[f"{step(name).name}.h"], step(name)
     rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \|$", readme, re.MULTILINE)
     assert [name_ for name_, *_ in rows] == re.findall(r"^#define (\w+(?<!_READY)) +0x", header, re.MULTILINE)
-    assert [(said, asked) for _, said, asked in rows] == [(bit.meaning, bit.action) for bit in each.bits]
+    assert [(said, asked) for _, said, asked in rows] == [(bit.meaning, each.asked(bit)) for bit in each.bits]
     members = re.findall(r"^\| `(\w+)\.([\w.]+)` \|", readme, re.MULTILINE)
     assert [(a, b) for a, b in members if a != "p"] == [
         (short, signal.name)

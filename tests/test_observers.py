@@ -22,6 +22,7 @@ from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
+from hgogen.guarantees.bounded_theta import nothing
 from hgogen.kalman.predictor import BadWindow, BadWindowSize
 from hgogen.kalman.theta import rise
 from hgogen.model import load
@@ -29,6 +30,7 @@ from hgogen.part import Clock
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
+from hgogen.sentence import because
 from hgogen.structure.dynamics import Singular
 
 NAN = float("nan")
@@ -559,6 +561,29 @@ def test_a_window_that_does_not_fit_names_one_that_does(dt: float, fit: float) -
         hg.sample(fitzhugh_nagumo(theta=adaptive()), dt=dt)
     assert "between 4 predictors" in str(caught.value)
     hg.sample(fitzhugh_nagumo(theta=adaptive(innovation=hg.innovation.staggered(fit))), dt=dt)
+
+
+# --- what is proved -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["high_gain", "low_power", "switched_gain", "stubborn", "adaptive_lmi"])
+def test_a_proof_is_sought_once_when_its_check_is_first_read(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Neither a build nor a step waits for it, and members of a bank have that of the observer alone."""
+    sought: list[str] = []
+
+    def counted(maker: str, *rest: Any) -> tuple[hg.Check, ...]:
+        sought.append(maker)
+        return nothing(maker, 20.0, because("it is not sought here"))
+
+    for user in ("continuous_time", "limited", "dwell", "moving"):
+        monkeypatch.setattr(f"hgogen.guarantees.{user}.claims", counted)
+    shipped = load(MODELS / "pendulum.py")
+    observer = getattr(hg.observers, name)(hg.forms.triangular(shipped.plant), **shipped.module.tuning[name])
+    bank = hg.observers.bank(observer, count=2, period=0.1)
+    assert np.isfinite(hg.sample(bank, dt=1e-3).run(u=[[0.0]], y=[0.0]).x).all()
+    assert sought == []
+    assert observer.checks is observer.checks is bank.checks
+    assert sought == [name]
 
 
 # --- refuted and accepted -----------------------------------------------------------------------------------

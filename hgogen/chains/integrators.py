@@ -7,7 +7,7 @@ c_(i,j) = a_(i,1) .. a_(i,j) b_(i,j) takes the argument of b saturated to the de
 are free of inputs and states; they may hold parameters.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -139,13 +139,13 @@ def observer_on(
     theorem: Theorem,
     equations: tuple[str, ...],
     reference: str,
-    checks: tuple[Check, ...] = (),
+    claims: Callable[[], tuple[Check, ...]] = tuple,
     accepted: tuple[str, ...] = (),
     traces: tuple[str, ...] = (),
     practical: bool = False,
     error: Any | None = None,
 ) -> Observer:
-    """The observer whose estimate is `w` (n), an SX of places of its state; `checks` beside the form's."""
+    """The observer whose estimate is `w` (n), an SX of places of its state; `claims` beside the form's."""
     form = chain.form
     return Observer(
         form=form,
@@ -154,7 +154,7 @@ def observer_on(
         gains=gains,
         z=chain.z(w),
         dynamics=chain.dynamics,
-        checks=(*form.checks, *clamped(name, form), *checks),
+        claims=lambda: (*form.checks, *clamped(name, form), *claims()),
         accepted=accepted,
         theorem=theorem,
         equations=(*equations, *described(form), _PLANT if form.free else _CLAMPED),

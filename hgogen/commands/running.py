@@ -168,7 +168,7 @@ def run_(
     folder.write({**files, f"{name}_report.json": json_text(report) + "\n"})
     shown = (
         log_tables.report(record.report, begins),
-        tables.status(step.bits, status, len(y)),
+        tables.status(step, status, len(y)),
         log_tables.predictions(errors, step.dt, step.time),
         *log_tables.hidden(hidden, step.states),
         *log_tables.from_double(single, step.time),

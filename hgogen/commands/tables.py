@@ -16,7 +16,6 @@ from hgogen.commands.headed import headed
 from hgogen.guarantees.designed_gain import Gain
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, same, up
-from hgogen.program import Bit
 from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
 from hgogen.step import Step
 from hgogen.theorem import Row, Theorem
@@ -288,16 +287,16 @@ def _pair(first: float | None, second: float | None) -> str:
     return _number(first) if _number(first) == _number(second) else f"{_number(first)}/{_number(second)}"
 
 
-def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:
+def status(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:
     """How often each status bit was raised, and what it asks for."""
-    if not bits:
+    if not step.bits:
         return Text("status: none, of a step without guards\n")
-    raised = [bit for bit in bits if counts.get(bit.name)]
+    raised = [bit for bit in step.bits if counts.get(bit.name)]
     if not raised:
         return Text(f"status: 0 (ok) in all {samples} samples\n")
     table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do")
     for bit in raised:
-        table.add_row(str(counts[bit.name]), bit.name, Text(bit.meaning), Text(bit.action))
+        table.add_row(str(counts[bit.name]), bit.name, Text(bit.meaning), Text(step.asked(bit)))
     return Group(table, "")
 
 

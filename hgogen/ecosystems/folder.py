@@ -86,7 +86,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "apart": _BY_PARTS.substitute(parts=_parts(step)) if step.apart else "",
         "marked": f"{marked(step)} ",
         "members": "\n".join(_members(step)),
-        "bits": "\n".join(_row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, bit.action) for bit in step.bits),
+        "bits": "\n".join(_row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.asked(bit)) for bit in step.bits),
         "readers": "\n\n".join(_reader(step, signal, real) for _, signal in samples),
         "called": "\n".join(indented([*inner, *_taken(samples)])),
         "measured": "\n".join(indented(_zeros(step, samples))),

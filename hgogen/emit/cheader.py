@@ -188,7 +188,7 @@ def _status(step: Step) -> list[str]:
     lines = ["/** @name Status bits: what happened, and what it asks of you. */", "/** @{ */", ""]
     for k, bit in enumerate(step.bits):
         lines += [
-            documented(f"{bit.meaning}. To do: {bit.action}."),
+            documented(f"{bit.meaning}. To do: {step.asked(bit)}."),
             f"#define {upper}_{bit.name:{width}} 0x{1 << k:0{digits}X}u",
             "",
         ]

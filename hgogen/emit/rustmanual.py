@@ -55,7 +55,7 @@ def status(step: Step) -> list[str]:
     bits = [
         text
         for k, bit in enumerate(step.raised)
-        for text in (*doc(f"{bit.meaning}. To do: {bit.action}."), f"pub const {bit.name}: u32 = 0x{1 << k:04X};")
+        for text in (*doc(f"{bit.meaning}. To do: {step.asked(bit)}."), f"pub const {bit.name}: u32 = 0x{1 << k:04X};")
     ]
     if not bits:
         return []

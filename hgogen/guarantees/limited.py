@@ -16,6 +16,7 @@ import numpy as np
 
 from hgogen.chains.injection import companion, injection_gains, listed, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
+from hgogen.check import Check
 from hgogen.form import Form
 from hgogen.guarantees.behind_sector import behind
 from hgogen.guarantees.bounded_theta import Nothing, nothing
@@ -67,13 +68,6 @@ def limited(
             raise BadGain(f"r = {r!r}", f"must be below decay = {slow:g}, or nothing would ever be injected")
         least = (slow + fast) / 2  # so that r stays below it however they are tuned
     adaptation = Adaptation(shape, Fraction(slow), Fraction(fast))
-    proofs, numbers = decays(adaptation, K), {"theta": high.initial[0], "decay": slow, "r": fast, "gains": K}
-    sought = behind(chain, high.initial[0], K, proofs, numbers)
-    bounded = (
-        nothing(name, high.initial[0], sought.reason)
-        if isinstance(sought, Nothing)
-        else claims(name, form, sought, numbers)
-    )
     return observer_on(
         chain,
         name,
@@ -87,13 +81,19 @@ def limited(
         theorem=theorem,
         equations=(EQUATION.format(shape.text), LEVEL, f"K = {listed(K)}"),
         reference=REFERENCE,
-        checks=(
-            core_check(name, adaptation, proofs, numbers),
-            *bounded,
-        ),
+        claims=lambda: _claims(name, chain, high.initial[0], K, adaptation),
         accepted=accept,
         traces=("sigma",),
     )
+
+
+def _claims(name: str, chain: Integrators, theta: float, K: np.ndarray, adaptation: Adaptation) -> tuple[Check, ...]:
+    proofs = decays(adaptation, K)
+    numbers = {"theta": theta, "decay": adaptation.decay, "r": adaptation.r, "gains": K}
+    sought, core = behind(chain, theta, K, proofs, numbers), core_check(name, adaptation, proofs, numbers)
+    if isinstance(sought, Nothing):
+        return core, *nothing(name, theta, sought.reason)
+    return core, *claims(name, chain.form, sought, numbers)
 
 
 def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shape, decay: float, start: float) -> Ode:

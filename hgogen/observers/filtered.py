@@ -125,7 +125,7 @@ def filtered(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"alpha = {same(a)}, beta = {same(b)}, L = {listed(L)}"),
         reference=REFERENCE,
-        checks=theta_checks("filtered", form, high.initial[0], error),
+        claims=lambda: theta_checks("filtered", form, high.initial[0], error),
         accepted=accept,
         error=error,
     )

@@ -130,7 +130,7 @@ def filtered_injection(
             f"H = {_printed(inner)}",
         ),
         reference=REFERENCE,
-        checks=theta_checks("filtered_injection", form, high.initial[0], error),
+        claims=lambda: theta_checks("filtered_injection", form, high.initial[0], error),
         accepted=accept,
         error=error,
     )

@@ -132,7 +132,7 @@ def hamilton_jacobi(
         ),
         z=sym("state", "z", n),
         dynamics=dynamics,
-        checks=(*form.checks, *clamped("hamilton_jacobi", form), _quadratic(form)),
+        claims=lambda: (*form.checks, *clamped("hamilton_jacobi", form), _quadratic(form)),
         accepted=accept,
         theorem=THEOREM if form.jacobian is None else THEOREM.under(OTHER_COORDINATES),
         equations=(*(CURVED if curved else EQUATIONS), *whole("Q", weight, form)),

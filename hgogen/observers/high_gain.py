@@ -126,7 +126,11 @@ def high_gain(
         gains=(high,),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        checks=(*form.checks, *clamped("high_gain", form), *theta_checks("high_gain", form, theta, chosen.error)),
+        claims=lambda: (
+            *form.checks,
+            *clamped("high_gain", form),
+            *theta_checks("high_gain", form, theta, chosen.error),
+        ),
         accepted=accept,
         theorem=_theorem(form, chosen),
         equations=(_equation(form, chosen), f"K = {chosen.K}", *_means(form, weights), *described(form)),

@@ -77,7 +77,7 @@ def iterated_ekf(
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=filter.part.dynamics,
-        checks=form.checks,
+        claims=lambda: form.checks,
         accepted=accept,
         theorem=of_form(THEOREM, form),
         equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),

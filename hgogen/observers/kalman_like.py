@@ -137,7 +137,6 @@ def kalman_like(
     (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)
     variances = positive("R", of_outputs("R", R, form), outputs)
     length = None if window is None else above_zero("window", window)
-    shown = least_shown(GRAMIAN, form, check, variances, length, 1 / rate)
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else of_coordinates("covariance", covariance, form), n)
@@ -169,7 +168,7 @@ def kalman_like(
         gains=gains,
         z=sym("state", "z", n),
         dynamics=dynamics,
-        checks=(*form.checks, check, shown),
+        claims=lambda: (*form.checks, check, least_shown(GRAMIAN, form, check, variances, length, 1 / rate)),
         accepted=accept,
         theorem=THEOREM,
         equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(map(same, unseen))}),   Q_0 = {SHARE:g} rho S_0^-1"),

@@ -163,10 +163,8 @@ def lambda_tracking(
     of integrators, or has more than phi where there is no model.
     """
     accept = founded("lambda_tracking", form, accept, takes=integrators)
-    chain = integrators("lambda_tracking", form)
-    checks = (bounded(ClaimId("lambda_tracking", "phi"), form, chain.products),)
-    if not model:
-        chain = integrators("lambda_tracking", _unmodelled(form))
+    declared = integrators("lambda_tracking", form)
+    chain = declared if model else integrators("lambda_tracking", _unmodelled(form))
     p = injection_gains("lambda_tracking", poles, gains, chain.n)
     least, most = positive("k_0", k_0), positive("k_max", k_max)
     if not least < most:
@@ -207,7 +205,7 @@ def lambda_tracking(
             f"p = {listed(p)}, k(0) = {same(least)}, k <= {same(most)}",
         ),
         reference=REFERENCE,
-        checks=checks,
+        claims=lambda: (bounded(ClaimId("lambda_tracking", "phi"), form, declared.products),),
         accepted=accept,
         traces=("k",),
         practical=not model,

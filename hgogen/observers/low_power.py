@@ -118,7 +118,7 @@ def low_power(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(k_i1, k_i2) = {', '.join(map(listed, k))}"),
         reference=REFERENCE,
-        checks=theta_checks("low_power", form, high.initial[0], error),
+        claims=lambda: theta_checks("low_power", form, high.initial[0], error),
         accepted=accept,
         error=error,
     )

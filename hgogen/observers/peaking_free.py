@@ -130,7 +130,7 @@ def peaking_free(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {same(alpha)}"),
         reference=REFERENCE,
-        checks=theta_checks("peaking_free", form, high.initial[0], error),
+        claims=lambda: theta_checks("peaking_free", form, high.initial[0], error),
         accepted=accept,
         error=error,
     )

@@ -79,7 +79,7 @@ def riccati(
         gains=(*filter.gains, *theta.gains),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        checks=(*form.checks, *clamped("riccati", form), _theorem(theta)),
+        claims=lambda: (*form.checks, *clamped("riccati", form), _theorem(theta)),
         accepted=accept,
         theorem=of_form(theta.theorem, form),
         equations=(

@@ -122,7 +122,7 @@ def switched_gain(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"K = {listed(K)}, hold = {same(time)} {form.system.time}"),
         reference=REFERENCE,
-        checks=switching("switched_gain", form, top, low, time, on_companion(chain, K.tolist())),
+        claims=lambda: switching("switched_gain", form, top, low, time, on_companion(chain, K.tolist())),
         accepted=accept,
         traces=("level",),
     )

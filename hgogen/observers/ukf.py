@@ -97,7 +97,7 @@ def ukf(
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=filter.part.dynamics,
-        checks=form.checks,
+        claims=lambda: form.checks,
         accepted=accept,
         theorem=THEOREM,
         equations=(*EQUATIONS, f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}", *filter.equations),

@@ -107,7 +107,7 @@ def uniform_injection(
         gains=(high,),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        checks=(*form.checks, *theta_checks("uniform_injection", form, high.initial[0], error)),
+        claims=lambda: (*form.checks, *theta_checks("uniform_injection", form, high.initial[0], error)),
         accepted=accept,
         theorem=THEOREM,
         equations=(EQUATION, f"K = {listed(K)}", f"beyond the ranges F goes on with the slopes {', '.join(beyond)}"),

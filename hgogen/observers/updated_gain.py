@@ -161,7 +161,7 @@ def updated_gain(
         theorem=_theorem(form, proved),
         equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {same(first)}, L <= {same(top)}"),
         reference=REFERENCE,
-        checks=proved,
+        claims=lambda: proved,
         accepted=accept,
         traces=("L",),
     )

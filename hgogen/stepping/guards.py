@@ -59,6 +59,7 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
         "the proofs hold on the range only; widen it or limit the input",
     ),
 }
+OR_LOWER = "{or_lower}"  # where `or_lower` stands in what a bit asks of the caller
 STEP_BITS: dict[str, tuple[str, str]] = {
     "OUTSIDE_BOX": (
         "the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges, "
@@ -71,7 +72,7 @@ STEP_BITS: dict[str, tuple[str, str]] = {
     ),
     "STATE_LIMITED": (
         "the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended",
-        "none if brief; if it stays, widen the ranges{or_lower}",
+        f"none if brief; if it stays, widen the ranges{OR_LOWER}",
     ),
     "RESTARTED": (
         "a value was lost (not finite, or beyond 1e30), and the whole state restarted",
@@ -79,7 +80,7 @@ STEP_BITS: dict[str, tuple[str, str]] = {
     ),
     "RESTARTED_FROM_SAMPLE": (
         "good samples did not bring the estimate back, and the state restarted from the sample",
-        "treat the estimate as new; if it comes again without a fault, widen the ranges{or_lower} or check the model",
+        f"treat the estimate as new; if it comes again without a fault, widen the ranges{OR_LOWER} or check the model",
     ),
     "OUT_OF_ORDER": (
         "an update was called again, or before the first predict, without a predict since: no second correction",

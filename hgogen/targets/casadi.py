@@ -126,7 +126,7 @@ def _flow(graphs: Graphs) -> Flow | NoEquation:
 def _listed(step: Step, vectors: Mapping[str, Vector]) -> str:
     keys = ("name", "initial", "unit", "meaning")
     rows = {name: [{key: getattr(e, key) for key in keys} for e in vector.entries] for name, vector in vectors.items()}
-    bits = [{"name": bit.name, "meaning": bit.meaning, "action": bit.action} for bit in step.raised]
+    bits = [{"name": bit.name, "meaning": bit.meaning, "action": step.asked(bit)} for bit in step.raised]
     return json.dumps({**rows, "status": bits}, indent=1) + "\n"
 
 
