@@ -345,7 +345,7 @@ def test_what_is_verified_says_how_large_the_inputs_are() -> None:
     (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".error"))
     assert row.found == "verified"
     assert "noise of 1/1000000; rounded of 0.00100000; late of 0.000100000; disturbance of 1/2;" in row.sentence
-    assert ", which it states move z1 by" in row.sentence  # of the method's alone
+    assert "what the method leaves as tau moves at up to 5 move z1 by" in row.sentence
     total = float(row.sentence.partition("move z1 by at most ")[2].partition(",")[0])
     assert total == pytest.approx(bounded("high_gain").bounds["q"], rel=1e-5)  # of all the shares
 

@@ -182,7 +182,7 @@ def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[
         "parameters": Entering(
             Sizes(beside=plant.disturbed(mistaken)), {"sizes": wrong, "rows": by_parameters, **flow}
         ),
-        "method": Entering(Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()), {}),
+        "method": Entering(Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()), plant.follows),
     }
     return {name: one for name, one in each.items() if one.sizes.largest}
 

@@ -42,6 +42,7 @@ _THIRD = 3  # order of the Taylor coefficient of a line
 _SHORT = 10_000  # the largest denominator of a tableau's coefficients
 _LOOSE = Fraction(1001, 1000)  # of a supremum: what is taken for it
 _SUMMED = 1 + Fraction(1, 10**9)  # of a number, which another arithmetic ends elsewhere
+_NONE = Fraction(0)
 Rows = tuple[tuple[Fraction, ...], ...]
 _UNKNOWN = Undecided, ZeroDivisionError, ValueError, NoTape  # of a series, the third where FLINT divides by a ball of 0
 
@@ -77,31 +78,55 @@ class PlantStep:
 
         Raises: `Unbounded`.
         """
-        (a, b, c), rate = self._coefficients, self._shown(output)
-        by = zip((*self.form.states, *self.form.system.inputs), (*self.speeds, *self._moving), strict=True)
-        bend = sum((self._largest(sp.diff(rate, x)) * most for x, most in by), Fraction(0))
-        away = [sum(map(abs, row), Fraction(0)) for row in a]  # of a stage from the start, over h sup|F|
-        weights = [[abs(at * w - x) for w, x in zip(b, row, strict=True)] for at, row in zip(c, a, strict=True)]
-        shares = [sum(w * far for w, far in zip(row, away, strict=True)) for row in weights]
-        coarse = [self.h**2 * share * bend for share in shares]
-        fine = (self._bent(output, i) for i in range(len(c)))
-        return tuple(one if less is None else min(one, less) for one, less in zip(coarse, fine, strict=True))
+        a, _, _ = self._coefficients
+        bend = sum((x * most for x, most in zip(self._bent[output], (*self._fast, *self._moving), strict=True)), _NONE)
+        away = [sum(map(abs, row), _NONE) for row in a]  # of a stage from the start, over h sup|F|
+        shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._bends]
+        sizes = [self.h**2 * share * bend for share in shares]
+        for i, third in zip(self._cubic, self._lines[output], strict=True):
+            sizes[i] = min(sizes[i], self.h**_THIRD * third)
+        return tuple(sizes)
 
-    def _bent(self, output: int, stage: int) -> Fraction | None:
-        """The bound of a line by its third Taylor coefficient, where the second is 0; None elsewhere."""
-        (a, b, c), y = self._coefficients, self.form.output[output]
-        weights = [c[stage] * w - x for w, x in zip(b, a[stage], strict=True)]
-        second = sum((w * at for w, at in zip(weights, c, strict=True)), Fraction(0))
-        if [sum(row) for row in a] != c or second:
-            return None
-        try:
-            stages, end = self._step_series
-        except _UNKNOWN:
-            return None
-        at = flint.arb(number(c[stage]))
-        bent = (magnitude(last[_THIRD] * at - one[_THIRD]) for last, one in zip(end, stages[stage], strict=True))
-        terms = (self._largest(sp.diff(y, z)) * most for z, most in zip(self.form.states, bent, strict=True))
-        return self.h**_THIRD * sum(terms, Fraction(0))
+    @cached_property
+    def _bent(self) -> Rows:
+        """How steep y' of each output is in the states and inputs (p, n + m)."""
+        rates, names = [*map(self._shown, range(len(self.form.output)))], (*self.form.states, *self.form.system.inputs)
+        slopes = ([sp.diff(rate, x) for x in names] for rate in rates)
+        return tuple(tuple(_loose(each, self._largest(each)) for each in row) for row in slopes)
+
+    @cached_property
+    def _fast(self) -> tuple[Fraction, ...]:
+        """sup|F_i| (n)."""
+        return tuple(map(_loose, self.flow, self.speeds))
+
+    @cached_property
+    def _bends(self) -> Rows:
+        """c_i b_j - a_ij (s, s)."""
+        a, b, c = self._coefficients
+        return tuple(tuple(at * w - x for w, x in zip(b, row, strict=True)) for at, row in zip(c, a, strict=True))
+
+    @cached_property
+    def _cubic(self) -> list[int]:
+        """The stages at which a line begins with its third Taylor coefficient, as the second is 0."""
+        a, _, c = self._coefficients
+        if [sum(row) for row in a] != c:
+            return []
+        each = enumerate(self._bends)
+        return [i for i, row in each if any(row) and not sum(w * at for w, at in zip(row, c, strict=True))]
+
+    @cached_property
+    def _lines(self) -> Rows:
+        """The third Taylor coefficients of the lines of each output at these stages (p, ..)."""
+        (_, _, c), (_, stages, end), rows = self._coefficients, self._series, list[tuple[Fraction, ...]]()
+        for y in self.form.output:
+            slopes = [self._largest(sp.diff(y, z)) for z in self.form.states]
+            row = list[Fraction]()
+            for i in self._cubic:
+                at = flint.arb(number(c[i]))
+                off = (magnitude(last[_THIRD] * at - one[_THIRD]) for last, one in zip(end, stages[i], strict=True))
+                row.append(sum((x * most for x, most in zip(slopes, off, strict=True)), _NONE) * _SUMMED)
+            rows.append(tuple(row))
+        return tuple(rows)
 
     def shown(self, output: int) -> Fraction:
         """sup|y'| of an output. Raises: `Unbounded`."""
@@ -182,15 +207,33 @@ class PlantStep:
 
     def remainder(self) -> tuple[Fraction, ...]:
         """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
-        order = self.tableau.order
+        return tuple(self.h**self.tableau.order * (x + y) for x, y in zip(*self._left, strict=True))
+
+    @property
+    def follows(self) -> dict[str, Any]:
+        """Of what `line` and `remainder` follow, as a certificate has it; of tables nothing. Raises: `Unbounded`."""
+        if any(step.op == "table" for step in self._tape.tape.instructions):
+            return {}
+        flow, step = self._left
+        known = {"rates": self._moving, "speeds": self._fast, "slopes": self._bent, "lines": self._lines}
+        return {**known, "flow": flow, "step": step}
+
+    @cached_property
+    def _left(self) -> tuple[tuple[Fraction, ...], tuple[Fraction, ...]]:
+        """Of the flow and of the step (n), the Taylor coefficients after the last that they share."""
+        last, (flow, _, step) = self.tableau.order + 1, self._series
+        one, other = ([magnitude(x[last]) * _SUMMED for x in each] for each in (flow, step))
+        return tuple(one), tuple(other)
+
+    @cached_property
+    def _series(self) -> tuple[list[list[Any]], list[list[list[Any]]], list[list[Any]]]:
+        """Those of the flow, of the stages (s) and of the step. Raises: `Unbounded`."""
         try:
-            flow, (_, step) = self._flow_series(order + 2), self._step_series
+            return self._flow_series(self.tableau.order + 2), *self._step_series
         except _UNKNOWN as error:
             raise Unbounded(
                 because("the method's remainder has no bound on the ranges: {flow}", flow=self.flow)
             ) from error
-        coefficients = zip(flow, step, strict=True)
-        return tuple(self.h**order * (magnitude(x[order + 1]) + magnitude(y[order + 1])) for x, y in coefficients)
 
     def _flow_series(self, order: int) -> list[list[Any]]:
         """Taylor coefficients of the flow at any point of the ranges."""
@@ -201,7 +244,7 @@ class PlantStep:
                 row.append(rate[k] / (k + 1))
         return states
 
-    @cached_property
+    @property
     def _step_series(self) -> tuple[list[list[list[Any]]], list[list[Any]]]:
         """Those of the stages (s) and of the step in its length, at any length up to h: as many as are read."""
         (a, b, c), (states, inputs, _) = self._coefficients, self._balls
@@ -266,7 +309,7 @@ class PlantStep:
             if rate is None and u in read:
                 pattern = 'how fast {u} moves between samples is not known: give rates={{"{u}": ..}}, or hold it there'
                 raise Unbounded(because(pattern, u=u.name))
-            moving.append(rate or Fraction(0))
+            moving.append(rate if rate and u in read else _NONE)
         return tuple(moving)
 
     def _largest(self, expression: sp.Expr) -> Fraction:

@@ -75,13 +75,13 @@ def _middle(low: End, high: End) -> Fraction:
     return (Fraction(low) + Fraction(high)) / 2
 
 
-def covered(box: Box, tree: str, attempt: Callable[[Box], Try]) -> int:
-    """How many boxes it took to show a statement on the whole box.
+def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE) -> int:
+    """How many boxes it took to show a statement on the whole box, at most `more` beyond the leaves of the bisection.
 
     Raises: `NotShown` with the box that was not shown.
     """
     left = leaves(tree, box)
-    limit = len(left) + MORE
+    limit = len(left) + more
     tried = 0
     while left:
         here = left.pop()

@@ -6,31 +6,27 @@
     disturbance   integral of exp(s h J) m over s from 0 to 1, |dF/dz| <= J:   m = |dT/dx| d of d in the plant's rows
     parameters    the same of m = |dF/dp| q, of parameters that are beside the program's by q
 
-z' = F, z = T(x); each |.| is at most what the certificate says of it, shown by bisection. Of the method's share, and of
-what a program rounds, sizes are only stated.
+z' = F, z = T(x); each |.| is at most what the certificate says of it, shown by bisection. What a method leaves follows
+in `remainder`; sizes of what a program rounds are only stated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
-from .box import Box, NotShown, covered, ranged
+from .box import NotShown, covered, ranged
 from .context import Context, narrowed, only
 from .file import part
-from .interval import Interval
 from .matrix import Matrix, column, matrix
-from .slope import continuous, steep
-from .text import Expression
+from .slope import no_steeper
 
-STATED = ("method", "rounding")  # whose sizes nothing is said of that could be followed
 _TERMS = 60  # of the exponential's series
 _FAST = 20  # up to which norm of h J it is summed
 Shares = Mapping[str, Mapping[str, Any]]
 
 
 def demand_followed(context: Context, h: Fraction, shares: Shares) -> int:
-    """That the sizes of all shares, by their names, are at least what they follow from, but of those only stated; with
-    how many boxes.
+    """That the sizes of shares, by their names, are at least what they follow from; with how many boxes.
 
     Raises: `NotShown`.
     """
@@ -92,7 +88,7 @@ def _by_disturbance(context: Context, follows: Mapping[str, Any]) -> tuple[Matri
     names, T = context.plant.states, context.form.to_form
     sizes = _signless(follows, "sizes", len(names))
     rows = matrix(follows, "rows", len(T), len(names))
-    return rows, sizes, _steep(T, names, rows, sizes, context.plant.box)
+    return rows, sizes, no_steeper(T, names, rows, sizes, context.plant.box)
 
 
 def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix, list[Fraction], int]:
@@ -104,32 +100,16 @@ def _by_parameters(context: Context, follows: Mapping[str, Any]) -> tuple[Matrix
         only(text.names & set(wrong), (), "a coordinate or an output")
     rows = matrix(follows, "rows", len(context.z), len(names))
     box = {**form.box, **{name: (form.box[name][0] - size, form.box[name][1] + size) for name, size in wrong.items()}}
-    return rows, sizes, _steep(context.rates, names, rows, sizes, box)
+    return rows, sizes, no_steeper(context.rates, names, rows, sizes, box)
 
 
 def _enough(context: Context, h: Fraction, name: str, share: Mapping[str, Any], moved: Sequence[Fraction]) -> int:
     """That the sizes beside a step are those of what moves the rows, and with how many boxes. Raises: `NotShown`."""
     follows, n = part(share, "follows", dict), len(context.z)
     J = matrix(follows, "steepness", n, n)
-    boxes = _steep(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
+    boxes = no_steeper(context.rates, context.z, J, [Fraction(1)] * n, context.form.box)
     _demand(name, column(share, "beside", n), _on_its_way(h, J, moved))
     return boxes
-
-
-def _steep(rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box) -> int:
-    """That no slope of the rows in a name whose size is not 0 is steeper than `most`; with how many boxes.
-
-    Raises: `NotShown`.
-    """
-    wanted = [j for j, size in enumerate(sizes) if size]
-
-    def within(J: list[list[Interval]], _: Fraction) -> bool:
-        pairs = ((row[j], bounds[j]) for row, bounds in zip(J, most, strict=True) for j in wanted)
-        return all(slope.at_least(-bound) and slope.at_most(bound) for slope, bound in pairs)
-
-    where = narrowed(box, {name for row in rows for name in row.names})
-    continuous(rows, [names[j] for j in wanted], where)
-    return covered(where, ".", steep(rows, names, Fraction(0), (), within))
 
 
 def _on_its_way(h: Fraction, J: Matrix, moved: Sequence[Fraction]) -> list[Fraction]:

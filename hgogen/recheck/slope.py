@@ -12,9 +12,10 @@ from itertools import combinations
 from typing import Any
 
 from .arithmetic import Dual, Undefined, dual, evaluate
-from .box import Box, NotShown, Slopes, Try, centre_of, sides
-from .context import Context, cut
+from .box import Box, NotShown, Slopes, Try, centre_of, covered, sides
+from .context import Context, cut, narrowed
 from .interval import Interval, intersection, intervals, point
+from .matrix import Matrix
 from .tables import is_table, jumps, table_of
 from .text import Expression
 
@@ -140,6 +141,24 @@ def steep(
         return Try(within(refined, bound), weights([x for row in varying for x in row]))
 
     return attempt
+
+
+def no_steeper(
+    rows: Sequence[Expression], names: Sequence[str], most: Matrix, sizes: Sequence[Fraction], box: Box
+) -> int:
+    """That no slope of the rows in a name whose size is not 0 is steeper than `most`; with how many boxes.
+
+    Raises: `NotShown`.
+    """
+    wanted = [j for j, size in enumerate(sizes) if size]
+
+    def within(J: list[list[Interval]], _: Fraction) -> bool:
+        pairs = ((row[j], bounds[j]) for row, bounds in zip(J, most, strict=True) for j in wanted)
+        return all(slope.at_least(-bound) and slope.at_most(bound) for slope, bound in pairs)
+
+    where = narrowed(box, {name for row in rows for name in row.names})
+    continuous(rows, [names[j] for j in wanted], where)
+    return covered(where, ".", steep(rows, names, Fraction(0), (), within))
 
 
 def _scaled(

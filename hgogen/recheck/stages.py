@@ -49,10 +49,10 @@ from .transition import weight
 
 _ROWS = 60  # of an inequality
 ONE = Fraction(1)
-_METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]] = {
-    "Euler": (((),), ("1",)),
-    "Heun": (((), ("1",)), ("1/2", "1/2")),
-    "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6")),
+_METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], int]] = {
+    "Euler": (((),), ("1",), 1),
+    "Heun": (((), ("1",)), ("1/2", "1/2"), 2),
+    "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6"), 4),
 }
 _TAKEN = Fraction(1, 2**56)  # of an element of phi_2: what a program's polynomial may be beside it
 Weights = tuple[Matrix, Matrix, Fraction]  # phi_1 and phi_2, and by how much elements of phi_2 may be beside these
@@ -102,15 +102,51 @@ class Method:
     moves: Callable[[Parts, Fraction, Matrix, list[Matrix], list[Matrix]], Moved]
 
 
+@dataclass(frozen=True)
+class Tableau:
+    """k_i = F(x + h sum_j a_ij k_j, c_i), x+ = x + h sum_i b_i k_i: the `rows` of a below its diagonal, the `weights` b
+    and the `nodes` c, of a method of an order."""
+
+    rows: list[list[Fraction]]
+    weights: list[Fraction]
+    order: int
+
+    @property
+    def nodes(self) -> list[Fraction]:
+        """The sums of the rows."""
+        return [sum(row, Fraction(0)) for row in self.rows]
+
+    @property
+    def bends(self) -> Matrix:
+        """c_i b_j - a_ij (s, s): by what k_j is in c_i Phi_h - X_i, over h."""
+        s = len(self.weights)
+        wide = [[*row, *[Fraction(0)] * (s - len(row))] for row in self.rows]
+        return [
+            [c * b - a for b, a in zip(self.weights, row, strict=True)] for c, row in zip(self.nodes, wide, strict=True)
+        ]
+
+    @property
+    def cubic(self) -> list[int]:
+        """The stages at which that begins with a third Taylor coefficient."""
+        return [i for i, row in enumerate(self.bends) if any(row) and not sum(map(mul, row, self.nodes))]
+
+
+def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
+    """That of the method that the evidence names. Raises: `NotShown` for what is none of these methods."""
+    known = _METHODS.get(part(evidence, "method", str))
+    if known is None:
+        raise NotShown(f"its method is none of {', '.join(_METHODS)}")
+    rows, weights, order = known
+    return Tableau([[number(a) for a in row] for row in rows], [number(b) for b in weights], order)
+
+
 def method_of(evidence: Mapping[str, Any]) -> Method:
     """The method that the evidence names. Raises: `NotShown`."""
     name = part(evidence, "method", str)
     if name in _REALISED:
         return Method([Fraction(0), ONE], 0, partial(_realised, _REALISED[name]))
-    known = _METHODS.get(name)
-    if known is None:
-        raise NotShown(f"its method is none of {', '.join((*_METHODS, *_REALISED))}")
-    rows, weights = [[number(a) for a in row] for row in known[0]], [number(b) for b in known[1]]
+    tableau = tableau_of(evidence)
+    rows, weights = tableau.rows, tableau.weights
 
     def moves(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Moved:
         rates, stages = list[Matrix](), list[Matrix]()
@@ -120,7 +156,7 @@ def method_of(evidence: Mapping[str, Any]) -> Method:
             rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), driven))
         return Moved(plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True))), stages)
 
-    return Method([sum(row, Fraction(0)) for row in rows], 2 * len(weights) - 1, moves)
+    return Method(tableau.nodes, 2 * len(weights) - 1, moves)
 
 
 def _realised(

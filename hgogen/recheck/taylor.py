@@ -56,14 +56,17 @@ def taylor(order: int) -> Arithmetic:
 
     def power(x: Taylor, exponent: int) -> Taylor:
         result = reduce(Taylor.__mul__, [x] * abs(exponent), number(Fraction(1)))
-        return result if exponent >= 0 else number(Fraction(1)) / result
+        result = result if exponent >= 0 else number(Fraction(1)) / result
+        return Taylor((intervals.power(x.coefficients[0], exponent), *result.coefficients[1:]))
 
     def function(name: str, args: tuple[Taylor, ...]) -> Taylor:
         if not args:
             return Taylor((intervals.function(name, ()), *[_NONE] * (order - 1)))
+        if name in _RATIOS:
+            return _integrated(name, args[0], _RATIOS[name](number(Fraction(1)), power(args[0], 2)))
         if name not in _FUNCTIONS:
             raise Undefined(f"no series of {name}")
-        return Taylor(tuple(_FUNCTIONS[name](args[0].coefficients)))
+        return Taylor(tuple(_FUNCTIONS[name](*(arg.coefficients for arg in args))))
 
     def no_hull(a: Taylor, b: Taylor) -> Taylor:
         raise Undefined("no series of Min and Max")
@@ -98,6 +101,12 @@ def _exp(a: Sequence[Interval]) -> list[Interval]:
     return e
 
 
+def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
+    """A function of x from the series of its slope there."""
+    a, rate = x.coefficients, slope.coefficients
+    return Taylor((intervals.function(name, (a[0],)), *(_moved(a, rate, k) for k in range(1, len(a)))))
+
+
 def _turned(a: Sequence[Interval]) -> tuple[list[Interval], list[Interval]]:
     """sin and cos."""
     s, c = ([intervals.function(name, (a[0],))] for name in ("sin", "cos"))
@@ -108,6 +117,26 @@ def _turned(a: Sequence[Interval]) -> tuple[list[Interval], list[Interval]]:
     return s, c
 
 
+def _spread(a: Sequence[Interval]) -> tuple[list[Interval], list[Interval]]:
+    """sinh and cosh."""
+    s, c = ([intervals.function(name, (a[0],))] for name in ("sinh", "cosh"))
+    for k in range(1, len(a)):
+        rise, other = _moved(a, c, k), _moved(a, s, k)
+        s.append(rise)
+        c.append(other)
+    return s, c
+
+
+def _tanh(a: Sequence[Interval]) -> list[Interval]:
+    """t' = (1 - t^2) a'."""
+    t, slope = [intervals.function("tanh", (a[0],))], list[Interval]()
+    for k in range(1, len(a)):
+        square = intervals.power(t[0], 2) if k == 1 else _total(_product(t[i], t[k - 1 - i]) for i in range(k))
+        slope.append(point(Fraction(1)) - square if k == 1 else -square)
+        t.append(_moved(a, slope, k))
+    return t
+
+
 def _log(a: Sequence[Interval]) -> list[Interval]:
     value = [intervals.function("log", (a[0],))]
     for k in range(1, len(a)):
@@ -116,10 +145,50 @@ def _log(a: Sequence[Interval]) -> list[Interval]:
     return value
 
 
-_FUNCTIONS: Mapping[str, Callable[[Sequence[Interval]], Sequence[Interval]]] = {
+def _angle(y: Sequence[Interval], x: Sequence[Interval]) -> list[Interval]:
+    """(x^2 + y^2) a' = y' x - x' y."""
+    angle, square = [intervals.function("atan2", (y[0], x[0]))], intervals.power(x[0], 2) + intervals.power(y[0], 2)
+    around = (Taylor(tuple(x)) * Taylor(tuple(x)) + Taylor(tuple(y)) * Taylor(tuple(y))).coefficients
+    for k in range(1, len(x)):
+        before = _total(_product(around[k - i], _share(i, k) * angle[i]) for i in range(1, k))
+        angle.append((_moved(y, x, k) - _moved(x, y, k) - before) / square)
+    return angle
+
+
+def _way(x: Interval) -> int:
+    """The sign of what keeps it: at a kink there is no series."""
+    if not x.sign:
+        raise Undefined("no series at a kink")
+    return x.sign
+
+
+def _chosen(a: Sequence[Interval], b: Sequence[Interval], way: int) -> Sequence[Interval]:
+    """The larger of two for `way` 1, the smaller for -1."""
+    return a if _way(a[0] - b[0]) == way else b
+
+
+_FUNCTIONS: Mapping[str, Callable[..., Sequence[Interval]]] = {
     "exp": _exp,
     "log": _log,
     "sin": lambda a: _turned(a)[0],
     "cos": lambda a: _turned(a)[1],
     "tan": lambda a: (Taylor(tuple(_turned(a)[0])) / Taylor(tuple(_turned(a)[1]))).coefficients,
+    "sinh": lambda a: _spread(a)[0],
+    "cosh": lambda a: _spread(a)[1],
+    "tanh": _tanh,
+    "atan2": _angle,
+    "Abs": lambda a: a if _way(a[0]) > 0 else [-x for x in a],
+    "sign": lambda a: [point(Fraction(_way(a[0]))), *[_NONE] * (len(a) - 1)],
+    "Max": lambda *each: reduce(lambda a, b: _chosen(a, b, 1), each),
+    "Min": lambda *each: reduce(lambda a, b: _chosen(a, b, -1), each),
+}
+_INVERSE_ROOT = Fraction(-1, 2)
+# The slope of a function of x, from 1 and x^2.
+_RATIOS: Mapping[str, Callable[[Taylor, Taylor], Taylor]] = {
+    "atan": lambda one, xx: one / (one + xx),
+    "atanh": lambda one, xx: one / (one - xx),
+    "asin": lambda one, xx: _root(one - xx, _INVERSE_ROOT),
+    "acos": lambda one, xx: -_root(one - xx, _INVERSE_ROOT),
+    "asinh": lambda one, xx: _root(one + xx, _INVERSE_ROOT),
+    "acosh": lambda one, xx: _root(xx - one, _INVERSE_ROOT),
 }

@@ -18,16 +18,16 @@ from ..context import Context, Shown, short
 from ..cores import CONSTANT, OF_A_GAIN
 from ..falling import demand_negative
 from ..file import Claim, part
-from ..follows import STATED, demand_followed
+from ..follows import demand_followed
 from ..matrix import above_zero, column, entries, plus, scalar, unit
-from ..stages import Input, Method, corner, ends, form_of, method_of, place, within
+from ..remainder import demand_remainder, derivable
+from ..stages import Input, Method, corner, ends, form_of, method_of, place, tableau_of, within
 from ..structure import on_chains
 from ..text import number
 from ..uncertain import ErrorInclusion, error_inclusion
 
 _KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding")
-
-
+_CLEAR, _BESIDE = "while the plant keeps clear of the ends of its ranges", "beside what the method leaves"
 _SHARE = {"inputs", "follows", "samples", "stages", "beside", "fields", "unit", "bounds"}
 
 
@@ -43,17 +43,16 @@ def error(context: Context, claim: Claim) -> Shown:
         raise NotShown("its gains are no numbers in these coordinates")
     if not shares:
         raise NotShown("it has no shares")
-    of, by_kind = dict[str, str](), dict[str, Mapping[str, Any]]()
+    by_kind = dict[str, Mapping[str, Any]]()
     totals, wanted = dict.fromkeys(range(len(scales)), Fraction(0)), {k for k, fed in enumerate(inclusion.fed) if fed}
     for share in shares:
         if not isinstance(share, dict) or set(share) != _SHARE:
             raise NotShown(f"a share is no object of {', '.join(sorted(_SHARE))}")
         kind = part(share, "inputs", str)
-        if kind not in _KINDS or kind in of:
+        if kind not in _KINDS or kind in by_kind:
             raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
         size, inputs = above_zero(share, "unit"), _inputs(context, inclusion, method, h, theta, share)
         by_kind[kind] = share
-        of[kind] = f"{kind} of {', '.join(short(size, -1) for size in _all(share))}"
         bounds = part(share, "bounds", list)
         if {_field(one, len(scales)) for one in bounds} != wanted or len(bounds) > len(wanted):
             raise NotShown("its bounds are not those of the fields that estimate, each once")
@@ -66,12 +65,26 @@ def error(context: Context, claim: Claim) -> Shown:
             demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
             within(one, k, scales, bound / size)
             totals[k] += bound
-    boxes = demand_followed(context, h, by_kind)
-    of |= {kind: f"{text}, which it states" for kind, text in of.items() if kind in STATED}
+    sizes, under, boxes = _followed(context, evidence, h, by_kind)
     states = zip(context.z, inclusion.picks, strict=True)
     said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
     at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
-    return Shown(f"{at}, {'; '.join(of.values())} move {said} in all", inclusion.boxes + boxes)
+    return Shown(f"{at}, {'; '.join(sizes)} move {said} in all, {under}", inclusion.boxes + boxes)
+
+
+def _followed(
+    context: Context, evidence: Mapping[str, Any], h: Fraction, shares: Mapping[str, Mapping[str, Any]]
+) -> tuple[list[str], str, int]:
+    """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
+    left = shares.get("method") if derivable(context) else None
+    others = {kind: share for kind, share in shares.items() if share is not left}
+    stated = dict.fromkeys(("method", "rounding"), ", which it states")
+    sizes = [f"{kind} of {', '.join(_all(share))}{stated.get(kind, '')}" for kind, share in others.items()]
+    boxes = demand_followed(context, h, others)
+    if left is None:
+        return sizes, _CLEAR if "method" in shares else _BESIDE, boxes
+    remainder, more = demand_remainder(context, tableau_of(evidence), h, left)
+    return [*sizes, remainder.said], f"{_CLEAR} by {remainder.clear}", boxes + more
 
 
 def _field(one: Any, count: int) -> int:
@@ -112,12 +125,12 @@ def _inputs(
     return [each * (1 / scalar(share, "unit")) for each in inputs]
 
 
-def _all(share: Mapping[str, Any]) -> list[Fraction]:
-    """The sizes of a share that are not 0, of one whose sizes follow those from which they do."""
+def _all(share: Mapping[str, Any]) -> list[str]:
+    """The sizes of a share that are not 0, of one whose sizes follow those from which they do, in words."""
     follows = part(share, "follows", dict)
     stated = [*share["samples"], *(size for row in share["stages"] for size in row), *share["beside"], *share["fields"]]
     flat = part(follows, "sizes", list) if follows else stated
-    return [size for size in map(number, flat) if size]
+    return [short(size, -1) for size in map(number, flat) if size]
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
