@@ -104,7 +104,7 @@ def circle_criterion(
         gains=(high,),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        checks=(
+        claims=lambda: (
             *form.checks,
             *clamped("circle_criterion", form),
             *theta_checks("circle_criterion", form, theta, error),
