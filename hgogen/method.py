@@ -19,7 +19,11 @@ from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, rounds
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
+from hgogen.guarantees.beside_core import BesideCore, Leaves
+from hgogen.guarantees.beside_stages import BesideStages
+from hgogen.guarantees.entering import Entering
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.plant_step import PlantStep
 from hgogen.guarantees.realised import Realisation, realised
 from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.covariance import covariance_ode, information_ode
@@ -99,23 +103,18 @@ class OnErrors(Protocol):
         """A step of length h on what the error obeys; of length 0 its limit."""
         ...
 
-
-@runtime_checkable
-class ByTableau(OnErrors, Protocol):
-    """One that moves the plant, which nothing is injected into, by a tableau."""
-
-    @property
-    def plain(self) -> Tableau:
-        """The stages."""
+    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
+        """What the plant does beside a step, as it enters the error. Raises: `Unbounded`."""
         ...
 
 
 @dataclass(frozen=True)
 class Realising(Sampled):
     """A realisation of a linear core, of which it is known how it moves the error of an observer: by the `realisation`,
-    in which proofs have its matrices."""
+    in which proofs have its matrices; and what it `leaves` of a plant whose rest is known at both ends of a step."""
 
     realisation: Realisation
+    leaves: Leaves
 
     def obstacle(self, error: Inclusion) -> Reason:
         """A core in which something varies, which is not realised."""
@@ -126,6 +125,10 @@ class Realising(Sampled):
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """The core realised, and the rest by two stages."""
         return realised(self.realisation, h, e)
+
+    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
+        """The plant's own samples at both ends, its rest by two stages."""
+        return Entering(BesideCore(plant, error, theta).sizes(self.realisation, self.leaves), {})
 
 
 @dataclass(frozen=True)
@@ -146,11 +149,6 @@ class Explicit:
         """The stages of the tableau, and what they lead to."""
         return self.tableau.equations
 
-    @property
-    def plain(self) -> Tableau:
-        """The tableau."""
-        return self.tableau
-
     def obstacle(self, error: Inclusion) -> Reason:
         """None: whatever the error obeys, the stages read it."""
         return NONE
@@ -158,6 +156,10 @@ class Explicit:
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """The stages of the tableau."""
         return stagewise(self.tableau, h, e)
+
+    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
+        """The plant beside its step by the tableau, and beside the line between two samples."""
+        return BesideStages(plant, self.tableau).entering
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""

@@ -23,6 +23,7 @@ from hgogen import cli
 from hgogen.check import Verdict
 from hgogen.commands.jobs import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
+from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.plant_step import PlantStep
 from hgogen.model import MissingPart, load
 from hgogen.program import Place
@@ -194,14 +195,14 @@ def test_a_parameter_in_the_coordinates_is_said() -> None:
 # --- the plant beside a step of the method ----------------------------------------------------------------------------
 
 
-def plant_step(tableau: Tableau, h: float) -> PlantStep:
-    return PlantStep(hg.forms.triangular(model("pendulum")), tableau, Fraction(h), (Fraction(5),))
+def plant_step(h: float) -> PlantStep:
+    return PlantStep(hg.forms.triangular(model("pendulum")), Fraction(h), (Fraction(5),))
 
 
 @pytest.mark.parametrize("tableau", [EULER, HEUN, RK4], ids=lambda each: each.name)
 def test_the_remainder_holds_what_a_step_leaves_and_little_more(tableau: Tableau) -> None:
     h, rng = 0.02, np.random.default_rng(0)
-    plant = plant_step(tableau, h)
+    plant = BesideStages(plant_step(h), tableau)
     bounds, lines = np.array(list(map(float, plant.remainder()))), np.array(list(map(float, plant.line(0))))
     worst, off = np.zeros(2), np.zeros(len(tableau.b))
     for _ in range(300):
@@ -227,7 +228,7 @@ def test_the_remainder_holds_what_a_step_leaves_and_little_more(tableau: Tableau
 
 def test_a_disturbance_of_any_course_moves_the_plant_no_further() -> None:
     h = 0.05
-    most = np.array([float(x) for x in plant_step(RK4, h).disturbed([Fraction(1, 10), Fraction(1, 2)])])
+    most = np.array([float(x) for x in plant_step(h).disturbed([Fraction(1, 10), Fraction(1, 2)])])
     for x in (np.array([0.0, 0.0]), np.array([3.1, 2.0]), np.array([-1.5, 10.0])):
         for signs in ((1, 1), (-1, 1)):
             d = np.array(signs) * [0.1, 0.5]

@@ -9,16 +9,17 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
+from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.plant_step import PlantStep
 
 H = Fraction(1, 50)
 
 
-def beside(tableau: Tableau, ranges: Sequence[tuple[float, float]], flow: Any, u: hg.Signal) -> PlantStep:
+def beside(tableau: Tableau, ranges: Sequence[tuple[float, float]], flow: Any, u: hg.Signal) -> BesideStages:
     """Of a plant x' = flow(x, u), of which the first state is measured, whose input moves at up to 5."""
     x = [hg.Signal(f"x{i}", low=low, high=high) for i, (low, high) in enumerate(ranges)]
     plant = hg.System("plant", states=x, inputs=(u,), outputs=(hg.Signal("y"),), flow=flow(*x, u), output=[x[0]])
-    return PlantStep(hg.forms.triangular(plant), tableau, H, (Fraction(5),))
+    return BesideStages(PlantStep(hg.forms.triangular(plant), H, (Fraction(5),)), tableau)
 
 
 def test_the_line_of_a_double_integrator_is_known_stage_by_stage() -> None:
@@ -35,7 +36,7 @@ def test_an_input_that_falls_or_rises_adds_to_how_the_plant_bends(sign: int) -> 
     u, ends = hg.Signal("u", low=min(3 * sign, 4 * sign), high=max(3 * sign, 4 * sign)), sorted((sign, 2 * sign))
     plant = beside(EULER, [(ends[0], ends[1])], lambda x, u: [u - x], u)
     assert list(map(float, plant.remainder())) == pytest.approx([4 * H])
-    assert plant.margins == (3 * H,)
+    assert plant.plant.margins == (3 * H,)
 
 
 def test_what_a_step_of_the_method_bends_is_in_the_remainder() -> None:

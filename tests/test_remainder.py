@@ -17,6 +17,7 @@ from plants import model
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
+from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Undefined, evaluate
 from hgogen.recheck.interval import Interval, between, point
@@ -184,8 +185,8 @@ def test_an_input_stays_in_its_range() -> None:
 Content = dict[str, Any]
 
 
-def of_pendulum(h: float) -> PlantStep:
-    return PlantStep(hg.forms.triangular(model("pendulum")), RK4, Fraction(h), (Fraction(5),))
+def of_pendulum(h: float) -> BesideStages:
+    return BesideStages(PlantStep(hg.forms.triangular(model("pendulum")), Fraction(h), (Fraction(5),)), RK4)
 
 
 def test_the_line_of_the_pendulum() -> None:

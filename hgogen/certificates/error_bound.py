@@ -18,10 +18,10 @@ from hgogen.certificates.rounding_share import rounding_share
 from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
 from hgogen.guarantees.confined import confined, reached
 from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.entering import Sizes, heads_of
+from hgogen.guarantees.entering import Entering, Heads, Sizes, heads_of
 from hgogen.guarantees.inclusion import of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded, times
 from hgogen.guarantees.quadratic import rational
@@ -31,7 +31,7 @@ from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
-from hgogen.method import ByTableau
+from hgogen.method import OnErrors
 from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, by_name, size, sizes
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
@@ -42,14 +42,6 @@ AnyStep = TypeVar("AnyStep", bound=Step)
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
 _GUARDS = "while no sample is rejected, and the estimate does not restart from one"
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
-
-
-@dataclass(frozen=True)
-class Entering:
-    """The `sizes` of what enters, and of what they follow, as a certificate has it."""
-
-    sizes: Sizes
-    follows: Evidence
 
 
 @dataclass(frozen=True)
@@ -117,18 +109,20 @@ def error_bound(
     known = contraction(step)
     if known.steps is None or known.proof is None or not known.proof.alpha:
         return _unknown(step, known.checks[0].reason)
-    if not isinstance(step.method, ByTableau):
-        return _unknown(step, because("the plant's own step is not known for {rule}", rule=step.rule))
+    assert isinstance(step.method, OnErrors)  # as a step is that is proved to contract
     endless = [name for name, signal in _read(step) if not signal.bounded]
     if endless:
         why = because("what a plant does beside a step is bounded on ranges, and {names} has none", names=endless)
         return _unknown(step, why, f"Declare low and high of {', '.join(endless)}.")
-    plant = PlantStep(form, step.method.plain, known.proof.h, moving)
+    plant = PlantStep(form, known.proof.h, moving)
     try:
         entering = _entering(plant, most)
+        scales, shown = _in_numbers(known.steps, form)
+        method = step.method.beside(plant, known.steps.error, known.steps.theta)
+        entering |= {"method": method} if method.sizes.largest else {}
         if not (entering or real):
             return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
-        bounded = _bounded(step, known.steps, known.proof, plant, entering, real)
+        bounded = _bounded(step, known.steps, known.proof, scales, shown, plant, entering, real)
     except Unbounded as error:
         return _unknown(step, error.args[0])
     asked = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
@@ -165,8 +159,16 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)
 
 
+def _in_numbers(steps: Steps, form: Form) -> tuple[Sequence[Fraction], Heads]:
+    """The scales of the fields, and what outputs show. Raises: `Unbounded`."""
+    scales, shown = steps.error.scales(steps.theta), heads_of(form)
+    if scales is None or shown is None or not steps.error.B.size:
+        raise Unbounded(because("the gains of its chain are no numbers"))
+    return scales, shown
+
+
 def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, Entering]:
-    """What enters, each by its name, where it is not 0. Raises: `Unbounded`."""
+    """What enters beside the method, each by its name, where it is not 0. Raises: `Unbounded`."""
     outputs, wrong, pushed = range(len(plant.form.output)), most["parameters"], most["disturbance"]
     change, by_parameters = plant.change(pushed), plant.by_parameters(wrong)
     moved, mistaken = times(change, pushed), times(by_parameters, wrong)
@@ -182,7 +184,6 @@ def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[
         "parameters": Entering(
             Sizes(beside=plant.disturbed(mistaken)), {"sizes": wrong, "rows": by_parameters, **flow}
         ),
-        "method": Entering(Sizes(stages=tuple(map(plant.line, outputs)), beside=plant.remainder()), plant.follows),
     }
     return {name: one for name, one in each.items() if one.sizes.largest}
 
@@ -191,14 +192,13 @@ def _bounded(
     step: Step,
     steps: Steps,
     proof: Contracts,
+    scales: Sequence[Fraction],
+    shown: Heads,
     plant: PlantStep,
     entering: Mapping[str, Entering],
     real: Real | None,
 ) -> ErrorBound:
     error, form = steps.error, step.observer.form
-    scales, shown = error.scales(steps.theta), heads_of(form) if error.B.size else None
-    if scales is None or shown is None:
-        return _unknown(step, because("the gains of its chain are no numbers"))
     fields = sorted({k for k, fed in enumerate(error.layout.fed) if fed})
     shares, proofs = list[Share](), dict[Sizes, dict[int, InputBound]]()
     for name, one in entering.items():

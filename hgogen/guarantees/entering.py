@@ -14,6 +14,7 @@ from fractions import Fraction
 import sympy as sp
 
 from hgogen.algebra.points import exact
+from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import identity, rational
@@ -73,3 +74,11 @@ class Sizes:
         one = identity(len(scales))
         each += [step.beside(one[k]) * size for k, size in enumerate(self.fields) if size]
         return Inputs.of(each)
+
+
+@dataclass(frozen=True)
+class Entering:
+    """The `sizes` of what enters, and of what they follow, as a certificate has it."""
+
+    sizes: Sizes
+    follows: Evidence

@@ -15,8 +15,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.runge_kutta import RK4, Tableau
+from hgogen.discretisation.runge_kutta import RK4
+from hgogen.guarantees.beside_stages import BesideStages
+from hgogen.guarantees.entering import Entering
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.plant_step import PlantStep
 from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.chosen import chosen
 from hgogen.kalman.factored import factored_lengths
@@ -41,18 +44,17 @@ class ContinuousDiscrete:
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
 
-    @property
-    def plain(self) -> Tableau:
-        """That of classical Runge-Kutta."""
-        return RK4
-
     def obstacle(self, error: Inclusion) -> Reason:
         """None, as of every tableau."""
         return NONE
 
     def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
         """Its stages."""
-        return stagewise(self.plain, h, e)
+        return stagewise(RK4, h, e)
+
+    def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
+        """As classical Runge-Kutta."""
+        return BesideStages(plant, RK4).entering
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """The step of an ordinary differential equation by classical Runge-Kutta."""

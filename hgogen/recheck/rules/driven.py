@@ -76,7 +76,7 @@ def _followed(
     context: Context, evidence: Mapping[str, Any], h: Fraction, shares: Mapping[str, Mapping[str, Any]]
 ) -> tuple[list[str], str, int]:
     """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
-    left = shares.get("method") if derivable(context) else None
+    left = shares.get("method") if derivable(context) and method_of(evidence).degree else None
     others = {kind: share for kind, share in shares.items() if share is not left}
     stated = dict.fromkeys(("method", "rounding"), ", which it states")
     sizes = [f"{kind} of {', '.join(_all(share))}{stated.get(kind, '')}" for kind, share in others.items()]
