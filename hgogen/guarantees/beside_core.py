@@ -101,7 +101,7 @@ class BesideCore:
         entering, heads = 0 * self.lifted, heads_of(self.plant.form)
         assert heads is not None
         for head, (output, slope) in heads.items():
-            entering[:, head] += self.obeyed.B[:, output] * number(slope)
+            entering[:, head] += self.obeyed.injected[:, output] * number(slope)
         return entering
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
