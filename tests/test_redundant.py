@@ -1,5 +1,6 @@
 """Outputs that add nothing: their form, the mean of sensors that show the same, and what is proved of it."""
 
+import copy
 import json
 from functools import cache
 from typing import Any
@@ -7,14 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from forger import sealed
 from plants import two_outputs
 
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.modelfiles.first import NoFirst, first
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.recheck.verification import recheck
+from hgogen.stepping.machine import Machine
 from hgogen.structure.scaling import scaling
 from hgogen.structure.spare import shown, unused
 from hgogen.which_forms import of
@@ -166,7 +170,7 @@ def test_what_shows_something_else_takes_no_part() -> None:
     assert "y2 has no chain, and no part in the correction" in step.observer.equations
 
 
-def test_all_is_proved_that_is_of_one_sensor_but_for_the_noise() -> None:
+def test_all_is_proved_that_is_of_one_sensor() -> None:
     pytest.importorskip("clarabel")
     one, both = stepped(x1), stepped(x1, -2 * x1)
     alone, shared = (hg.contraction(step) for step in (one, both))
@@ -174,8 +178,70 @@ def test_all_is_proved_that_is_of_one_sensor_but_for_the_noise() -> None:
     claims = ("high_gain.convergence", "high_gain.theta")
     mine, theirs = (verdicts(step.observer.checks) for step in (one, both))
     assert [mine[id] for id in claims] == [theirs[id] for id in claims] == ["proved", "proved"]
-    assert hg.noise_gain(one) is not None
-    assert hg.noise_gain(both) is None
+
+
+@pytest.mark.parametrize("method", [hg.methods.rk4, hg.methods.exponential])
+@pytest.mark.parametrize(
+    ("output", "weights", "shares"),
+    [((x1, x1), None, (1 / 2, 1 / 2)), ((x1, 3 - 2 * x1, x1 + x2), {"y1": 3}, (3 / 4, 1 / 8, 0))],
+)
+def test_noise_enters_by_its_share_in_the_mean(method: Any, output: Any, weights: Any, shares: Any) -> None:
+    """Of two alike noise v in each does what it does in one; of y2 = 3 - 2 x1 of a fourth of the weight an eighth."""
+    pytest.importorskip("clarabel")
+    one = hg.noise_gain(stepped(x1, method=method))
+    both = hg.noise_gain(stepped(*output, method=method, weights=weights))
+    assert one is not None
+    assert both is not None
+    for (state, _), gain in one.gains.items():
+        for y, share in zip(("y1", "y2", "y3"), shares, strict=False):
+            assert both.gains[state, y] == pytest.approx(share * gain, rel=1e-4)
+
+
+@cache
+def bounded(*output: Any, **gains: Any) -> hg.ErrorBound:
+    step = stepped(*output, **dict(gains, weights=dict(gains.get("weights", ())) or None))
+    names = [y.name for y in step.observer.form.system.outputs]
+    sizes = {"noise": dict.fromkeys(names, 0.01), "late": dict.fromkeys(names, 1e-4), "rates": {"u": 1}}
+    known = hg.error_bound(step, **sizes, disturbance={"x2": 0.1})
+    assert known.check.verdict is Verdict.PROVED, known
+    return known
+
+
+def test_the_error_is_bounded_as_with_one_sensor() -> None:
+    """A disturbance shows in both samples at the end of a call, the line between two of each is beside the plant."""
+    pytest.importorskip("clarabel")
+    one, both = bounded(x1), bounded(x1, x1)
+    for what, share in one.shares.items():
+        assert both.shares[what] == pytest.approx(share, rel=1e-3)
+    assert both.inside == one.inside
+    assert both.settles == pytest.approx(one.settles)
+
+
+def test_an_output_that_enters_nowhere_has_no_share() -> None:
+    pytest.importorskip("clarabel")
+    one, beside = bounded(x1), bounded(x1, x1 + x2)
+    assert beside.bounds == pytest.approx(one.bounds, rel=1e-3)
+    assert "the estimate does not restart from one" in str(beside)
+    assert "the estimate does not restart from one" not in str(one)
+    assert "nothing enters the error" in str(hg.l2_gain(stepped(x1, x1 + x2).observer, noise={"y2": 1}))
+
+
+def test_no_run_of_both_errs_further() -> None:
+    """Noise of both by the sign of the error, against it or with it, beside a plant that rests."""
+    pytest.importorskip("clarabel")
+    step, known, worst = stepped(x1, x1), bounded(x1, x1), np.zeros(2)
+    for push in (1, -1):
+        machine, x, error = Machine(step), np.array([np.pi / 2, 0.0]), np.zeros(2)
+        for k in range(400):
+            for y in ("y1", "y2"):
+                machine.memory[Place("output", y)][0] = x[0] + 0.01 * push * (np.sign(error[0]) or 1)
+            machine.memory[Place("input", "u")][0] = 1
+            machine.call()
+            error = np.array([machine.memory[Place("estimate", name)][0] for name in ("x1", "x2")]) - x
+            worst = np.maximum(worst, np.abs(error)) if k > 200 else worst
+    bounds = np.array(list(known.bounds.values()))
+    assert (worst <= 1.1 * bounds).all()
+    assert worst[0] > 0.5 * bounds[0]
 
 
 def test_the_certificate_is_verified() -> None:
@@ -185,6 +251,68 @@ def test_the_certificate_is_verified() -> None:
     rows = recheck(json.dumps(content)).rows
     assert {row.found for row in rows} == {"verified"}
     assert len(rows) > 7
+
+
+@cache
+def certified() -> dict[str, Any]:
+    """Of two sensors and of an output that enters nowhere."""
+    output, weights = (x1, 3 - 2 * x1, x1 + x2), {"y1": 3}
+    step, noise = stepped(*output, weights=weights), {"y1": 0.01, "y2": 0.02}
+    known, gain = bounded(*output, weights=tuple(weights.items())), hg.noise_gain(step)
+    assert gain is not None
+    bounds = (known, gain, hg.l2_gain(step.observer, noise=noise), hg.iss_gain(step.observer, noise=noise))
+    return hg.certificate(
+        step.observer.form, (*step.observer.checks, *(each.check for each in bounds)), step.observer.name
+    )
+
+
+def outcome(content: Any) -> dict[str, str]:
+    return {row.id.split(".")[1]: row.found for row in recheck(sealed(content)).rows if row.id.startswith("high_gain")}
+
+
+INPUTS = ("noise", "error", "l2_gain", "iss_gain")
+
+
+def test_how_noise_enters_is_verified_again() -> None:
+    pytest.importorskip("clarabel")
+    verdicts = outcome(certified())
+    assert {verdicts[fact] for fact in INPUTS} == {"verified"}
+    assert certified()["observer"]["weights"] == ["3", "1", "1"]
+
+
+def test_other_weights_fail() -> None:
+    """Of two sensors alike noise of the second does twice as much as of one of a fourth of the weight."""
+    pytest.importorskip("clarabel")
+    content = copy.deepcopy(certified())
+    content["observer"]["weights"] = ["1", "1", "1"]
+    assert outcome(content)["noise"] == "fails"
+
+
+@pytest.mark.parametrize("weights", [["3", "1", "0"], ["3", "-1", "1"], ["3", "1"], "3", None])
+def test_what_are_no_weights_fails(weights: Any) -> None:
+    pytest.importorskip("clarabel")
+    content = copy.deepcopy(certified())
+    if weights is None:
+        del content["observer"]["weights"]
+    else:
+        content["observer"]["weights"] = weights
+    verdicts = outcome(content)
+    assert {verdicts[fact] for fact in INPUTS} == {"fails"}
+
+
+def test_noise_of_what_is_not_shown_to_enter_is_not_verified() -> None:
+    pytest.importorskip("clarabel")
+    content = copy.deepcopy(certified())
+    for claim in content["claims"]:
+        if claim["id"] == "high_gain.error":
+            (share,) = (each for each in claim["evidence"]["shares"] if each["inputs"] == "noise")
+            share["samples"][2] = share["follows"]["sizes"][2] = "1/100"
+        if claim["id"] == "high_gain.noise":
+            claim["evidence"]["bounds"][0]["output"] = "3"
+        if claim["id"] in ("high_gain.l2_gain", "high_gain.iss_gain"):
+            claim["evidence"]["noise"][2] = "1/100"
+    verdicts = outcome(content)
+    assert {verdicts[fact] for fact in INPUTS} == {"fails"}
 
 
 def test_gains_for_an_input_in_the_chain_are_proved_too() -> None:
@@ -264,16 +392,11 @@ def test_observers_of_one_output_say_so() -> None:
         hg.observers.filtered(form(x1, x1), theta=5, alpha=3, beta=1, poles=(-1, -1))
 
 
-def test_no_bound_of_noise_is_verified_of_outputs_that_share_a_chain() -> None:
-    """A file that says of the shared chain what is true of one sensor: that noise of the second moves nothing."""
+def test_noise_of_the_second_that_moves_nothing_is_not_verified() -> None:
+    """A file that says of the shared chain that noise of the second sensor moves nothing, as of one sensor."""
     pytest.importorskip("clarabel")
-    step = stepped(x1)
-    gains = hg.noise_gain(step)
-    assert gains is not None
-    content = hg.certificate(step.observer.form, (*step.observer.checks, gains.check), "high_gain")
-    assert {row.id: row.found for row in recheck(json.dumps(content)).rows}["high_gain.noise"] == "verified"
-    both = json.loads(
-        json.dumps(hg.certificate(form(x1, x1), (*stepped(x1, x1).observer.checks, gains.check), "high_gain"))
-    )
-    claimed = next(claim for claim in both["claims"] if claim["id"] == "high_gain.noise")
-    assert claimed["verdict"] == "stated", claimed
+    content = copy.deepcopy(certified())
+    (claim,) = (claim for claim in content["claims"] if claim["id"] == "high_gain.noise")
+    for one in claim["evidence"]["bounds"]:
+        one["bound"] = "1/1000000" if one["output"] == "2" else one["bound"]
+    assert outcome(content)["noise"] == "fails"

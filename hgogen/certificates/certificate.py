@@ -15,7 +15,8 @@ z' = A z + b, y = output the form, with the number of states of each output's ch
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
 the box; of several chains gains act chain by chain, or are a matrix, row by row, whose entry for the state i and the
 output of chain k stands times theta^(p(i) - p(k) + 1), p the powers of theta that scale states; an output whose chain
-has no states, and that is a multiple of another's, shares the mean of their errors (`structure.spare`); of a form
+has no states, and that is a multiple of another's, shares the mean of their errors (`structure.spare`), by the
+observer's "weights", one for each output; of a form
 "phase.recovered" b is taken at the recovered state instead. from_form is the plain inverse: what an observer evaluates
 is the same on the image of the plant's ranges, and beyond keeps its denominators off 0. The equations of the others,
 with their numbers, stand where they are verified, in the files of `hgogen.recheck.rules`.
@@ -210,7 +211,7 @@ def _read_by_rules(name: str, numbers: Mapping[str, Any]) -> Mapping[str, Any]:
     if name not in OBSERVERS:
         return {}
     wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
-    if sorted(numbers) != wanted:
+    if sorted(numbers.keys() - {*OBSERVERS[name].beside}) != wanted:
         row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
         raise OtherNumbers(name, f"{', '.join(sorted(numbers))}; {row}")
     return numbers

@@ -37,6 +37,7 @@ from hgogen.reading.sizes import Each, by_name, size, sizes
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
 from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice, demand_step
+from hgogen.structure.spare import of_used
 
 AnyStep = TypeVar("AnyStep", bound=Step)
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
@@ -99,9 +100,9 @@ def error_bound(
     demand_step(step, "error_bound")
     form, outputs = step.observer.form, names_of(step.observer.form.system.outputs)
     most = {
-        "noise": sizes("noise", noise, outputs),
-        "rounded": sizes("rounded", rounded, outputs),
-        "late": sizes("late", late, outputs),
+        "noise": of_used(form, sizes("noise", noise, outputs)),
+        "rounded": of_used(form, sizes("rounded", rounded, outputs)),
+        "late": of_used(form, sizes("late", late, outputs)),
         "disturbance": sizes("disturbance", disturbance, names_of(form.system.declared.states)),
         "parameters": sizes("parameters", parameters, names_of(form.system.parameters)),
     }
@@ -162,7 +163,7 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
 def _in_numbers(steps: Steps, form: Form) -> tuple[Sequence[Fraction], Heads]:
     """The scales of the fields, and what outputs show. Raises: `Unbounded`."""
     scales, shown = steps.error.scales(steps.theta), heads_of(form)
-    if scales is None or shown is None or not steps.error.B.size:
+    if scales is None or shown is None:
         raise Unbounded(because("the gains of its chain are no numbers"))
     return scales, shown
 

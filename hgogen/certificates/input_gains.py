@@ -32,6 +32,7 @@ from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, sizes
 from hgogen.sentence import Reason, Sentence, because
 from hgogen.structure.polytope import fixed
+from hgogen.structure.spare import of_used
 
 _FIX = "Validate by trials."
 _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational arithmetic")
@@ -136,7 +137,7 @@ class _Known:
 def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reason:
     """What is known of the error and of what enters, or why nothing is. Raises: `NoSolver`, `BadNames`, `BadGain`."""
     form, system = observer.form, observer.form.system
-    noises = sizes("noise", noise, names_of(system.outputs))
+    noises = of_used(form, sizes("noise", noise, names_of(system.outputs)))
     disturbed = sizes("disturbance", disturbance, names_of(system.declared.states))
     error: Inclusion | Nothing | None = observer.error
     if error is None or isinstance(error, Nothing):
@@ -146,7 +147,7 @@ def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reaso
         return because("nothing enters the error: that of the start decays, to nothing")
     theta = theta_of(observer)
     scales, flow = error.scales(theta), Flow(error, theta)
-    if scales is None or not error.B.size:
+    if scales is None:
         return because("the gains of its chain are no numbers")
     beside = _beside(form, disturbed)
     if isinstance(beside, Reason):

@@ -19,6 +19,7 @@ from hgogen.reading.named import in_order
 from hgogen.reading.sizes import sizes
 from hgogen.sentence import Sentence, because
 from hgogen.step import Step, demand_step
+from hgogen.structure.spare import heads
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class NoiseGain:
 
 def noise_gain(step: Step) -> NoiseGain | None:
     """What noise does to the estimate of a step that is proved to contract; None of one that is not, whose chain has
-    gains that are no numbers, or whose outputs share a chain.
+    gains that are no numbers.
 
     From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
     alpha dt of itself at each call.
@@ -62,17 +63,18 @@ def noise_gain(step: Step) -> NoiseGain | None:
 def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> NoiseGain | None:
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
-    if scales is None or not error.B.size:
+    if scales is None:
         return None
     bounds: dict[tuple[int, int], InputBound] = {}
     for i, field in enumerate(error.layout.picks):
-        for j in range(len(form.output)):
+        for j in heads(form):
             one = of_step(steps, proof.h, Inputs.of(steps.at(proof.h).ends(j)), of_state(scales, field), proof.alpha)
             if one is None:
                 return None
             bounds[i, j] = one
     outputs = [output.name for output in form.system.outputs]
-    gains = {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
+    gains = {(state, output): 0.0 for state in form.names for output in outputs}  # of one that enters nowhere
+    gains |= {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
     known = UnderNoise(error, rule, Fraction(dt), bounds)
     said = _check(observer, running(observer, rule, dt), error, known, gains, steps.at(proof.h).arithmetic)
     return NoiseGain(gains, said)

@@ -173,10 +173,11 @@ class _Sizing:
     @cached_property
     def _pieces(self) -> list[tuple[Side, ...]]:
         """The ranges (n) of the states, those of the first ones in pieces."""
-        count, sides = round(_PIECES ** (1 / len(self.shown))), list[list[Side]]()
+        heads = {head for head, _ in self.shown.values()}
+        count, sides = round(_PIECES ** (1 / len(heads))), list[list[Side]]()
         for i, state in enumerate(self.step.observer.form.states):
             low, high = map(Fraction, state.interval)
-            parts = count if i in self.shown else 1
+            parts = count if i in heads else 1
             cuts = [low + (high - low) * Fraction(part, parts) for part in range(parts + 1)]
             sides.append(list(pairwise(cuts)))
         return list(product(*sides))
@@ -191,7 +192,7 @@ class _Sizing:
         """The samples of a plant in these ranges at the beginning of a call, at both ends of it."""
         y = []
         for j, (low, high) in enumerate(self._offsets):
-            i, slope = next((i, slope) for i, (output, slope) in self.shown.items() if output == j)
+            i, slope = self.shown[j]
             ends = [slope * (end + way * self.moves[i]) for end, way in zip(ranges[i], (-1, 1), strict=True)]
             y.append(between(min(ends) + low - self.samples[j], max(ends) + high + self.samples[j]))
         return y
@@ -201,7 +202,7 @@ class _Sizing:
         """What each output is beside its first state times its slope. Raises: `Unbounded`."""
         form, offsets = self.step.observer.form, list[Side]()
         where = box(signals(form), form.system.nominal)
-        slopes = {output: form.states[i] * sp.Rational(slope) for i, (output, slope) in self.shown.items()}
+        slopes = {output: form.states[i] * sp.Rational(slope) for output, (i, slope) in self.shown.items()}
         for j, row in enumerate(form.output):
             known = bound(sp.expand(row - slopes.get(j, 0)), where)
             if not (known.defined and known.finite) or j not in slopes:

@@ -62,8 +62,11 @@ def _limits(
     spans = [high - low for low, high in readings(form)]
     for sign in step.signs:
         if sign.output is not None:
-            head = form.heads[sign.output]
-            yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / abs(shown[head][1])
+            if sign.output not in shown:  # what else it shows is not followed
+                yield 0, Fraction(0)
+                continue
+            head, slope = shown[sign.output]
+            yield head, (Fraction(SHARE * spans[sign.output]) - samples[sign.output]) / abs(slope)
             continue
         own = all(row.is_Symbol or (-row).is_Symbol for row in form.from_form)
         for i, (state, clear) in enumerate(zip(form.states, inside, strict=True)):

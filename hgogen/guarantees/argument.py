@@ -23,9 +23,10 @@ from hgogen.algebra.points import exact
 from hgogen.chains.columns import Column, as_matrix, columns
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.inclusion import Inclusion, Slope, by_chain
+from hgogen.guarantees.inclusion import Inclusion, Slope
 from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains, fixed
+from hgogen.structure.spare import entering, weighted
 
 
 def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
@@ -48,9 +49,10 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
         return Nothing(read)
     scaled = [_number(error.scale[at.row] * entry, form) for at, entry in _placed(form, entries)]
     known = [value for value in scaled if value is not None]
-    samples = by_chain(form, known) if len(known) == len(scaled) else np.zeros((form.n, 0))
-    if not (samples.size and error.B.size):
-        error, samples = error.deaf, samples[:, :0]
+    if len(known) < len(scaled) or not error.B.size:
+        error, samples = error.deaf, np.zeros((form.n, 0))
+    else:
+        samples = as_matrix(form, known) @ entering(form, weighted(form, None))
     slopes = tuple(_reading(slope, read, samples) for slope in error.slopes)
     return replace(error, slopes=slopes, numbers={**error.numbers, "argument": tuple(entries)})
 

@@ -21,6 +21,7 @@ import numpy as np
 from flint import fmpq_mat
 
 from hgogen.algebra.definite import positive
+from hgogen.chains.columns import as_matrix
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.evidence.grounds import Evidence
@@ -37,7 +38,7 @@ from hgogen.guarantees.common_norm import (
     worth_trying,
 )
 from hgogen.guarantees.contracting import farthest
-from hgogen.guarantees.inclusion import Inclusion, by_chain, from_form, inclusion, nominal_units, plain
+from hgogen.guarantees.inclusion import Inclusion, from_form, inclusion, nominal_units, plain
 from hgogen.guarantees.quadratic import Array, fractions, rational
 from hgogen.guarantees.sector import Decay
 from hgogen.guarantees.steepness import obstacle
@@ -207,5 +208,5 @@ def behind(
         return near_z
     units, gains = [unit / near_z[0] for unit in near_z], [Fraction(k) for k in K.tolist()]
     form, scale = chain.form, from_form(chain.form, units)
-    error = inclusion(form, plain(form), companion(np.array(gains)), by_chain(form, gains), scale, units, numbers)
+    error = inclusion(form, plain(form), companion(np.array(gains)), as_matrix(form, gains), scale, units, numbers)
     return error if isinstance(error, Nothing) else Behind(error, Fraction(theta), tuple(gains), decays)

@@ -48,6 +48,7 @@ from hgogen.guarantees.plant_step import UNKNOWN, PlantStep, Unbounded
 from hgogen.guarantees.quadratic import BALLS, Array, floats, identity, rational
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed
+from hgogen.structure.spare import heads
 
 _FEW, _MANY = 8, 64  # pieces of a step
 _FINE = 8  # of them, where the core turns by 1
@@ -98,9 +99,9 @@ class BesideCore:
     @cached_property
     def entering(self) -> Array:
         """B (N, n), by what samples show of each state."""
-        entering, heads = 0 * self.lifted, heads_of(self.plant.form)
-        assert heads is not None
-        for head, (output, slope) in heads.items():
+        entering, shown = 0 * self.lifted, heads_of(self.plant.form)
+        assert shown is not None
+        for output, (head, slope) in shown.items():
             entering[:, head] += self.obeyed.injected[:, output] * number(slope)
         return entering
 
@@ -113,8 +114,8 @@ class BesideCore:
     def _demand_chain(self) -> None:
         """That the plant obeys the observer's equations. Raises: `Unbounded`."""
         form, each = self.plant.form, range(self.plant.form.n)
-        for y in form.output:
-            self.plant.demand_no_input(y)
+        for output in heads(form):
+            self.plant.demand_no_input(form.output[output])
         A = form.A.applyfunc(lambda a: exact(sp.sympify(a).xreplace(fixed(form))))
         chain = rational([[Fraction(int(A[i, j].p), int(A[i, j].q)) for j in each] for i in each])
         if (self.L @ self.lifted + self.entering != self.lifted @ chain).any():

@@ -27,6 +27,7 @@ from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.guarantees.entering import Entering, Sizes
 from hgogen.guarantees.plant_step import SUMMED, UNKNOWN, PlantStep, Rows, Unbounded, loose
 from hgogen.sentence import because
+from hgogen.structure.spare import heads
 
 _THIRD = 3  # order of the Taylor coefficient of a line
 _SHORT = 10_000  # the largest denominator of a tableau's coefficients
@@ -43,8 +44,10 @@ class BesideStages:
     @property
     def entering(self) -> Entering:
         """What enters the error of it, and of what that follows; of tables nothing. Raises: `Unbounded`."""
-        outputs = range(len(self.plant.form.output))
-        return Entering(Sizes(stages=tuple(map(self.line, outputs)), beside=self.remainder()), self._follows)
+        outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
+        used = heads(self.plant.form)
+        stages = tuple(self.line(output) if output in used else still for output in outputs)
+        return Entering(Sizes(stages=stages, beside=self.remainder()), self._follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
         """By how much the line between two samples of an output is beside what the plant shows at each stage (s).

@@ -10,6 +10,7 @@ fields      what comes to a field of the estimator itself, over h
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import sympy as sp
 
@@ -19,20 +20,25 @@ from hgogen.form import Form
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import identity, rational
 from hgogen.guarantees.stagewise import Inputs, Stagewise
+from hgogen.structure.polytope import fixed
+from hgogen.structure.spare import heads
 
 _NOTHING = Fraction(0)
 ENTERING = ("noise", "rounded", "late", "disturbance", "parameters", "rates")  # of which a user says how large they are
 
 
-Heads = Mapping[int, tuple[int, Fraction]]  # by the place of a first state of a chain, its output's place and dy/dz
+Heads = Mapping[int, tuple[int, Fraction]]  # by an output's place, that of the state that it shows, and dy/dz
 
 
 def heads_of(form: Form) -> Heads | None:
-    """What outputs show of the first states of their chains; None where a slope is no number."""
-    slopes = [exact(sp.sympify(sp.diff(y, form.states[head]))) for y, head in zip(form.output, form.heads, strict=True)]
-    if not all(slope.is_Rational for slope in slopes):
+    """What outputs show of the first states of chains; None where a slope is no number."""
+    known, slopes = dict(fixed(form)), dict[int, tuple[int, Any]]()
+    for j, head in heads(form).items():
+        row = exact(sp.sympify(form.output[j]).xreplace(known))
+        slopes[j] = head, sp.cancel(sp.diff(row, form.states[head]))
+    if not all(slope.is_Rational for _, slope in slopes.values()):
         return None
-    return {head: (j, Fraction(slope)) for j, (head, slope) in enumerate(zip(form.heads, slopes, strict=True))}
+    return {j: (head, Fraction(slope.p, slope.q)) for j, (head, slope) in slopes.items()}
 
 
 @dataclass(frozen=True)
@@ -67,9 +73,8 @@ class Sizes:
         for state, size in enumerate(self.beside):
             fields = zip(scales, error.layout.index, error.layout.fed, strict=True)
             moved = step.beside(rational([-scale * (fed and i == state) for scale, i, fed in fields]))
-            if state in shown:
-                output, slope = shown[state]
-                moved += step.ends(output)[1] * (step.h * slope)
+            for output, (head, slope) in shown.items():
+                moved += step.ends(output)[1] * (step.h * slope * (head == state))
             each += [moved * size] if size else []
         one = identity(len(scales))
         each += [step.beside(one[k]) * size for k, size in enumerate(self.fields) if size]

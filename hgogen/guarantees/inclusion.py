@@ -49,6 +49,7 @@ from hgogen.intervals.bounds import Range
 from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains, span
 from hgogen.structure.scaling import exponents
+from hgogen.structure.spare import entering, heads, sharing, weighted
 
 _BOXES = 2_000  # for the range of one slope
 _LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
@@ -260,11 +261,11 @@ def inclusion(
     t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]
     scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
     slopes = (*slopes, *(_in_units(each, t) for each in others))
-    entering = rational(measured) * rational(t)[:, None]
-    powers, own = exponents(form), {"units": tuple(units)}
-    late = tuple(powers[head] for head in form.heads) if entering.size else ()
+    injected = rational(measured) * rational(t)[:, None]
+    powers, shown, own = exponents(form), heads(form), {"units": tuple(units)}
+    late = tuple(powers[shown[j]] if j in shown else 0 for j in range(measured.shape[1]))
     each = tuple(replace(slope, takes=nothing) for slope in slopes)
-    return Inclusion(scaled, entering, each, layout, tuple(units), tuple(scale), numbers, own, late)
+    return Inclusion(scaled, injected, each, layout, tuple(units), tuple(scale), numbers, own, late)
 
 
 def _in_units(slope: Slope, t: Sequence[Fraction]) -> Slope:
@@ -312,18 +313,22 @@ def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
     return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
 
 
-def on_companion(chain: Integrators, p: Sequence[float]) -> Inclusion | Nothing:
-    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials."""
+def on_companion(chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None) -> Inclusion | Nothing:
+    """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials, on the means of
+    outputs by their `weights` (p), by default all alike."""
     form, exactly = chain.form, [Fraction(x) for x in p]
+    weights = weights or weighted(form, None)
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
-    error = on_integrators(chain, plain(form), companions(exactly, form.blocks), by_chain(form, p), numbers)
+    numbers |= _weights(form, weights)
+    measured = as_matrix(form, exactly) @ entering(form, weights)
+    error = on_integrators(chain, plain(form), companions(exactly, form.blocks), measured, numbers)
     return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)}, chained=False)
 
 
-def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
+def with_gains(form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None) -> Inclusion | Nothing:
     """The inclusion of a constant gain of the entries K (n, or n q: `columns`) in the form's own coordinates, whose a_i
-    may move with inputs."""
+    may move with inputs, on the means of outputs by their `weights` (p), by default all alike."""
     reason = obstacle(form)
     if reason:
         return Nothing(reason)
@@ -342,9 +347,10 @@ def with_gains(form: Form, K: Sequence[Fraction]) -> Inclusion | Nothing:
         ranges.append(enclosure(form, a, known))
         ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
         slopes.append(Slope(of_field(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1))
-    numbers = {"gains": tuple(map(sp.Rational, K))}
+    weights = weights or weighted(form, None)
+    numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
-    error = inclusion(form, plain(form), core, by_chain(form, K), ones, one, numbers, slopes)
+    error = inclusion(form, plain(form), core, gain @ entering(form, weights), ones, one, numbers, slopes)
     if isinstance(error, Nothing):
         return error
     return replace(error, own={"ranges": ranges} if moves else {"core": fractions(error.N)})
@@ -355,12 +361,9 @@ def of_state(scales: Sequence[Fraction], field: int) -> Array:
     return np.asarray(identity(len(scales))[field] / number(scales[field]))
 
 
-def by_chain(form: Form, gains: Sequence[Any]) -> Array:
-    """The entries of a gain as a matrix (n, p), each in the column of its output; where outputs share a chain (n, 0)
-    entries, as noise enters by their weights."""
-    if len(form.leads) < len(form.blocks):
-        return np.zeros((form.n, 0), dtype=object)
-    return as_matrix(form, gains)
+def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, ...]]:
+    """The weights (p) as a number of an observer; none where no outputs share a state."""
+    return {"weights": tuple(map(Fraction, weights))} if sharing(form) else {}
 
 
 def plain(form: Form) -> Layout:

@@ -24,12 +24,13 @@ from typing import Any
 import numpy as np
 
 from hgogen.algebra.definite import number
+from hgogen.chains.columns import as_matrix
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.guarantees.bounded_theta import Nothing, nothing
 from hgogen.guarantees.common_norm import Flow, Moved
 from hgogen.guarantees.continuous_time import claims
-from hgogen.guarantees.inclusion import Inclusion, by_chain, on_integrators, plain
+from hgogen.guarantees.inclusion import Inclusion, on_integrators, plain
 from hgogen.guarantees.quadratic import floats, rational
 from hgogen.guarantees.steepness import companions
 from hgogen.intervals.digits import same
@@ -56,7 +57,7 @@ def moving_checks(
 ) -> tuple[Check, Check]:
     """`MAKER.convergence`, that there is a bound on the least value of the gain; `MAKER.theta`, that it is above it."""
     form = chain.form
-    error = on_integrators(chain, plain(form), companions(K, form.blocks), by_chain(form, K), numbers)
+    error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
         return _named(law, nothing(maker, law.least, error.reason))
     return _named(law, claims(maker, form, _serving(error, law), numbers, law.name))

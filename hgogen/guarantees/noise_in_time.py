@@ -71,17 +71,18 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     Raises: `NoSolver`.
     """
     error, scales = flow.error, flow.error.scales(flow.theta)
-    if scales is None or not error.B.size:
+    if scales is None:
         return because("its gains are no numbers of their own")
     e, W = error.at(flow.theta), inverse_root(floats(rational(falls.weights.P)))
-    e, known = _over(e, number(falls.alpha)), dict[tuple[int, int], float]()
-    for j in range(e.B.shape[1]):
-        alone = e.driven_by(np.eye(e.B.shape[1], dtype=int)[:, [j]])
+    e, picks, every = _over(e, number(falls.alpha)), list(enumerate(error.layout.picks)), range(e.B.shape[1])
+    known = {(i, j): 0.0 for i, _ in picks for j in every}  # of an output that enters nowhere
+    for j in np.flatnonzero(np.vstack([e.B, e.E]).any(axis=0)).tolist():
+        alone = e.driven_by(np.eye(len(every), dtype=int)[:, [j]])
 
         def forms(alpha: Fraction, of: Uncertain = alone) -> tuple[Quadratic, ...]:
             return driven(of, number(alpha), error.hull)
 
-        for i, field in enumerate(error.layout.picks):
+        for i, field in picks:
             one = input_bound(forms, W, 1, of_state(scales, field), Fraction(1))
             if one is None:
                 return because("no bound is found of what noise does")

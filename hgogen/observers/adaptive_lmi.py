@@ -24,6 +24,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.columns import as_matrix
 from hgogen.chains.injection import companion, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.check import ClaimId, Claims, Verdict, demand
@@ -35,7 +36,7 @@ from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.attenuating import MovingGain
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.design import adaptive_gain
-from hgogen.guarantees.inclusion import by_chain, on_integrators, plain
+from hgogen.guarantees.inclusion import on_integrators, plain
 from hgogen.guarantees.moving import Law, moving_checks
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
@@ -186,7 +187,7 @@ def _driven(
 ) -> MovingGain | None:
     """What a disturbance does to the error; None where no ranges of the slopes are known."""
     K, form = np.array([float(k) for k in design.K]), chain.form
-    error = on_integrators(chain, plain(form), companion(K), by_chain(form, design.K), {})
+    error = on_integrators(chain, plain(form), companion(K), as_matrix(form, design.K), {})
     if isinstance(error, Nothing):
         return None
     return MovingGain(error, *ends, design.sigma, disturbed.plant, disturbed.measurement)

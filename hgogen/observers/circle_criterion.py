@@ -92,7 +92,7 @@ def circle_criterion(
         raise BadGain("circle_criterion", "works in chains, this form keeps the plant's coordinates; use high_gain")
     high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]
-    chosen = constant_gain("circle_criterion", form, poles, gains)
+    chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None))
     if chosen.driven:
         raise BadGain("circle_criterion", "wants a_i that do not move with an input; use high_gain or riccati")
     entries = _entries(form, argument)

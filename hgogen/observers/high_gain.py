@@ -111,10 +111,11 @@ def high_gain(
     form = saturated(form, saturate, arguments)
     high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]
-    chosen = constant_gain("high_gain", form, poles, gains)
+    by_weight = weighted(form, weights)
+    chosen = constant_gain("high_gain", form, poles, gains, by_weight)
     z, least = state_field(form, initial, theta), _least(dynamics, singular)
     part = replace(
-        _part(dynamics, chosen, theta, least, weighted(form, weights)),
+        _part(dynamics, chosen, theta, least, by_weight),
         fields=(z,),
         derived=(chosen.K.field,),
         tune=(chosen.K.tuned(form),),

@@ -149,12 +149,12 @@ class Context:
         self._same(self.value(text), wanted, complaint)
 
     def first_gain(self, chain: int) -> Quotient:
-        """a_1 = dy/dz of the first state z of a chain, 0, 1, ... That y(z) - y(0) = z dy/dz for every z makes it the
-        same for every z.
+        """a_1 = dy/dz of an output, 0, 1, .., and the state z that it shows. That y(z) - y(0) = z dy/dz for every z
+        makes it the same for every z.
 
         Raises: `NotShown`.
         """
-        first, output = self.heads[chain], self.form.output[chain]
+        first, output = self.seen[chain], self.form.output[chain]
         slope = self.slope(output, first)
         rest = value_of(output, {**self.letters, first: self.algebra.number(Fraction(0))}, self.algebra)
         self._same(self.value(output) - rest, slope * self.letters[first], f"the output is not linear in {first}")
@@ -165,6 +165,24 @@ class Context:
         """The first state of each chain, "" of one without states."""
         blocks = self.form.blocks
         return tuple(self.z[sum(blocks[:i])] if size else "" for i, size in enumerate(blocks))
+
+    @cached_property
+    def seen(self) -> tuple[str, ...]:
+        """The state that each output shows: the first of its chain, or that of another chain, by a slope that is a
+        number as that chain's own is; "" of one of which neither is shown."""
+        return tuple(own or self._shared(j) for j, own in enumerate(self.heads))
+
+    def _shared(self, output: int) -> str:
+        text = self.form.output[output]
+        for own, z in zip(self.form.output, self.heads, strict=True):
+            if z and text.names & set(self.z) == {z} and self.slope(text, z).number and self.slope(own, z).number:
+                return z
+        return ""
+
+    def demand_seen(self, output: int) -> None:
+        """That it is known how an error of an output enters. Raises: `NotShown`."""
+        if not self.seen[output]:
+            raise NotShown(f"output {output + 1} is not shown to show the first state of a chain")
 
     def slope(self, text: Expression, name: str) -> Quotient:
         """The partial derivative of an expression in a name, in closed form."""

@@ -73,10 +73,11 @@ class FormFile:
 @dataclass(frozen=True)
 class Built:
     """What an observer is built with: the names of `numbers`, or lists of them, and of `expressions`, the entries of a
-    gain: one for each state, or one for each state and chain."""
+    gain: one for each state, or one for each state and chain; and of numbers that stand `beside` in some files."""
 
     numbers: tuple[str, ...]
     expressions: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -278,11 +279,12 @@ def _observer(
         return Observer(name, {})
     known = observers.get(name, Built(()))
     wanted = (*known.numbers, *known.expressions)
-    _parts("observer", parts, wanted)
+    _parts("observer", parts, (*wanted, *known.beside))
     if missing := sorted(set(wanted) - parts.keys()):
         raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
     entries = {key: tuple(_gain(part(parts, key, list), names, blocks)) for key in known.expressions}
-    return Observer(name, {key: _numbers(parts[key]) for key in known.numbers}, entries)
+    numbers = (*known.numbers, *(key for key in known.beside if key in parts))
+    return Observer(name, {key: _numbers(parts[key]) for key in numbers}, entries)
 
 
 def _gain(texts: list[Any], names: Mapping[str, Any], blocks: Sequence[int]) -> Iterable[Expression]:

@@ -72,13 +72,17 @@ def _late(
     """tau (speed + |dy/dz| m), and with how many boxes. Raises: `NotShown`."""
     speeds, least, boxes = _signless(follows, "speeds", len(sizes)), list[Fraction](), 0
     for j, (tau, speed) in enumerate(zip(sizes, speeds, strict=True)):
-        slope, i = context.first_gain(j).number, context.z.index(context.heads[j])
+        if not tau:
+            least.append(tau)
+            continue
+        context.demand_seen(j)
+        slope = context.first_gain(j).number
         if not slope:
             raise NotShown("the slope of an output is no number")
-        if tau:
-            only(context.form.output[j].names & set(context.file.inputs), (), "a late output")
-            most, row = speed / abs(slope), context.rates[i]
-            boxes += covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most))
+        only(context.form.output[j].names & set(context.file.inputs), (), "a late output")
+        i = context.z.index(context.seen[j])
+        most, row = speed / abs(slope), context.rates[i]
+        boxes += covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most))
         least.append(tau * (speed + abs(slope) * moved[i]))
     return least, boxes
 

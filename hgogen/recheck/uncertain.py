@@ -19,7 +19,21 @@ from .chain import constants, core_of, gain_of, integrators, invertible, steady,
 from .context import RANGE, Context, enclosed, narrowed
 from .cores import CORES
 from .file import Claim, Observer, part
-from .matrix import Matrix, entries, matrix, outer, plus, scalar, scaled, similar, transposed, unit, zeros
+from .matrix import (
+    Matrix,
+    column,
+    entries,
+    matrix,
+    outer,
+    plus,
+    scalar,
+    scaled,
+    similar,
+    times,
+    transposed,
+    unit,
+    zeros,
+)
 from .slope import continuous, steep
 from .stages import Parts
 from .text import Expression
@@ -126,7 +140,8 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         moving, seen = _moving(context, observer, evidence, scale)
         slopes = slopes + moving
     measured, each = _by_chain(context, observer, scale) if all(argument.takes) else [], [*range(n)]
-    return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale, shift)
+    late = [shift[context.heads.index(z)] if z else 0 for z in context.seen]
+    return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale, late)
 
 
 def _taken(slope: Slope, argument: Argument) -> Slope:
@@ -138,21 +153,44 @@ def _taken(slope: Slope, argument: Argument) -> Slope:
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:
     """What b reads and takes; of an observer that injects nothing there the errors alone."""
     if "argument" in observer.entries:
-        return argument_of(context, observer.entries["argument"], scale)
+        argument = argument_of(context, observer.entries["argument"], scale)
+        return replace(
+            argument, takes=times(argument.takes, _means(context, observer)) if all(argument.takes) else argument.takes
+        )
     n = len(context.z)
     return Argument(unit(n), zeros(n, len(context.heads)))
 
 
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
-    """S K; empty where its entries are no numbers, or where outputs without a chain may share the one of another, so
-    that the file does not tell how noise enters."""
+    """S K, its columns spread over the outputs that show a state together; empty where its entries are no numbers."""
     blocks, none = context.form.blocks, context.algebra.number(Fraction(0))
-    if 0 in blocks:
-        return []
     K = gain_of(blocks, [context.value(text) for text in observer.gains], none)
     values = [[(context.value(s) * k).number for k in row] for s, row in zip(scale, K, strict=True)]
     known = [[value for value in row if value is not None] for row in values]
-    return known if all(len(row) == len(blocks) for row in known) else []
+    return times(known, _means(context, observer)) if all(len(row) == len(blocks) for row in known) else []
+
+
+def _means(context: Context, observer: Observer) -> Matrix:
+    """By how much the error of each output is in the mean of those that show the first state of a chain, all samples
+    there: w_j/r_j over the sum of the w, y_j = r_j y up to what is known, y that of the chain. Of one of which that is
+    not shown nothing; if it is in a mean, the others are in it by less. Raises: `NotShown`."""
+    outputs, seen = range(len(context.form.output)), context.seen
+    together = [[j for j in outputs if z and seen[j] == z] for z in context.heads]
+    if all(len(each) < 2 for each in together):
+        return [[Fraction(int(k == j and bool(z))) for j in outputs] for k, z in enumerate(context.heads)]
+    if not isinstance(observer.numbers.get("weights"), list):
+        raise NotShown("outputs show one state, and the file does not tell by which weights")
+    weights, rows = column(observer.numbers, "weights", len(outputs)), zeros(len(outputs), len(outputs))
+    if min(weights) <= 0:
+        raise NotShown("a weight of its outputs is not positive")
+    for k, each in enumerate(together):
+        whole = sum((weights[j] for j in each), Fraction(0))
+        for j in each:
+            own, ratio = (context.first_gain(at).number for at in (k, j))
+            if not (own and ratio):
+                raise NotShown("the slope of an output is no number")
+            rows[k][j] = weights[j] * own / (ratio * whole)
+    return rows
 
 
 def _moving(

@@ -9,9 +9,11 @@ holds of e. An output that shows anything else does not enter.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import sympy as sp
 
 from hgogen.algebra.points import exact
@@ -39,10 +41,38 @@ def shown(form: Form) -> tuple[tuple[Shown, ...], ...]:
     )
 
 
+def heads(form: Form) -> dict[int, int]:
+    """By output that shows the first state of a chain, the place of that state."""
+    first = ((form.heads[chain[0].output], chain) for chain in shown(form))
+    return {each.output: head for head, chain in first for each in chain}
+
+
+def of_used(form: Form, sizes: Sequence[Fraction]) -> list[Fraction]:
+    """Sizes (p) by output, 0 of one that enters nowhere."""
+    used = heads(form)
+    return [size if j in used else Fraction(0) for j, size in enumerate(sizes)]
+
+
+def entering(form: Form, weights: Sequence[float]) -> np.ndarray:
+    """By how much the error of each output (p) is in those of the chains' outputs (q, p), of samples that are all
+    there, as fractions."""
+    rows = np.full((len(form.leads), len(form.output)), Fraction(0), dtype=object)
+    for row, chain in zip(rows, shown(form), strict=True):
+        whole = sum(Fraction(weights[each.output]) for each in chain)
+        for each in chain:
+            row[each.output] = Fraction(weights[each.output]) * each.ratio.q / (each.ratio.p * whole)
+    return rows
+
+
 def unused(form: Form) -> tuple[int, ...]:
     """The outputs that no chain begins with and that show the first state of none."""
-    used = {each.output for chain in shown(form) for each in chain}
+    used = heads(form)
     return tuple(j for j in range(len(form.blocks)) if j not in used)
+
+
+def sharing(form: Form) -> frozenset[int]:
+    """The outputs that show a state with others."""
+    return frozenset(each.output for chain in shown(form) if len(chain) > 1 for each in chain)
 
 
 def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
@@ -63,7 +93,7 @@ def weighted(form: Form, weights: Any) -> tuple[float, ...]:
     names = tuple(y.name for y in form.system.outputs)
     if weights is None:
         return (1.0,) * len(names)
-    shared = {each.output for chain in shown(form) if len(chain) > 1 for each in chain}
+    shared = sharing(form)
     if not shared:
         raise BadGain("weights", "are of outputs that show the same state, and here there are none; leave them out")
     if not isinstance(weights, Mapping):

@@ -95,6 +95,7 @@ def noise(context: Context, claim: Claim) -> Shown:
         if not isinstance(one, dict) or set(one) != {"state", "output", "alpha", "P", "S", "bound"}:
             raise NotShown("a bound is no object of state, output, alpha, P, S and bound")
         state, output = place(one, "state", len(context.z)), place(one, "output", len(context.form.output))
+        context.demand_seen(output)
         if (state, output) in said:
             raise NotShown("a bound stands twice")
         if not error.measured:

@@ -102,16 +102,18 @@ def _inputs(
     nothing, still, scales = [Fraction(0)] * p, [Fraction(0)] * len(error.N), error.scales(context, theta)
     inputs = list[Input]()
     for j, size in enumerate(_sizes(share, "samples", p)):
-        inputs += [end * size for end in ends(method, parts, j) if size]
+        if size:
+            context.demand_seen(j)
+            inputs += [end * size for end in ends(method, parts, j)]
     for j, row in enumerate(entries(share, "stages", p) if share["stages"] != [] else []):
         for i, size in enumerate(_sizes({"stages": row}, "stages", stages)):
-            at = [unit(p)[j] if k == i else nothing for k in range(stages)]
-            inputs += [Input(at, still) * size] if size else []
+            if size:
+                context.demand_seen(j)
+                inputs.append(Input([unit(p)[j] if k == i else nothing for k in range(stages)], still) * size)
     for i, size in enumerate(_sizes(share, "beside", n)):
         onto = [-s * (fed and at == i) for s, fed, at in zip(scales, error.fed, error.index, strict=True)]
         moved = Input([nothing] * stages, onto)
-        if context.z[i] in context.heads:
-            j = context.heads.index(context.z[i])
+        for j in (j for j, z in enumerate(context.seen) if z == context.z[i]):
             slope = context.first_gain(j).number
             if slope is None:
                 raise NotShown("the slope of an output is no number")

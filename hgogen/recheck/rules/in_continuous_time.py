@@ -94,7 +94,7 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
 
 _ABOVE, _LOWER = (above_least(which, _falls) for which in ("theta", "theta_low"))
 _OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
-_SWITCHED = Built(("theta", "theta_low", "hold"), ("gains",))
+_SWITCHED = Built(("theta", "theta_low", "hold"), ("gains",), ("weights",))
 _CORES = {
     "filtered": Built(("theta", "alpha", "beta", "gains")),
     "filtered_injection": Built(("theta", "F", "G", "NH")),
@@ -102,8 +102,8 @@ _CORES = {
     "peaking_free": Built(("theta", "gains", "last")),
 }
 _OF_GAINS = {
-    "high_gain": Built(("theta",), ("gains",)),
-    "circle_criterion": Built(("theta",), ("gains", "argument")),
+    "high_gain": Built(("theta",), ("gains",), ("weights",)),
+    "circle_criterion": Built(("theta",), ("gains", "argument"), ("weights",)),
 }
 OBSERVERS = {**_OF_GAINS, "switched_gain": _SWITCHED, **_CORES}
 _NORM = ("P", "S")

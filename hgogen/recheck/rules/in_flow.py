@@ -73,6 +73,7 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     columns, read = list[list[Fraction]](), list[list[Fraction]]()
     for j, size in enumerate(column(evidence, "noise", len(context.form.output))):
         if size:
+            context.demand_seen(j)
             columns.append([(x[j] + y[j]) * size for x, y in zip(parts.B, parts.R, strict=True)])
             read.append([x[j] * size for x in parts.E])
             said.append(f"under noise of {short(size)} in output {j + 1}")
