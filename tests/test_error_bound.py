@@ -412,6 +412,20 @@ def test_a_trial_is_shown_beside_what_is_proved(tmp_path: Path) -> None:
     assert [row["worst"] for row in one["bounds"]] == [None, None]
 
 
+@pytest.mark.parametrize(("bounds", "drawn"), [(BOUNDS, ["once_errors", "once_states"]), ("", ["once_states"])])
+def test_simulate_draws_what_build_draws(tmp_path: Path, bounds: str, drawn: list[str]) -> None:
+    """The errors beside what is proved of them, where the model has bounds; nothing where no folder is named."""
+    trial = "\n[trial]\nname = 'once'\nduration = 0.5\nstart = {q = 1, w = 0}\nnoise = {y = 1e-4}\nseeds = 1\n"
+    file, names = plain(tmp_path, bounds + trial), sorted(f"{one}.{kind}" for one in drawn for kind in ("png", "svg"))
+    assert json.loads(invoked("simulate", str(file), "--json"))["files"] == []
+    files = json.loads(invoked("simulate", str(file), "-o", str(tmp_path / "drawn"), "--json"))["files"]
+    assert sorted(Path(one).name for one in files) == names
+    invoked("build", str(file), "-o", str(tmp_path / "built"))
+    for name in names:
+        assert (tmp_path / "drawn" / name).read_bytes() == (tmp_path / "built" / name).read_bytes()
+    assert "once_states.svg" in invoked("simulate", str(file), "-o", str(tmp_path / "drawn"))
+
+
 def test_the_worst_is_that_of_once_it_has_settled_after_each_event() -> None:
     """At an event itself the estimate has not: neither just before it settles, nor just after the next event."""
     t, error = np.arange(10) / 10, np.zeros((10, 2))

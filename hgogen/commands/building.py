@@ -255,9 +255,13 @@ def simulate_(
     reader: ReaderOption = None,
     trial: OneTrial = None,
     asked: Runs = NO_RUNS,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figures; by default none.")] = None,
     as_json: Json = False,
 ) -> None:
     """Try a model's observer on its trials and print the metrics; with --vary or --runs, a campaign of many runs.
+
+    With --out the figures of the trials are drawn as by `build`, with the errors beside what is proved of them where
+    the model has bounds.
 
     JSON keys: model, gains (as in `check`), trials (trial, criterion: what settled means, seeds, engine, times of the
     events, settled and worst time to settle after each, peak of theta as [smallest, largest], calm: time until
@@ -269,18 +273,22 @@ def simulate_(
     largest error of the first seed there, null where the trial ends before, falling: of an observer with a covariance,
     else null, shown on the trial without noise: trial, ratio: the largest e' S e of a call over that of the call
     before, time, calls of which it is, eigenvalues of scaled S as [least, largest]; each: the same by seed, without
-    left, bounds and falling); of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs, failed:
-    those without a truth, varied: name, what, low, high, quantiles: name, low 5 %, middle 50 %, high 95 %, worst, run:
-    the one that had it; with --repeat its run: varied, metrics, failed).
+    left, bounds and falling), files; of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs,
+    failed: those without a truth, varied: name, what, low, high, quantiles: name, low 5 %, middle 50 %, high 95 %,
+    worst, run: the one that had it; with --repeat its run: varied, metrics, failed).
     """
     loaded = load(model).set(setting)
     step, trials = loaded.step(observer), jobs.trials(loaded)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     gains = {gain.name: by_name(gain) for gain in step.gains}
     if asked:
+        if out is not None:
+            note("of a campaign no figures are drawn, and --out names a folder for nothing")
         rows, shown = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, asked, seeds)
         show(as_json, {"model": loaded.path, "gains": gains, "campaigns": rows}, *shown)
         return
+    if out is not None:
+        Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = _tried(step, chosen, engine, seeds)
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(jobs.told(summaries, done), done, strict=True)
@@ -296,7 +304,10 @@ def simulate_(
         }
         for (summary, one), bounds, falls_ in zip(pairs, worst, falls, strict=True)
     ]
-    report = {"model": loaded.path, "gains": gains, "trials": listed_}
+    paths = [] if out is None else Folder(out).write(rendered(jobs.figures(step, done, known)))
+    report = {"model": loaded.path, "gains": gains, "trials": listed_, "files": list(map(str, paths))}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
     lines = (f"{one.trial}: {one.sentence(step.time)}" for one in falls if one)
-    show(as_json, report, head, tables.trials(summaries, step.time), *map(tables.within, filter(None, worst)), *lines)
+    drawn = [file_list(paths)] if paths else []
+    within = map(tables.within, filter(None, worst))
+    show(as_json, report, head, tables.trials(summaries, step.time), *within, *lines, *drawn)
