@@ -49,7 +49,7 @@ def left(step: hg.Step) -> np.ndarray:
     error, method = step.observer.error, step.method
     assert isinstance(error, Inclusion)
     assert isinstance(method, Realising)
-    return np.array(list(map(float, method.beside(plant_step(step), error, theta_of(step.observer)).fields)))
+    return np.array(list(map(float, method.beside(plant_step(step), error, theta_of(step.observer)).sizes.fields)))
 
 
 class Beside:

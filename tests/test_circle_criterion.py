@@ -130,6 +130,24 @@ def test_no_noise_moves_a_linear_plant_further(argument: Any, method: str) -> No
     assert gain.gains["x2", "y1"] < 3 * response_of(step, "x2", "y1")
 
 
+def test_no_noise_moves_a_linear_plant_further_where_chains_end_together() -> None:
+    """A chain of one state is late by a power of theta, of a sample as of what it adds to an argument."""
+    x1, x2, x3 = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "x3"))
+    flow, outputs = [2 * x2, -x1 / 9 - x2 / 2, x2 / 4 - x3], (hg.Signal("y1"), hg.Signal("y2"))
+    plant = hg.System("late", states=(x1, x2, x3), outputs=outputs, flow=flow, output=[3 * x1, x3 / 2])
+    form = hg.forms.block_triangular(plant)
+    assert form.alignment == "end"
+    made = hg.observers.circle_criterion(form, theta=6, poles=((-1, -1), (-1,)), argument=((0.25, -0.3), (40,)))
+    step = hg.sample(made, hg.methods.rk4, dt=0.02)
+    gain = hg.noise_gain(step)
+    assert gain is not None
+    for x, y in gain.gains:
+        assert response_of(step, x, y) <= gain.gains[x, y] * (1 + 1e-9)
+    content = certificate(form, (*made.checks, gain.check), made.name)
+    rows = {row.id: row.found for row in recheck(sealed(content)).rows}
+    assert rows["circle_criterion.noise"] == "verified"
+
+
 def response_of(step: hg.Step, state: str, output: str) -> float:
     y = np.zeros((200, 2))
     y[40, ("y1", "y2").index(output)] = 1e-3

@@ -24,6 +24,11 @@ class Argument:
     reads: list[list[Fraction]]
     takes: list[list[Fraction]]
 
+    @property
+    def heard(self) -> bool:
+        """Whether it is known what b takes of the samples."""
+        return all(self.takes)
+
 
 def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
     """By the entries of N, for each z_j, in the coordinates `scale` z.

@@ -139,7 +139,7 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     else:
         moving, seen = _moving(context, observer, evidence, scale)
         slopes = slopes + moving
-    measured, each = _by_chain(context, observer, scale) if all(argument.takes) else [], [*range(n)]
+    measured, each = _by_chain(context, observer, scale) if argument.heard else [], [*range(n)]
     late = [shift[context.heads.index(z)] if z else 0 for z in context.seen]
     return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale, late)
 
@@ -154,9 +154,7 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
     """What b reads and takes; of an observer that injects nothing there the errors alone."""
     if "argument" in observer.entries:
         argument = argument_of(context, observer.entries["argument"], scale)
-        return replace(
-            argument, takes=times(argument.takes, _means(context, observer)) if all(argument.takes) else argument.takes
-        )
+        return replace(argument, takes=times(argument.takes, _means(context, observer))) if argument.heard else argument
     n = len(context.z)
     return Argument(unit(n), zeros(n, len(context.heads)))
 
