@@ -137,7 +137,7 @@ def test_no_noise_moves_a_linear_plant_further_where_chains_end_together() -> No
     plant = hg.System("late", states=(x1, x2, x3), outputs=outputs, flow=flow, output=[3 * x1, x3 / 2])
     form = hg.forms.block_triangular(plant)
     assert form.alignment == "end"
-    made = hg.observers.circle_criterion(form, theta=6, poles=((-1, -1), (-1,)), argument=((0.25, -0.3), (40,)))
+    made = hg.observers.circle_criterion(form, theta=6, poles=((-1, -1), (-1,)), argument=((0.25, -0.3), (4,)))
     step = hg.sample(made, hg.methods.rk4, dt=0.02)
     gain = hg.noise_gain(step)
     assert gain is not None

@@ -269,9 +269,9 @@ def inclusion(
 
 
 def _in_units(slope: Slope, t: Sequence[Fraction]) -> Slope:
-    """The slope in fields in these units (N)."""
-    onto = tuple(x * unit_ for x, unit_ in zip(slope.onto, t, strict=True))
-    return replace(slope, onto=onto, reads=tuple(x / unit_ for x, unit_ in zip(slope.reads, t, strict=True)))
+    """The slope of one field's error in fields in these units (N)."""
+    of = t[slope.reads.index(Fraction(1))]
+    return replace(slope, onto=tuple(x * unit_ / of for x, unit_ in zip(slope.onto, t, strict=True)))
 
 
 def on_integrators(
