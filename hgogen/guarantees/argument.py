@@ -23,7 +23,8 @@ from hgogen.algebra.points import exact
 from hgogen.chains.columns import Column, as_matrix, columns
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.inclusion import Inclusion, Slope
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.slope_of_error import Slope
 from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains, fixed
 from hgogen.structure.spare import entering, weighted
@@ -55,6 +56,15 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
         samples = as_matrix(form, known) @ entering(form, weighted(form, None))
     slopes = tuple(_reading(slope, read, samples) for slope in error.slopes)
     return replace(error, slopes=slopes, numbers={**error.numbers, "argument": tuple(entries)})
+
+
+def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
+    """The inclusion, or why there is none for a step: a slope without an end."""
+    if isinstance(error, Nothing) or not error.endless:
+        return error
+    i, j = error.endless[0].entry or (0, 0)
+    pattern = "db_{i}/d{z} has no bound on the ranges, for which a proof is in continuous time alone"
+    return Nothing(because(pattern, i=i + 1, z=form.states[j]))
 
 
 def _placed(form: Form, entries: Sequence[sp.Expr]) -> Iterator[tuple[Column, sp.Expr]]:

@@ -27,7 +27,7 @@ import numpy as np
 from hgogen.algebra.definite import number
 from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.contracting import farthest
-from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain
+from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.lmi import NoSolver, cones
 from hgogen.guarantees.quadratic import (
     Array,
@@ -41,6 +41,7 @@ from hgogen.guarantees.quadratic import (
     verified,
 )
 from hgogen.guarantees.semidefinite import Margin, widest
+from hgogen.guarantees.slope_of_error import Slope
 from hgogen.guarantees.stagewise import corners, flowing
 from hgogen.intervals import outward
 from hgogen.intervals.digits import up

@@ -52,19 +52,28 @@ def _of_error(form: Form, entries: Iterable[sp.Expr]) -> ScaledGain:
     return ScaledGain("K", values, columns(form, len(values)), "observer gain")
 
 
-def constant_gain(observer: str, form: Form, poles: Any, gains: Any, weights: Sequence[float]) -> ConstantGain:
+def constant_gain(
+    observer: str, form: Form, poles: Any, gains: Any, weights: Sequence[float], endless: bool = False
+) -> ConstantGain:
     """The gain on a form in chains, from `poles` or `gains`: a sequence (n), or for several outputs one for each; gains
-    may be a matrix (n, q), of a column for each chain's output, the mean of outputs by their `weights` (p).
+    may be a matrix (n, q), of a column for each chain's output, the mean of outputs by their `weights` (p); `endless`
+    as of `inclusion`.
 
     Raises: `BadGain`, `BadPoles`, `NotHurwitz`.
     """
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     each = constant_chains(observer, form)
-    return _placed(form, each, poles, weights) if gains is None else _from_gains(form, each, gains, weights)
+    return (
+        _placed(form, each, poles, weights, endless)
+        if gains is None
+        else _from_gains(form, each, gains, weights, endless)
+    )
 
 
-def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any, weights: Sequence[float]) -> ConstantGain:
+def _placed(
+    form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any, weights: Sequence[float], endless: bool
+) -> ConstantGain:
     for names, chain in zip(form.gain_names, each, strict=True):
         for name, a in zip(names, chain, strict=True):
             if a.free_symbols & {*form.system.inputs}:
@@ -77,7 +86,7 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any, weigh
     p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = (sp.Float(x) / a for x, a in zip(p, products, strict=True))
-    error = on_companion(Integrators(form, form.gains), tuple(p), weights)
+    error = on_companion(Integrators(form, form.gains), tuple(p), weights, endless)
     return ConstantGain(_of_error(form, K), False, np.empty((0, form.n, form.n)), error)
 
 
@@ -90,7 +99,7 @@ def _polynomial(poles: Any, n: int) -> np.ndarray:
 
 
 def _from_gains(
-    form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any, weights: Sequence[float]
+    form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any, weights: Sequence[float], endless: bool
 ) -> ConstantGain:
     if isinstance(gains, Nothing):
         raise BadGain("gains", f"were not found: {gains.reason}")
@@ -106,7 +115,7 @@ def _from_gains(
         K.extend(k.ravel().tolist())
         ends.append(np.array(closed, dtype=float))
     driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)
-    error = with_gains(form, [*map(Fraction, K)], weights)
+    error = with_gains(form, [*map(Fraction, K)], weights, endless)
     return ConstantGain(_of_error(form, map(sp.Float, K)), driven, _stacked(ends), error)
 
 

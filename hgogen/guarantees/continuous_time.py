@@ -11,6 +11,7 @@ from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import EXISTS, Nothing, decays, nothing, said
 from hgogen.guarantees.common_norm import Flow
 from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.endless_slopes import OneSided
 from hgogen.intervals.digits import Up
 from hgogen.sentence import Reason, because
 
@@ -113,7 +114,8 @@ def theta_checks(maker: str, form: Form, theta: float, error: Inclusion | Nothin
     """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta is above it, with the rate there."""
     if isinstance(error, Nothing):
         return nothing(maker, theta, error.reason)
-    return claims(maker, form, Flow(error, Fraction(theta)), {"theta": theta, **error.numbers})
+    sought = (OneSided if error.endless else Flow)(error, Fraction(theta))
+    return claims(maker, form, sought, {"theta": theta, **error.numbers})
 
 
 def claims(

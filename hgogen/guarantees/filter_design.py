@@ -23,10 +23,11 @@ from hgogen.algebra.definite import number
 from hgogen.chains.integrators import Integrators, integrators
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.inclusion import Inclusion, Layout, of_state, on_integrators
+from hgogen.guarantees.inclusion import Inclusion, of_state, on_integrators
 from hgogen.guarantees.noise_in_time import driven
 from hgogen.guarantees.quadratic import Array, floats, inverse_root
 from hgogen.guarantees.semidefinite import sought
+from hgogen.guarantees.slope_of_error import Layout
 from hgogen.guarantees.stagewise import flowing
 from hgogen.guarantees.under_inputs import Bounded, InputBound, bound_at, bound_in_floats
 from hgogen.intervals.digits import up

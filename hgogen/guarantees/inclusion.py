@@ -19,7 +19,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -44,43 +43,14 @@ from hgogen.guarantees.quadratic import (
     rational,
     stacked,
 )
-from hgogen.guarantees.steepness import companions, jacobian, obstacle
-from hgogen.intervals.bounds import Range
+from hgogen.guarantees.slope_of_error import Layout, Slope, of_field, slopes_of
+from hgogen.guarantees.steepness import companions, obstacle
 from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains, span
 from hgogen.structure.scaling import exponents
 from hgogen.structure.spare import entering, heads, sharing, weighted
 
-_BOXES = 2_000  # for the range of one slope
-_LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
 _ROUND = 1e-10  # of the largest eigenvalue of a P in floats: a smaller one may be rounding
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The fields of an estimator in its core's order: `index` (N), i(k) from 0, by whose units a field is scaled;
-    `power` (N), p(k); `fed` (N): whether c_i(k) enters; `picks` (n): the field that stands for w_i where c reads it."""
-
-    index: tuple[int, ...]
-    power: tuple[int, ...]
-    fed: tuple[bool, ...]
-    picks: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Slope:
-    """What `reads` (N) of e, and `takes` (p) of the samples' errors at theta = 1, bring into the rates by `onto` (N),
-    over theta^`degree`: a number in [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times units, which
-    `range` shows; None of others."""
-
-    reads: tuple[Fraction, ...]
-    onto: tuple[Fraction, ...]
-    low: Fraction
-    high: Fraction
-    degree: int
-    takes: tuple[Fraction, ...] = ()
-    entry: tuple[int, int] | None = None
-    range: Range | None = field(default=None, hash=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +118,11 @@ class Inclusion:
         return np.asarray(d[:, None] * inverse_root(P))
 
     @property
+    def endless(self) -> tuple[Slope, ...]:
+        """The slopes that have one end alone."""
+        return tuple(slope for slope in self.slopes if slope.endless)
+
+    @property
     def deaf(self) -> "Inclusion":
         """The same, where it is not known how errors of the samples enter."""
         slopes = tuple(replace(slope, takes=()) for slope in self.slopes)
@@ -172,7 +147,7 @@ class Inclusion:
     def evidence(self, form: Form) -> Evidence | None:
         """The scale, how each slope of b is bounded in these coordinates, and what is the core's own."""
         slopes = [
-            {"row": i + 1, "column": j + 1, "low": slope.low, "high": slope.high, "tree": tree(slope.range, form)}
+            {"row": i + 1, "column": j + 1, **slope.ends, "tree": tree(slope.range, form)}
             for slope in self.slopes
             if slope.entry is not None and slope.range is not None
             for i, j in [slope.entry]
@@ -249,13 +224,15 @@ def inclusion(
     units: Sequence[Fraction],
     numbers: Mapping[str, Any],
     others: Iterable[Slope] = (),
+    endless: bool = False,
 ) -> Inclusion | Nothing:
     """The inclusion of an observer on a form in chains, in the errors `scale` (n, of parameters) times those of z.
 
     `core` (N, N): the linear error core at theta = 1 in fields of the coordinates scale/units times z, floats as they
-    are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields.
+    are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields;
+    `endless`: whether slopes of b may have one end alone.
     """
-    slopes = _slopes(form, layout, scale)
+    slopes = slopes_of(form, layout, scale, endless)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
     t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]
@@ -281,10 +258,12 @@ def on_integrators(
     measured: np.ndarray,
     numbers: Mapping[str, Any],
     gates: Iterable[tuple[int, np.ndarray]] = (),
+    endless: bool = False,
 ) -> Inclusion | Nothing:
     """The inclusion of an estimator on a chain of integrators, in errors of w near the units of z. `gates`: fields
-    whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`."""
-    reason = obstacle(chain.form)
+    whose error saturations pass by a share in [0, 1], each with the column by which it enters the `core`; `endless` as
+    of `inclusion`."""
+    reason = obstacle(chain.form, endless)
     if reason:
         return Nothing(reason)
     units = nominal_units(chain)
@@ -295,7 +274,7 @@ def on_integrators(
     shares = (
         Slope(of_field(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates
     )
-    error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares)
+    error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares, endless)
     return error if isinstance(error, Nothing) else replace(error, chained=True)
 
 
@@ -313,23 +292,28 @@ def from_form(form: Form, units: Sequence[Fraction]) -> tuple[sp.Expr, ...]:
     return tuple(sp.Rational(s) * product for s, product in zip(units, products, strict=True))
 
 
-def on_companion(chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None) -> Inclusion | Nothing:
+def on_companion(
+    chain: Integrators, p: Sequence[float], weights: Sequence[float] | None = None, endless: bool = False
+) -> Inclusion | Nothing:
     """The inclusion of gains p_i/(a_1 .. a_i), `p` (n) the coefficients of the chains' polynomials, on the means of
-    outputs by their `weights` (p), by default all alike."""
+    outputs by their `weights` (p), by default all alike; `endless` as of `inclusion`."""
     form, exactly = chain.form, [Fraction(x) for x in p]
     weights = weights or weighted(form, None)
     products = (sp.Mul(*each[: i + 1]) for each in chains(form) for i in range(len(each)))
     numbers = {"gains": tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))}
     numbers |= _weights(form, weights)
     measured = as_matrix(form, exactly) @ entering(form, weights)
-    error = on_integrators(chain, plain(form), companions(exactly, form.blocks), measured, numbers)
+    error = on_integrators(chain, plain(form), companions(exactly, form.blocks), measured, numbers, endless=endless)
     return error if isinstance(error, Nothing) else replace(error, own={"core": fractions(error.N)}, chained=False)
 
 
-def with_gains(form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None) -> Inclusion | Nothing:
+def with_gains(
+    form: Form, K: Sequence[Fraction], weights: Sequence[float] | None = None, endless: bool = False
+) -> Inclusion | Nothing:
     """The inclusion of a constant gain of the entries K (n, or n q: `columns`) in the form's own coordinates, whose a_i
-    may move with inputs, on the means of outputs by their `weights` (p), by default all alike."""
-    reason = obstacle(form)
+    may move with inputs, on the means of outputs by their `weights` (p), by default all alike; `endless` as of
+    `inclusion`."""
+    reason = obstacle(form, endless)
     if reason:
         return Nothing(reason)
     n, each, gain = form.n, [a for chain in chains(form) for a in chain], as_matrix(form, K)
@@ -350,7 +334,7 @@ def with_gains(form: Form, K: Sequence[Fraction], weights: Sequence[float] | Non
     weights = weights or weighted(form, None)
     numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n
-    error = inclusion(form, plain(form), core, gain @ entering(form, weights), ones, one, numbers, slopes)
+    error = inclusion(form, plain(form), core, gain @ entering(form, weights), ones, one, numbers, slopes, endless)
     if isinstance(error, Nothing):
         return error
     return replace(error, own={"ranges": ranges} if moves else {"core": fractions(error.N)})
@@ -369,26 +353,3 @@ def _weights(form: Form, weights: Sequence[float]) -> dict[str, tuple[Fraction, 
 def plain(form: Form) -> Layout:
     """That of an observer whose fields are the form's states."""
     return Layout(tuple(range(form.n)), exponents(form), (True,) * form.n, tuple(range(form.n)))
-
-
-def of_field(field: int, count: int) -> tuple[Fraction, ...]:
-    """What reads the error of one field (N)."""
-    return tuple(Fraction(int(k == field)) for k in range(count))
-
-
-def _slopes(form: Form, layout: Layout, scale: Sequence[sp.Expr]) -> tuple[Slope, ...] | Reason:
-    """Those of b, with 0 in each range."""
-    slopes, powers, J = [], exponents(form), jacobian(form)
-    for i, (j, z) in product(range(form.n), enumerate(form.states)):
-        slope = scale[i] / scale[j] * J[i, j]
-        if slope == 0:
-            continue
-        known = span(slope, form, _BOXES)
-        if not (known and known.defined and known.finite):
-            return because("db_{i}/d{z} = {slope} has no finite range on the box", i=i + 1, z=z, slope=slope)
-        onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
-        loose = _LOOSE * (max(known.high, 0.0) - min(known.low, 0.0))
-        low, high = min(outward(known.low - loose, -1), Fraction(0)), max(outward(known.high + loose, 1), Fraction(0))
-        reads = of_field(layout.picks[j], len(onto))
-        slopes.append(Slope(reads, onto, low, high, powers[i] - powers[j], entry=(i, j), range=known))
-    return tuple(slopes)

@@ -19,9 +19,10 @@ from hgogen.guarantees.argument import injected
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.gain_search import Open, Task, opened
-from hgogen.guarantees.inclusion import Inclusion, Slope, Uncertain, with_gains
+from hgogen.guarantees.inclusion import Inclusion, Uncertain, with_gains
 from hgogen.guarantees.noise_in_time import together_in_floats
 from hgogen.guarantees.quadratic import Array
+from hgogen.guarantees.slope_of_error import Slope
 from hgogen.sentence import Reason, because
 
 _SLOW, _FAST, _SEARCHED = 1 / 8, 6, 8  # of the rates of noise: where they begin and end, and how many are tried

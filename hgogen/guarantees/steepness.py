@@ -37,8 +37,8 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     return Nothing(steepness) if isinstance(steepness, Reason) else steepness
 
 
-def obstacle(form: Form) -> Reason:
-    """Why the theorem does not apply as it stands, or `NONE`."""
+def obstacle(form: Form, endless: bool = False) -> Reason:
+    """Why the theorem does not apply as it stands, or `NONE`; `endless`: whether b need not be Lipschitz."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return because("the bound of several outputs is for chains aligned at the top or at the end")
     if limited := cut(form):
@@ -49,7 +49,8 @@ def obstacle(form: Form) -> Reason:
         return because("the bound is for a gain that acts on z itself, with b a function of z")
     if form.n > STATES:
         return because("the bound is computed for up to {most} states", most=STATES)
-    open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
+    others = (check for check in form.checks if not (endless and check.id.fact == "lipschitz"))
+    open_ = [check.id for check in others if check.verdict is not Verdict.PROVED]
     if open_:
         return because("the bound rests on {check}, which is not proved", check=open_[0])
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads

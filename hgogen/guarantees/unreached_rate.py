@@ -8,9 +8,10 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.gain_search import Task
-from hgogen.guarantees.inclusion import Slope, with_gains
+from hgogen.guarantees.inclusion import with_gains
 from hgogen.guarantees.quadratic import Array
 from hgogen.guarantees.rate_search import plain
+from hgogen.guarantees.slope_of_error import Slope
 from hgogen.intervals.digits import Down
 from hgogen.sentence import Reason, because
 

@@ -23,7 +23,7 @@ from hgogen.chains.scaled_gain import ScaledGain
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.argument import injected, sample_in_place
+from hgogen.guarantees.argument import bounded, injected, sample_in_place
 from hgogen.guarantees.constant_gain import constant_gain, entries_of
 from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.observer import Observer, any_theta, founded, state_field
@@ -92,7 +92,7 @@ def circle_criterion(
         raise BadGain("circle_criterion", "works in chains, this form keeps the plant's coordinates; use high_gain")
     high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]
-    chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None))
+    chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None), endless=True)
     if chosen.driven:
         raise BadGain("circle_criterion", "wants a_i that do not move with an input; use high_gain or riccati")
     entries = _entries(form, argument)
@@ -113,7 +113,7 @@ def circle_criterion(
         theorem=THEOREM.with_chains() if len(form.blocks) > 1 else THEOREM,
         equations=(*EQUATIONS, f"K = {chosen.K}", f"N = {N}"),
         reference=REFERENCE,
-        error=error,
+        error=bounded(error, form),
     )
 
 

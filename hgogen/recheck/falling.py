@@ -3,6 +3,9 @@
 M is affine in each |d_j| <= 1, so that the corners stand for all; with multipliers S >= 0 one form stands for them:
 
     [M'P + P M + alpha P + H'S H, P G; G'P, -S] < 0
+
+A slope without an end enters M by that which it has; what is beyond, -onto d reads e, d >= 0, takes from V' where P
+onto = lambda reads', lambda >= 0.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -44,6 +47,8 @@ def demand_falls(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> 
     M, G, H, n, m = parts.M, parts.G, parts.H, len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
     demand_positive({"P": P})
+    for onto, reads in parts.endless:
+        _along([row[0] for row in times(P, [[x] for x in onto])], reads)
     if "S" in evidence:
         _at_once(P, column(evidence, "S", m), plus(M, scaled(alpha / 2, unit(n))), G, H)
         return
@@ -51,6 +56,16 @@ def demand_falls(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> 
         raise NotShown("it has no S, and more corners of its slopes than are tried one by one")
     for corner in corners_of(parts):
         demand_negative("its inequality", plus(twice(P, corner), scaled(alpha, P)))
+
+
+def _along(pushed: list[Fraction], reads: list[Fraction]) -> None:
+    """That P onto is what is read times a number that is not negative, so that V' loses by a slope of any size.
+
+    Raises: `NotShown`.
+    """
+    share = sum(x * y for x, y in zip(pushed, reads, strict=True)) / sum(x * x for x in reads)
+    if share < 0 or pushed != [share * x for x in reads]:
+        raise NotShown("a slope without an end is not shown to take from V")
 
 
 def corners_of(parts: Parts) -> Iterator[Matrix]:

@@ -18,7 +18,7 @@ absolute values, and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) brin
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from operator import mul
@@ -72,7 +72,8 @@ class Moved:
 class Parts:
     """e' = M e + G p + (B + R) v, p = diag(d) (H e + E v): M (N, N), G (N, m) and H (m, N) of what the error obeys, and
     the core L of M (N, N), of which a part is `moving` with them or none; B, R (N, p) and E (m, p) of errors v of the
-    samples, B as L takes them and R as the rest does."""
+    samples, B as L takes them and R as the rest does. Of slopes without an end `endless` has the columns onto (N) by
+    which they enter less a number >= 0 times what they read (N), in the sign in which that is so."""
 
     M: Matrix
     G: Matrix
@@ -82,6 +83,7 @@ class Parts:
     B: Matrix
     R: Matrix
     E: Matrix
+    endless: list[tuple[list[Fraction], list[Fraction]]] = field(default_factory=list)
 
     def varied(self, p: Matrix) -> list[Matrix]:
         """G p of rows p (m, size), as a sum's one term; none without slopes that vary."""

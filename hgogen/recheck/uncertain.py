@@ -8,6 +8,7 @@ coordinates, has 0 in its range, as a clamp lets a share of the error pass, and 
 that moves, and a saturation in the core, have the degree -1. The cores are those of `cores` and of a constant gain.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -38,11 +39,14 @@ from .slope import continuous, steep
 from .stages import Parts
 from .text import Expression
 
+End = Fraction | float
+_NO_END = {"low": -math.inf, "high": math.inf}
+
 
 @dataclass(frozen=True)
 class Slope:
     """What `reads` of e, and `takes` of the samples' errors at theta = 1, bring into the rates by `onto`, over
-    theta^`degree`: in [low, high]."""
+    theta^`degree`: in [low, high]; `endless`: 1 where it is anything from low = high on, -1 anything up to that."""
 
     reads: list[Fraction]
     onto: list[Fraction]
@@ -50,6 +54,7 @@ class Slope:
     high: Fraction
     degree: int
     takes: list[Fraction] = field(default_factory=list)
+    endless: int = 0
 
 
 @dataclass(frozen=True)
@@ -94,11 +99,22 @@ class ErrorInclusion:
                 H.append(slope.reads)
                 E.append(takes)
         moving = any(slope.degree < 0 for slope in self.slopes)
-        return Parts(M, transposed(G) if G else [[] for _ in M], H, scaled(theta, self.N), moving, B, beside, E)
+        endless = [slope for slope in self.slopes if slope.endless and any(slope.reads)]
+        signed = [(slope.onto, [-slope.endless * x for x in slope.reads]) for slope in endless]
+        G = transposed(G) if G else [[] for _ in M]
+        return Parts(M, G, H, scaled(theta, self.N), moving, B, beside, E, signed)
 
 
 def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """N and the slopes of the file's observer, from its numbers and the plant. Raises: `NotShown`."""
+    error = with_endless(context, observer, evidence)
+    if any(slope.endless for slope in error.slopes):
+        raise NotShown("a slope has no bound, for which this claim is not")
+    return error
+
+
+def with_endless(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
+    """The same, where slopes may have one end alone. Raises: `NotShown`."""
     _ = context.equations
     return (_of_core if observer.name in CORES else _of_gain)(context, observer, evidence)
 
@@ -251,8 +267,9 @@ def bounded_slopes(
             degree = powers[i] - powers[j]
             if degree < least:
                 raise NotShown(f"b_{i + 1} reads {z}, of a higher power of theta")
-            reads = of_field(picks[j], len(onto))
-            slopes.append(Slope(reads, onto, min(low, Fraction(0)), max(high, Fraction(0)), degree))
+            reads, way = of_field(picks[j], len(onto)), (high == math.inf) - (low == -math.inf)
+            known = [Fraction(end) for end in (min(low, Fraction(0)), max(high, Fraction(0))) if math.isfinite(end)]
+            slopes.append(Slope(reads, onto, known[0], known[-1], degree, endless=way))
     if listed:
         raise NotShown("it bounds slopes that are none of b")
     return slopes, boxes
@@ -263,21 +280,22 @@ def of_field(k: int, count: int) -> list[Fraction]:
     return [Fraction(int(k == at)) for at in range(count)]
 
 
-def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[Fraction, Fraction, str]]:
-    """The claimed ranges by row and column, from 0. Raises: `NotShown`."""
+def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End, str]]:
+    """The claimed ranges by row and column, from 0, one of whose ends may be none. Raises: `NotShown`."""
     known = {}
     for slope in part(evidence, "slopes", list):
         if not isinstance(slope, dict) or set(slope) != {"row", "column", "low", "high", "tree"}:
             raise NotShown("a slope is no object of row, column, low, high and tree")
         place = scalar(slope, "row") - 1, scalar(slope, "column") - 1
-        low, high = scalar(slope, "low"), scalar(slope, "high")
-        if place in known or not low <= high or any(k.denominator > 1 for k in place):
+        low, high = (end if slope[key] is None else scalar(slope, key) for key, end in _NO_END.items())
+        none = not low <= high or (low, high) == (-math.inf, math.inf)
+        if place in known or none or any(k.denominator > 1 for k in place):
             raise NotShown("a slope stands twice, or has no range")
         known[place] = low, high, part(slope, "tree", str)
     return {(int(i), int(j)): bounds for (i, j), bounds in known.items()}
 
 
-def _entry(i: int, j: int, low: Fraction, high: Fraction) -> Callable[..., bool]:
+def _entry(i: int, j: int, low: End, high: End) -> Callable[..., bool]:
     """The statement that the entry (i, j) of a matrix in intervals is in a range."""
 
     def within(J: list[list[Any]], _: Fraction) -> bool:

@@ -37,7 +37,7 @@ from ..file import Built, Claim
 from ..interval import intervals, point
 from ..matrix import above_zero, demand_nonnegative, matrix, minus, scalar, scaled
 from ..structure import clamped, on_chains
-from ..uncertain import error_inclusion
+from ..uncertain import error_inclusion, with_endless
 
 
 def convergence(context: Context, claim: Claim) -> Shown:
@@ -87,7 +87,7 @@ def _lower(context: Context, claim: Claim) -> Shown:
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
-    error = error_inclusion(context, built(context, claim), slopes)
+    error = with_endless(context, built(context, claim), slopes)
     demand_falls(error.at(level), alpha, claim.evidence)
     return error.boxes
 

@@ -1,0 +1,202 @@
+"""One norm for slopes of one sign that have no other end, in continuous time.
+
+    e' = M e + G p - sum_k s_k onto_k q_k,   q_k = d_k reads_k e,   d_k >= 0 of any size,   V = e'P e
+
+A slope that is at most h, whatever it is below, is h less a d >= 0 (s = 1); one that is at least h is h and more (s =
+-1); h stands in M. With
+
+    P onto_k = s_k lambda_k reads_k',   lambda_k >= 0,
+
+V' loses 2 lambda_k (reads_k e)^2 d_k, however large d_k is: what makes V fall without the d does with them. That V
+falls wherever e is asks for a slope in the last of two states of a chain, N between 0 and a bound, or in its only one:
+from longer chains to what b reads the response is not strictly positive. P keeps to these equations exactly: it is a
+sum of rational matrices that do, of which a solver finds the shares, rounded, and rationals prove the rest as
+`common_norm` does. What b reads nothing of, reads_k = 0, asks for nothing. An h of a degree above -1 has the sign that
+makes the set of slopes shrink as theta grows, so that a P that serves a theta serves larger ones. Source: Arcak,
+Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37 (2001), theorem 1.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from hgogen.algebra.definite import number
+from hgogen.guarantees.common_norm import Falls, ends
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.lmi import NoSolver
+from hgogen.guarantees.quadratic import Array, Quadratic, Weights, floats, on_grid, rational, verified
+from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, solved
+from hgogen.guarantees.slope_of_error import Slope
+from hgogen.guarantees.stagewise import flowing
+from hgogen.sentence import NONE, Reason, because
+
+_WHAT = "one norm for slopes without an end"
+_LEAST = 1e-3  # of the eigenvalues of a P whose trace is its size
+_MARGIN = 1e-7  # that a form has to have in floats
+_BITS = (20, 30, 44)
+_LOWEST, _FACTOR, _TIMES = Fraction(1, 100), 4, 8  # theta that is looked for, and by which it is raised, how often
+_HALVINGS = 9
+_NONE = (
+    "no norm is found that keeps to the slopes without an end: there may be one where they are in the last of two "
+    "states of a chain, by an argument that is positive there, or in a state in whose place b reads the sample"
+)
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """Norms for an `error` some of whose slopes have one end, at `theta` and beyond."""
+
+    error: Inclusion
+    theta: Fraction
+    how: str = "one norm that keeps to the signs of slopes without an end,"
+
+    @property
+    def endless(self) -> tuple[Slope, ...]:
+        """The slopes without an end, of which something is read."""
+        return tuple(slope for slope in self.error.endless if any(slope.reads))
+
+    @cached_property
+    def least(self) -> Falls | None:
+        """A proof at a theta close to the least; None where none is found."""
+        first = next(filter(None, (self.at(self.theta * _FACTOR**k) for k in range(_TIMES))), None)
+        if first is None:
+            return None
+        low, best = (self.theta if first.theta > self.theta else min(_LOWEST, self.theta / 2)), first
+        at_end = self.at(low) if low < self.theta else None
+        if at_end is not None:
+            return at_end
+        for _ in range(_HALVINGS):
+            middle = Fraction(f"{float(low * best.theta) ** 0.5:.3g}")
+            one = self.at(middle) if low < middle < best.theta else None
+            low, best = (low, one) if one else (max(low, middle), best)
+        return best
+
+    @cached_property
+    def fastest(self) -> Falls | None:
+        """A proof at theta with a rate close to the largest; None where none is found."""
+        best = self.at(self.theta)
+        if best is None:
+            return None
+        M = self.error.at(self.theta).floats.M
+        low, high = Fraction(0), Fraction(-2 * float(np.linalg.eigvals(M).real.max()))
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            one = self.at(self.theta, middle)
+            low, high, best = (middle, high, one) if one else (low, middle, best)
+        return best
+
+    @property
+    def missing(self) -> Reason:
+        """Why there is a proof at no theta."""
+        return self._why or because(_NONE)
+
+    def obstacle(self, states: Sequence[Any]) -> Reason:
+        """Why there is none at theta."""
+        return self._why or because("no norm is found for all slopes in their ranges")
+
+    @property
+    def _why(self) -> Reason:
+        try:
+            self.at(self.theta)
+        except NoSolver as missing:
+            return missing.reason
+        return NONE
+
+    def at(self, theta: Fraction, alpha: Fraction = Fraction(0)) -> Falls | None:
+        """A proof of that rate at a theta; None where none is found.
+
+        Raises: `NoSolver`.
+        """
+        e, basis = self.error.at(theta), self._basis
+        if not len(basis):
+            return None
+        forms = [flowing(each, number(alpha)) for each in ends(e)]
+        shares = self._shares([form.floats for form in forms])
+        if shares is None:
+            return None
+        y, S = shares
+        for bits in _BITS:
+            exactly, multipliers = on_grid(y, bits), on_grid(S, bits)
+            P = sum((share * matrix for share, matrix in zip(exactly, basis, strict=True)), 0 * basis[0])
+            if self._signed(P) and verified(forms, P, multipliers):
+                return Falls(theta, alpha, Weights.of(P, multipliers))
+        return None
+
+    @cached_property
+    def _basis(self) -> tuple[Array, ...]:
+        """Symmetric matrices (n, n), of FLINT's rationals, of whose sums P onto_k is along reads_k for every k."""
+        n = len(self.error.N)
+        places = [(i, j) for j in range(n) for i in range(j + 1)]
+        units = [_symmetric(n, i, j) for i, j in places]
+        slopes = self.endless
+        rows = []
+        for k, slope in enumerate(slopes):
+            onto, reads = rational(slope.onto), rational(slope.reads)
+            for i in range(n):
+                along = [-reads[i] if at == k else fmpq(0) for at in range(len(slopes))]
+                rows.append([*((unit @ onto)[i] for unit in units), *along])
+        null = _null(rows, len(units) + len(slopes))
+        return tuple(sum((x * unit for x, unit in zip(row, units, strict=False)), 0 * units[0]) for row in null)
+
+    def _signed(self, P: Array) -> bool:
+        """Whether every s_k lambda_k has the sign that it has to."""
+        return all(share >= 0 for share in self._lambdas(P))
+
+    def _lambdas(self, P: Array) -> Iterator[Any]:
+        """The lambda_k, in the arithmetic of P, of one that keeps to the equations."""
+        for slope in self.endless:
+            onto, reads = rational(slope.onto), rational(slope.reads)
+            onto, reads = (onto, reads) if P.dtype == object else (floats(each[None])[0] for each in (onto, reads))
+            yield -slope.endless * ((P @ onto) @ reads) / (reads @ reads)
+
+    def _shares(self, forms: Sequence[Quadratic]) -> tuple[Array, Array] | None:
+        """Shares of the basis, and multipliers S, in floats, with which forms of floats are negative by the most.
+
+        Raises: `NoSolver`.
+        """
+        basis, n, k = [floats(matrix) for matrix in self._basis], len(self.error.N), len(forms[0].Q)
+        nothing, none = np.zeros((n, n)), np.zeros(k)
+        count = len(basis) + k
+        rows = list[Rows]()
+        for form in forms:
+            brings = [form.value(matrix, none) for matrix in basis] + [form.value(nothing, one) for one in np.eye(k)]
+            rows.append(definite(np.array(brings), np.eye(form.size)[None], np.zeros((form.size, form.size))))
+        smaller = np.array([*(-matrix for matrix in basis), *[nothing] * k])
+        rows.append(definite(smaller, nothing[None], -_LEAST * np.eye(n)))
+        signs = np.zeros((len(self.endless) + k, count + 1))
+        for at, matrix in enumerate(basis):
+            signs[: len(self.endless), at] = [-float(share) for share in self._lambdas(matrix)]
+        signs[len(self.endless) :, len(basis) : count] = -np.eye(k)
+        trace = np.array([[np.trace(matrix) for matrix in basis] + [0.0] * (k + 1)])
+        rows += [(signs, np.zeros(len(signs)), False), (trace, np.array([float(n)]), False)]
+        solution = solved(np.append(np.zeros(count), -1.0), rows, CLOSER, _WHAT)
+        if solution is None or not solution[0][-1] > _MARGIN:
+            return None
+        return solution[0][: len(basis)], np.maximum(solution[0][len(basis) : count], 0.0)
+
+
+def _symmetric(n: int, i: int, j: int) -> Array:
+    matrix = rational(np.zeros((n, n), dtype=int).tolist())
+    matrix[i, j] = matrix[j, i] = fmpq(1)
+    return matrix
+
+
+def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:
+    """A basis of the x (count) with which every row is 0."""
+    if not rows:
+        return [[fmpq(int(i == j)) for j in range(count)] for i in range(count)]
+    reduced, rank = fmpq_mat([list(row) for row in rows]).rref()
+    table = [[reduced[i, j] for j in range(count)] for i in range(rank)]
+    leads = [next(j for j, x in enumerate(row) if x) for row in table]
+    basis = []
+    for free in (j for j in range(count) if j not in leads):
+        row = [fmpq(int(j == free)) for j in range(count)]
+        for lead, each in zip(leads, table, strict=True):
+            row[lead] = -each[free]
+        basis.append(row)
+    return basis
