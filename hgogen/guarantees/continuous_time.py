@@ -10,8 +10,8 @@ from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import EXISTS, Nothing, decays, nothing, said
 from hgogen.guarantees.common_norm import Flow
-from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.endless_slopes import OneSided
+from hgogen.guarantees.inclusion import Inclusion
 from hgogen.intervals.digits import Up
 from hgogen.sentence import Reason, because
 

@@ -36,8 +36,8 @@ class Layout:
 class Slope:
     """What `reads` (N) of e, and `takes` (p) of the samples' errors at theta = 1, bring into the rates by `onto` (N),
     over theta^`degree`: a number in [`low`, `high`]. `entry`: (i, j) where it is that of db_i/dz_j times units, which
-    `range` shows; None of others. `endless`: 1 where it may be any number more than `low` = `high` (`endless_slopes`), -1
-    any less, 0 of others."""
+    `range` shows; None of others. `endless`: 1 where it may be any number more than `low` = `high`, -1 any less, 0 of
+    others (`endless_slopes`)."""
 
     reads: tuple[Fraction, ...]
     onto: tuple[Fraction, ...]
