@@ -4,7 +4,7 @@ import functools
 import gc
 from typing import Any
 
-MAKERS = ("hgogen.observer", "hgogen.step", "hgogen.calling.readers")
+MAKERS = ("hgogen.observer", "hgogen.step", "hgogen.calling.readers", "hgogen.recheck.verification")
 _REMEMBERED: list[Any] = []
 
 

@@ -453,6 +453,14 @@ def test_piecewise_has_no_certificate() -> None:
         certificate(form, form.checks)
 
 
+def test_a_text_that_was_just_verified_is_not_verified_again() -> None:
+    """As `certificate` does it of what it writes; a text that differs in one letter is another one."""
+    content = of_model(ROOT / "models" / "pendulum.py")
+    text = json.dumps(content)
+    assert recheck(text) is recheck(json.dumps(content))
+    assert [row.id for row in recheck(text.replace('"pendulum"', '"pendulun"', 1)).failed][:2] == ["digest", "model"]
+
+
 @pytest.mark.parametrize("value", [0.5, -0.1, 1e-300, 123456.789, 1 / 3, -2e17])
 def test_short_numbers_lie_outward(value: float) -> None:
     low, high = outward(value, -1), outward(value, 1)

@@ -58,8 +58,11 @@ def unit(n: int) -> Any:
 
 
 def positive(M: Any) -> bool:
-    """Whether a symmetric matrix of FLINT's is positive definite: proved either way."""
-    return all(value > 0 for value in _elementary(M))
+    """Whether a symmetric matrix of FLINT's is positive definite: proved either way, by its leading minors, which are
+    the pivots of an elimination without fractions that leaves the rows in their order."""
+    whole, _ = M.numer_denom()
+    order, _, _, pivots = whole.fflu()
+    return bool(order.is_one()) and all(pivots[k, k] > 0 for k in range(pivots.nrows()))
 
 
 def definite(M: np.ndarray) -> bool:

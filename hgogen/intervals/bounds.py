@@ -90,7 +90,7 @@ def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float 
     return _bound(sp.sympify(expression), tuple((x, tuple(ends)) for x, ends in box.items()), boxes, relative)
 
 
-@lru_cache(maxsize=256)  # an observer and its hypotheses ask for the same ranges, as of the a_i
+@lru_cache(maxsize=512)  # an observer and its hypotheses ask for the same ranges, as of the a_i
 def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: float) -> Range:
     problem = problem_of(expression, dict(ends))
     if problem is None:

@@ -79,7 +79,7 @@ def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool =
     return _nonzero(expression, tuple(box.items()), boxes, refute)
 
 
-@lru_cache  # several forms, and several hypotheses of one, ask for the sign of the same gain
+@lru_cache(maxsize=512)  # several forms, and several hypotheses of one, ask for the sign of the same gain
 def _nonzero(
     expression: sp.Expr, ends: tuple[tuple[sp.Symbol, tuple[End, End]], ...], boxes: int, refute: bool
 ) -> Sign:

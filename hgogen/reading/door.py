@@ -12,7 +12,7 @@ from hgogen.reading.filename import shown
 from hgogen.system import System
 
 Asked = TypeVar("Asked", bound=Callable[..., Any])
-_ANSWERS = 16  # of each question are remembered
+_ANSWERS = 64  # of each question are remembered
 
 
 @dataclass(eq=False)

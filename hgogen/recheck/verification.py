@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -159,6 +160,7 @@ def read(text: str) -> Certificate:
     return read_file(text, OBSERVERS)
 
 
+@lru_cache(maxsize=4)  # who makes a certificate has it verified, and is often the first who is given it
 def recheck(text: str) -> Rechecked:
     """Verify the certificate in a text; what is not shown is a row that fails.
 
