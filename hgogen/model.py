@@ -18,10 +18,9 @@ from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
-from hgogen.guarantees.entering import ENTERING
 from hgogen.intervals.box import box
-from hgogen.intervals.computed import REALS
 from hgogen.modelfiles.arguments import arguments
+from hgogen.modelfiles.declared_bounds import Bounds, NoBounds, bounds
 from hgogen.modelfiles.first import NoFirst, everywhere, first
 from hgogen.modelfiles.parameters import put
 from hgogen.modelfiles.parameters import read as read_values
@@ -153,20 +152,12 @@ class Model:
             raise MissingPart(self.path, "dissipation", f"in dissipation, {error}") from None
 
     @property
-    def bounds(self) -> Mapping[str, Any] | None:
-        """What the file says of noise, disturbances and the like: arguments of `hg.error_bound`; None without.
-
-        Raises: `MissingPart` for what is none.
-        """
-        if not self.has("bounds"):
-            return None
-        declared = self.module.bounds
-        for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
-            if not (what in ENTERING and isinstance(value, Mapping)) and not (what == "real" and value in REALS):
-                shown = f"{what} = {value!r}"
-                fix = f"make it a mapping from some of {', '.join(ENTERING)} to sizes by name, real a precision"
-                raise MissingPart(self.path, "bounds", f"in bounds, {shown} is none; {fix}")
-        return dict(declared)
+    def bounds(self) -> Bounds | None:
+        """What the file says of noise, disturbances and the like; None without. Raises: `MissingPart`."""
+        try:
+            return bounds(self.module.bounds) if self.has("bounds") else None
+        except NoBounds as error:
+            raise MissingPart(self.path, "bounds", str(error)) from None
 
     @property
     def notes(self) -> tuple[str, ...]:

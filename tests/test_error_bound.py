@@ -373,6 +373,30 @@ def test_a_model_says_how_large_its_inputs_are(tmp_path: Path) -> None:
     assert "high_gain.start" in ids
 
 
+@pytest.mark.parametrize("asked", [True, False])
+def test_a_model_asks_for_gains_in_continuous_time(tmp_path: Path, asked: bool) -> None:
+    model = load(plain(tmp_path, f"{BOUNDS}gains = {str(asked).lower()}\n"))
+    rows = {str(check.id): check for check in checked(model).checks}
+    assert "high_gain.error" in rows
+    sizes = {"noise": {"y": 1e-3}, "disturbance": {"w": 0.2}}
+    wanted = [hg.l2_gain(model.step().observer, **sizes), hg.iss_gain(model.step().observer, **sizes)]
+    for one in wanted:
+        assert one.check.verdict is Verdict.PROVED
+        assert (str(rows.get(str(one.check.id))) == str(one.check)) is asked
+
+
+def test_gains_of_an_observer_without_a_proof_say_why(tmp_path: Path) -> None:
+    file = plain(tmp_path, f"{BOUNDS}gains = true\n")
+    file.write_text(
+        file.read_text().replace(
+            "kind = 'high_gain'\ntheta = 20\npoles = [-1, -1]", "kind = 'riccati'\nQ = [1, 1]\nR = 1"
+        )
+    )
+    rows = {str(check.id): check for check in checked(load(file)).checks}
+    for fact in ("error", "l2_gain", "iss_gain"):
+        assert rows[f"riccati.{fact}"].verdict is Verdict.UNKNOWN
+
+
 def shares(check: hg.Check) -> list[str]:
     """The names of the shares in a reason."""
     parts = check.reason.part("parts")[0].part("each")[0].part("of")
@@ -384,6 +408,7 @@ def shares(check: hg.Check) -> list[str]:
     [
         ("[bounds]\nnois = {y = 1}\n", "in bounds, nois = {'y': 1} is none; make it a mapping from some of noise,"),
         ("[bounds]\nnoise = 1\n", "in bounds, noise = 1 is none"),
+        ("[bounds]\ngains = 1\n", "in bounds, gains = 1 is none"),
         ("[bounds]\nnoise = {z = 1}\n", "in bounds, noise names 'z'"),
         ("[bounds]\nnoise = {y = -1}\n", "in bounds, noise of y = -1 must be"),
     ],

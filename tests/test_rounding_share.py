@@ -29,6 +29,7 @@ from hgogen.guarantees.plant_step import Unbounded
 from hgogen.guarantees.quadratic import floats
 from hgogen.intervals.computed import REALS, Computed, Real, Rounding, Unsure, exactly
 from hgogen.model import MissingPart, load
+from hgogen.modelfiles.declared_bounds import Bounds
 from hgogen.program import Place
 from hgogen.recheck.verification import recheck
 from hgogen.step import BadStep
@@ -556,7 +557,7 @@ def test_a_model_says_in_which_precision_it_runs(tmp_path: Path) -> None:
     path = tmp_path / "swing.toml"
     text = (MODELS / "van_der_pol.toml").read_text()
     path.write_text(f'{text}\n[bounds]\nreal = "float"\n')
-    assert load(path).bounds == {"real": "float"}
+    assert load(path).bounds == Bounds({"real": "float"}, False)
     path.write_text(f'{text}\n[bounds]\nreal = "half"\n')
     with pytest.raises(MissingPart, match="real a precision"):
         _ = load(path).bounds

@@ -173,7 +173,7 @@ def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
     if model.bounds is None:
         return None
     try:
-        return hg.error_bound(step, **model.bounds)
+        return hg.error_bound(step, **model.bounds.sizes)
     except (BadNames, BadGain) as error:
         raise MissingPart(model.path, "bounds", f"in bounds, {error}") from None
 
@@ -205,12 +205,22 @@ def _as_it_runs(claims: Checked, step: CallableStep, model: Model) -> Checked:
 
     Raises: `NoSolver`; `MissingPart` for bounds in the model's file that are none.
     """
-    error = bound_of(step, model)
+    error, gains = bound_of(step, model), _gains(step.observer, model)
     if step.observer.error is None:
-        return replace(claims, checks=(*claims.checks, error.check), known=error) if error else claims
+        own = (error.check, *gains) if error else ()
+        return replace(claims, checks=(*claims.checks, *own), known=error)
     known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
-    own = (*known.checks, *(bound.check for bound in (noise, start, error) if bound))
+    own = (*known.checks, *(bound.check for bound in (noise, start, error) if bound), *gains)
     return replace(claims, checks=(*claims.checks, *own), known=error, dt=admitted(step, known))
+
+
+def _gains(observer: hg.Observer, model: Model) -> tuple[Check, ...]:
+    """The L2 gain and the bounds in continuous time under the noise and the disturbances that the model says, where it
+    asks for them. Raises: `NoSolver`."""
+    if model.bounds is None or not model.bounds.gains:
+        return ()
+    sizes = {what: each for what, each in model.bounds.sizes.items() if what in ("noise", "disturbance")}
+    return hg.l2_gain(observer, **sizes).check, hg.iss_gain(observer, **sizes).check
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:
