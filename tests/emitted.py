@@ -185,6 +185,17 @@ def bent() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4, dt=0.01)
 
 
+def chained(original: bool = False) -> hg.Step:
+    """The uniform form as a chain of integrators: b behind a change of coordinates in which an input stands, whose rate
+    is an input too; or in the plant's own, the gain behind the Jacobian of that change."""
+    a, b, y = signals("a b y", -1, 1)
+    u = hg.Signal("u", low=-1, high=1, rates=((-2, 2),))
+    flow = [b + a * b / 4 + u * sp.cos(a) / 8, -sp.sin(b) + u]
+    plant = hg.System("chained", states=(a, b), inputs=(u,), outputs=(y,), flow=flow, output=[2 * a])
+    form = hg.forms.uniform_chain(plant, original=original)
+    return hg.sample(hg.observers.high_gain(form, theta=5, poles=(-1, -1)), hg.methods.rk4, dt=0.01)
+
+
 def wide() -> hg.Step:
     """More status bits than a 16-bit int has."""
     x, y = signals(" ".join(f"x{i}" for i in range(7))), signals(" ".join(f"y{i}" for i in range(7)))
@@ -215,6 +226,8 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "wide": wide,
     "redundant": redundant,
     "bent": bent,
+    "chained": chained,
+    "chained_in_x": lambda: chained(original=True),
 }
 
 
