@@ -300,6 +300,18 @@ def test_what_are_no_weights_fails(weights: Any) -> None:
     assert {verdicts[fact] for fact in INPUTS} == {"fails"}
 
 
+@pytest.mark.parametrize("key", ["slopes", "lines"])
+def test_a_line_of_the_second_sensor_follows_from_the_plant(key: str) -> None:
+    """Of twice the slope it is twice as far beside the plant; of an output that enters nowhere nothing is asked."""
+    pytest.importorskip("clarabel")
+    content = copy.deepcopy(certified())
+    (claim,) = (claim for claim in content["claims"] if claim["id"] == "high_gain.error")
+    (share,) = (each for each in claim["evidence"]["shares"] if each["inputs"] == "method")
+    assert {*share["stages"][2], *share["follows"]["slopes"][2], *share["follows"]["lines"][2]} == {"0"}
+    share["follows"][key][1] = share["follows"][key][0]
+    assert outcome(content)["error"] == "fails"
+
+
 def test_noise_of_what_is_not_shown_to_enter_is_not_verified() -> None:
     pytest.importorskip("clarabel")
     content = copy.deepcopy(certified())

@@ -12,7 +12,7 @@ them, and no clamp acts. Then
                   coefficients in time of the flow at any point, of the step at any length up to h, in Arb's balls
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -45,8 +45,7 @@ class BesideStages:
     def entering(self) -> Entering:
         """What enters the error of it, and of what that follows; of tables nothing. Raises: `Unbounded`."""
         outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
-        used = heads(self.plant.form)
-        stages = tuple(self.line(output) if output in used else still for output in outputs)
+        stages = tuple(self.line(output) if output in self._used else still for output in outputs)
         return Entering(Sizes(stages=stages, beside=self.remainder()), self._follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
@@ -79,9 +78,15 @@ class BesideStages:
     def _bent(self) -> Rows:
         """How steep y' of each output is in the states and inputs (p, n + m)."""
         form, plant = self.plant.form, self.plant
-        rates, names = [*map(plant.rate, range(len(form.output)))], (*form.states, *form.system.inputs)
+        rates = [plant.rate(output) if output in self._used else sp.S(0) for output in range(len(form.output))]
+        names = (*form.states, *form.system.inputs)
         slopes = ([sp.diff(rate, x) for x in names] for rate in rates)
         return tuple(tuple(loose(each, plant.largest(each)) for each in row) for row in slopes)
+
+    @property
+    def _used(self) -> Mapping[int, int]:
+        """The outputs that are injected."""
+        return heads(self.plant.form)
 
     @cached_property
     def _fast(self) -> tuple[Fraction, ...]:
@@ -107,8 +112,9 @@ class BesideStages:
     def _lines(self) -> Rows:
         """The third Taylor coefficients of the lines of each output at these stages (p, ..)."""
         (_, _, c), (_, stages, end), rows = self._coefficients, self._series, list[tuple[Fraction, ...]]()
-        for y in self.plant.form.output:
-            slopes = [self.plant.largest(sp.diff(y, z)) for z in self.plant.form.states]
+        for output, y in enumerate(self.plant.form.output):
+            shown = y if output in self._used else sp.S(0)
+            slopes = [self.plant.largest(sp.diff(shown, z)) for z in self.plant.form.states]
             row = list[Fraction]()
             for i in self._cubic:
                 at = flint.arb(number(c[i]))

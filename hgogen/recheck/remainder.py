@@ -79,16 +79,16 @@ class Remainder:
     def demand(self) -> int:
         """That the bounds are those of the plant; with how many boxes. Raises: `NotShown`."""
         context, box = self.context, self.context.form.box
-        for text in context.form.output:
-            only(text.names & set(context.file.inputs), (), "an output")
+        for j in self._shown:
+            only(context.form.output[j].names & set(context.file.inputs), (), "an output")
         for u, rate in zip(context.file.inputs, self.rates, strict=True):
             if rate < 0 or (rate and u not in self.read):
                 raise NotShown("one of its rates is negative, or of an input that the plant does not read")
         names, boxes = (*context.z, *context.file.inputs), 0
         for row, speed in zip(context.rates, self.speeds, strict=True):
             boxes += covered(narrowed(box, row.names), ".", ranged(row, -speed, speed))
-        for head, slope, most in zip(self._heads, self._shown, self.slopes, strict=True):
-            bounds = [[x / slope for x in most]]
+        for j, (head, slope) in self._shown.items():
+            bounds = [[x / slope for x in self.slopes[j]]]
             boxes += no_steeper((context.rates[head],), names, bounds, [Fraction(1)] * len(names), box)
         return boxes + covered(narrowed(box, self.read), ".", self._within, _MORE)
 
@@ -104,8 +104,8 @@ class Remainder:
         step = [x.coefficients for x in steps[-1]]
         pairs = [(x[order + 1], most) for x, most in zip(flow, self.flow, strict=True)]
         pairs += [(x[order + 1], most) for x, most in zip(step, self.step, strict=True)]
-        for head, slope, thirds in zip(self._heads, self._shown, self.lines, strict=True):
-            for i, third in zip(self.tableau.cubic, thirds, strict=True):
+        for j, (head, slope) in self._shown.items():
+            for i, third in zip(self.tableau.cubic, self.lines[j], strict=True):
                 line = point(self.tableau.nodes[i]) * step[head][_THIRD] - steps[i][head].coefficients[_THIRD]
                 pairs.append((line, third / slope))
         return Try(all(x.at_least(-most) and x.at_most(most) for x, most in pairs))
@@ -116,17 +116,16 @@ class Remainder:
         return frozenset(name for row in self.context.rates for name in row.names)
 
     @cached_property
-    def _heads(self) -> list[int]:
-        return [self.context.z.index(head) for head in self.context.heads]
-
-    @cached_property
-    def _shown(self) -> list[Fraction]:
-        """|dy/dz| of the first states. Raises: `NotShown`."""
-        slopes = [self.context.first_gain(j).number for j in range(len(self._heads))]
-        known = [abs(slope) for slope in slopes if slope]
-        if len(known) < len(slopes):
-            raise NotShown("the slope of an output is no number")
-        return known
+    def _shown(self) -> dict[int, tuple[int, Fraction]]:
+        """By output, the place of the state that it shows, and |dy/dz|; without those that show none, which are not
+        injected. Raises: `NotShown`."""
+        shown = dict[int, tuple[int, Fraction]]()
+        for j, z in ((j, z) for j, z in enumerate(self.context.seen) if z):
+            slope = self.context.first_gain(j).number
+            if not slope:
+                raise NotShown("the slope of an output is no number")
+            shown[j] = self.context.z.index(z), abs(slope)
+        return shown
 
     @property
     def said(self) -> str:
