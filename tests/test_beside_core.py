@@ -28,15 +28,32 @@ METHODS = ("exponential", "bilinear")
 STEPS = [
     ("pendulum", "high_gain"),
     ("disturbed_pendulum", "high_gain"),
+    ("joint", "high_gain"),
+    ("joint", "circle_criterion"),
     pytest.param("pendulum", "filtered", marks=pytest.mark.slow),
     pytest.param("disturbed_pendulum", "low_power", marks=pytest.mark.slow),
     pytest.param("hyperjerk", "filtered", marks=pytest.mark.slow),
 ]
 
 
+def joint(observer: str) -> hg.Observer:
+    """Of two chains, one of which is read by the other, with a_i and slopes of outputs that are not 1, and three
+    sensors."""
+    x1, x2, x3 = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "x3"))
+    u, outputs = hg.Signal("u", low=-1, high=1), [hg.Signal(f"y{j}") for j in (1, 2, 3)]
+    flow = [2 * x2, -4 * sp.sin(x1) - x2 / 2, x1 / 4 - x3 + u]
+    plant = hg.System(
+        "joint", states=(x1, x2, x3), inputs=(u,), outputs=outputs, flow=flow, output=[3 * x1, x3 / 2, 1 - x3]
+    )
+    form = hg.forms.block_triangular(plant)
+    weights = {"weights": {"y3": 3}} if observer == "high_gain" else {}
+    return getattr(hg.observers, observer)(form, theta=6, poles=((-1, -1), (-1,)), **weights)
+
+
 @cache
 def step_of(name: str, tuning: str, method: str, dt: float) -> hg.Step:
-    return hg.sample(load(name).step(tuning).observer, getattr(hg.methods, method), dt=dt)
+    observer = joint(tuning) if name == "joint" else load(name).step(tuning).observer
+    return hg.sample(observer, getattr(hg.methods, method), dt=dt)
 
 
 def plant_step(step: hg.Step) -> PlantStep:
@@ -64,6 +81,7 @@ class Beside:
         self.step, self.form, self.machine, self.layout = step, form, Machine(step), error.layout
         self.scales, self.remembered = (np.array(list(map(float, each))) for each in (scales, remembered))
         self.flow = sp.lambdify([form.states, form.system.inputs], list(plant_step(step).flow))
+        self.shown = sp.lambdify([form.states], list(form.output))
         (part,) = step.observer.parts
         assert isinstance(part, Ode)
         self.fields = part.fields
@@ -85,13 +103,10 @@ class Beside:
         begins = iter(self.lifted(x) / self.remembered)
         for field in self.fields:
             memory[Place("state", field.name)][:] = [next(begins) for _ in range(field.size)]
-        (y,) = self.form.system.outputs
-        memory[Place("state", "y")][0], memory[Place("state", "y_valid")][0], memory[Place("state", "calls")][0] = (
-            x[0],
-            1,
-            9,
-        )
-        memory[Place("output", y.name)][0] = after[0]
+        for place, value in (("y", self.shown(x)), ("y_valid", 1), ("calls", 9)):
+            memory[Place("state", place)][:] = value
+        for y, value in zip(self.form.system.outputs, self.shown(after), strict=True):
+            memory[Place("output", y.name)][0] = value
         for i, signal in enumerate(self.form.system.inputs):
             memory[Place("state", "u")][i], memory[Place("input", signal.name)][0] = u[i], (u + rate * self.step.dt)[i]
         self.machine.call()
