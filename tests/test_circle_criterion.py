@@ -16,6 +16,7 @@ from plants import model
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.guarantees.inclusion import Inclusion
+from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
@@ -271,6 +272,23 @@ def test_an_argument_takes_noise_that_no_gain_alone_takes() -> None:
     assert both.bounds["x3", "y"] < 0.8 * alone.bounds["x3", "y"]
     made = hg.observers.circle_criterion(damped(), theta=both.theta, gains=both.K, argument=both.argument)
     assert hg.design.noise_bounds(made) == pytest.approx(both.bounds, rel=0.02)
+
+
+def test_an_argument_that_does_no_better_is_left_out() -> None:
+    """The slope of van der Pol's last row in its rate takes no noise from an output error: the gain is that without."""
+    form = hg.forms.triangular(load("van_der_pol").plant)
+    both = hg.design.gain(form, rate=1.25, argument=True)
+    assert both.argument == ()
+    assert both == hg.design.gain(form, rate=1.25)
+
+
+def test_no_argument_is_designed_where_an_a_i_moves() -> None:
+    x1, x2 = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2"))
+    u = hg.Signal("u", low=1, high=2)
+    flow = [u * x2, -x1]
+    plant = hg.System("driven", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    with pytest.raises(BadGain, match=r"not designed for driven: .* do not move with an input; leave it out"):
+        hg.design.gain(hg.forms.triangular(plant), rate=1, argument=True)
 
 
 def test_a_given_argument_is_taken_as_it_is() -> None:

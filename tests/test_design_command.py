@@ -61,6 +61,36 @@ def test_beside_another_tuning_and_where_the_model_s_own_has_none(tmp_path: Path
     assert filtered["points"][1]["observer"] == "high_gain"
 
 
+def test_an_argument_of_b_beside_the_tuning(tmp_path: Path) -> None:
+    """The disturbed pendulum at the rate of its theta: noise moves the torque by 291 of theta, 211 of a gain alone."""
+    plant = str(MODELS / "disturbed_pendulum.py")
+    arguments = ("design", plant, "--observer", "high_gain", "--rates", "12", "--argument", "-o", str(tmp_path))
+    tuning, both = as_json(*arguments)["points"]
+    assert (tuning["argument"], both["observer"]) == (None, "circle_criterion")
+    assert bounds(tuning, "continuous")["x3"] > 280
+    assert bounds(both, "continuous")["x3"] < 150
+    made = called(hgogen(*arguments)[0], load(plant).step("high_gain").observer.form)
+    assert (made.name, len(both["argument"])) == ("circle_criterion", 3)
+    assert {x: bound for (x, _), bound in hg.design.noise_bounds(made).items()} == pytest.approx(
+        bounds(both, "continuous"), rel=0.02
+    )
+
+
+def test_an_argument_of_b_where_it_does_better(tmp_path: Path) -> None:
+    plant = str(MODELS / "van_der_pol.toml")
+    arguments = ("design", plant, "--rates", "1.25", "--argument", "-o", str(tmp_path))
+    one = as_json(*arguments)["points"][1]
+    assert (one["observer"], one["argument"]) == ("high_gain", [])
+    assert called(hgogen(*arguments)[0], load(plant).step().observer.form).name == "high_gain"
+
+
+def called(text: str, form: hg.Form) -> hg.Observer:
+    """The observer of the one line of a gain."""
+    (call,) = re.findall(r"hg\.observers\.\w+\(form, .*?\)\)", text, re.DOTALL)
+    made: hg.Observer = eval(call, {"hg": hg, "form": form})
+    return made
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -57,13 +57,15 @@ def tuned(step: CallableStep) -> Point:
     return _as_it_runs(Point(step.observer, None, None, falls.rate if falls else None, bounds, None, {}), step)
 
 
-def designed(like: CallableStep, rate: float) -> Point:
-    """The point of a gain that is designed for a rate, on the form, at the dt and by the method of a step.
+def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
+    """The point of a gain that is designed for a rate, on the form, at the dt and by the method of a step; with an
+    `argument` of b that is searched.
 
-    Raises: `NoSolver`; as `hg.design.gain`, `high_gain` and `sample` do.
+    Raises: `NoSolver`; as `hg.design.gain`, its observer and `sample` do.
     """
-    gain = gain_for(like.observer.form, rate=rate)
-    observer = observers.high_gain(like.observer.form, theta=gain.theta, gains=gain.K)
+    form = like.observer.form
+    gain = gain_for(form, rate=rate, argument=argument)
+    observer = getattr(observers, gain.observer)(form, **gain.taken)
     point = Point(observer, gain, rate, gain.rate, gain.bounds, None, {})
     dt = Fraction(like.dt)
     for _ in range(_HALVINGS):

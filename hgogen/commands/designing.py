@@ -30,17 +30,24 @@ def design_(
         str,
         typer.Option("--rates", help="Rates at which errors decay, in 1 per unit of the model's time, such as 1,3."),
     ] = "",
+    argument: Annotated[
+        bool,
+        typer.Option(
+            "--argument", help="Search an output error in the argument of b as well, of which circle_criterion is made."
+        ),
+    ] = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Design constant gains of high_gain for wanted rates, each of a small noise bound, and set them beside the model's
     tuning: the rate that is proved, what noise does to each state in continuous time and by the step at the model's
     dt, and up to which dt the step is proved. By default at the tuning's own rate, a third and three times that; the
-    tuning is that of --observer, the model's own, or of high_gain. Draws the figure design.svg and design.png.
+    tuning is that of --observer, the model's own, or of high_gain. With --argument they are gains of circle_criterion,
+    where that does better. Draws the figure design.svg and design.png.
 
     JSON keys: model, observer, form, method, dt, points (observer, designed: for which rate, null of the tuning, which
-    is the first, theta, K: null of the tuning, rate, longest: the dt, noise: a list of state, output, continuous, step;
-    null where nothing is proved), refused (why, by rate), files.
+    is the first, theta, K: null of the tuning, argument: null of the tuning, empty of high_gain, rate, longest: the dt,
+    noise: a list of state, output, continuous, step; null where nothing is proved), refused (why, by rate), files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)
@@ -52,7 +59,7 @@ def design_(
     with Bar("gains", len(wanted)) as bar:
         for rate in wanted:
             try:
-                points.append(designed(step, rate))
+                points.append(designed(step, rate, argument))
             except NoGain as error:
                 refused[rate] = error
             bar.tick()
@@ -113,6 +120,7 @@ def _row(one: Point) -> dict[str, Any]:
         "designed": one.wanted,
         "theta": float(theta_of(one.observer)),
         "K": None if one.gain is None else one.gain.K,
+        "argument": None if one.gain is None else one.gain.argument,
         "rate": one.rate,
         "longest": one.longest,
         "noise": [

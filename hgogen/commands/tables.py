@@ -345,12 +345,14 @@ def designs(points: Sequence[Point], step: Step) -> RenderableType:
             bounds = (_up(each.get((x, y))) for each in (one.continuous, one.step))
             table.add_row(Text(first[0]), Text(x), Text(y), *first[1:], *bounds)
             first = ("", "", "")
-    gains = [Text(f"  hg.observers.high_gain(form, theta={same(g.theta)}, gains={g.K})") for g in _gains(points)]
+    gains = [Text(f"  {_call(one.gain)}") for one in points if one.gain is not None]
     return Group(table, "", Text("the gains", style="bold"), *gains, "")
 
 
-def _gains(points: Sequence[Point]) -> Iterable[Gain]:
-    return (one.gain for one in points if one.gain is not None)
+def _call(gain: Gain) -> str:
+    """The observer of a gain as Python makes it."""
+    taken = {**gain.taken, "theta": same(gain.theta)}
+    return f"hg.observers.{gain.observer}(form, {', '.join(f'{name}={value}' for name, value in taken.items())})"
 
 
 def _down(value: float | None) -> str:

@@ -30,6 +30,15 @@ from hgogen.structure.polytope import chains, fixed
 from hgogen.structure.spare import entering, weighted
 
 
+def no_argument(form: Form) -> Reason | None:
+    """Why the b of a form takes no output error into its argument."""
+    if form.jacobian is not None:
+        return because("it works in chains, and this form keeps the plant's coordinates")
+    if any(a.free_symbols & {*form.system.inputs} for chain in form.gains for a in chain):
+        return because("it is for a_i that do not move with an input")
+    return None
+
+
 def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
     """The entries N (n) with which b reads the sample in the place of the first state of each chain."""
     return tuple(1 / a if i == 0 else sp.S.Zero for chain in chains(form) for i, a in enumerate(chain))

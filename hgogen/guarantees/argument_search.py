@@ -24,7 +24,7 @@ _FAR = 1e30  # for what has no gain
 
 
 def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
-    """The entries of N (n, or n q: `columns`), none where none does better than no N; `task` without it.
+    """The entries of N (n, or n q: `columns`), none where b reads no error; `task` without it.
 
     Raises: `NoSolver`.
     """
@@ -49,9 +49,7 @@ def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
 
     simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
     most = {"maxfev": _FIRST + _MORE * len(free), "initial_simplex": simplex}
-    best = minimize(worth, simplex[0], method="Nelder-Mead", options=most)
-    without = searched(form, task, sizes, ()).middle()
-    return () if without and without.worth <= best.fun else entries(best.x)
+    return entries(minimize(worth, simplex[0], method="Nelder-Mead", options=most).x)
 
 
 def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float], theta: float = 1.0) -> Search:

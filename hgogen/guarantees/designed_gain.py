@@ -1,4 +1,4 @@
-"""A constant gain of `observers.high_gain` for a wanted rate, of a small noise bound, proved in continuous time.
+"""A constant gain of an observer for a wanted rate, of a small noise bound, proved in continuous time.
 
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
 
@@ -8,7 +8,7 @@ the bound of each state by a norm of its own.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from hgogen.chains.columns import as_matrix
 from hgogen.form import Form
+from hgogen.guarantees.argument import no_argument
 from hgogen.guarantees.argument_search import least_noise, searched
 from hgogen.guarantees.constant_gain import entries_of
 from hgogen.guarantees.gain_search import Task
@@ -37,12 +38,12 @@ _OWN: Any = object()  # the measure that a state's range gives
 
 @dataclass(frozen=True)
 class Gain:
-    """`theta` and `K`, as `hg.observers.high_gain(form, theta=.., gains=..)` takes them: K a number for each state, or
+    """`theta` and `K`, as the `observer` takes them that `taken` makes: K a number for each state, or
     of several outputs a matrix, a row for each state. `rate` (1/time): |e|_P falls at least like exp(-rate t), in
     continuous time without noise; `bounds`: by the name of a state of the form and of an output, how far the estimate
     of the one goes at most for noise of at most 1 of the other, in their units; of several outputs the shares add. Both
     are proved in rational arithmetic. `argument`: N as `hg.observers.circle_criterion` takes it with the others; empty
-    of a gain for `high_gain`."""
+    of a gain for `hg.observers.high_gain`."""
 
     theta: float
     K: tuple[Any, ...]
@@ -50,6 +51,17 @@ class Gain:
     bounds: Bounds
     time: str
     argument: tuple[Any, ...] = ()
+
+    @property
+    def observer(self) -> str:
+        """The observer of the package that it is for."""
+        return "circle_criterion" if self.argument else "high_gain"
+
+    @property
+    def taken(self) -> dict[str, Any]:
+        """What that observer takes beside the form, by name."""
+        own = {"argument": self.argument} if self.argument else {}
+        return {"theta": self.theta, "gains": self.K, **own}
 
     def bound(self, state: str, noise: Mapping[str, float]) -> float:
         """How far the estimate of a state goes at most for noise of at most these sizes, by output.
@@ -109,21 +121,29 @@ def gain(
     rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
     quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
     task = Task(open_, wanted, rows, quickest)
-    entries = () if argument in (None, False) else _argument(form, task, sizes, argument)
     levels = _levels(task.pace) if theta is None else (_moderate("theta", theta),)
-    best = min((searched(form, task, sizes, entries, each) for each in levels), key=Search.promise).best()
+    each = [_best(form, task, sizes, entries, levels) for entries in _arguments(form, task, sizes, argument)]
+    best = min(filter(None, each), key=lambda one: one.worth, default=None)
     if best is None:
         raise unreached(form, task, sizes)
     return _stated(form, best)
 
 
-def _argument(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> tuple[float, ...]:
-    """The entries of N. Raises: `NoSolver`, `BadGain`."""
-    if task.open.D.any():
-        raise BadGain(
-            form.system.name, "has an a_i that moves in a range, and what enters the argument of b is for numbers"
-        )
-    return least_noise(form, task, sizes) if argument is True else entries_of("argument", argument, form)
+def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequence[tuple[float, ...]]:
+    """The entries of N that are tried, of one that is searched none first. Raises: `NoSolver`, `BadGain`."""
+    if argument is None or argument is False:
+        return ((),)
+    moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else None
+    if why := no_argument(form) or moving:
+        raise BadGain("argument", f"is not designed for {form.system.name}: {why}; leave it out")
+    return ((), least_noise(form, task, sizes)) if argument is True else (entries_of("argument", argument, form),)
+
+
+def _best(
+    form: Form, task: Task, sizes: np.ndarray, entries: Sequence[float], levels: Sequence[float]
+) -> Candidate | None:
+    """The best gain with these entries of N, with the most accurate of the values of theta. Raises: `NoSolver`."""
+    return min((searched(form, task, sizes, entries, each) for each in levels), key=Search.promise).best()
 
 
 def _levels(pace: float) -> tuple[float, ...]:

@@ -4,9 +4,9 @@
 
 on chains with constant a_i. What slopes of b read of the error is J (I - N C) e in the place of J e: with N_1 = 1/a_1
 and no more, b reads the sample in the place of z_1, and its slopes in z_1 are gone; other N, such as those of
-`hg.design.circle_gain`, lend damping to the slopes that are left. Noise enters b for it. At theta = 1 it is the
-observer of Arcak, Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica 37
-(2001), (5), with b clamped; powers of theta keep what is proved at one theta for every larger one.
+`hg.design.gain` with an `argument`, make the slopes that are left smaller. Noise enters b for it. At theta = 1 it is
+the observer of Arcak, Kokotovic, "Nonlinear observers: a circle criterion design and robustness analysis", Automatica
+37 (2001), (5), with b clamped; powers of theta keep what is proved at one theta for every larger one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +23,7 @@ from hgogen.chains.scaled_gain import ScaledGain
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.argument import bounded, injected, sample_in_place
+from hgogen.guarantees.argument import bounded, injected, no_argument, sample_in_place
 from hgogen.guarantees.constant_gain import constant_gain, entries_of
 from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.observer import Observer, any_theta, founded, state_field
@@ -60,7 +60,7 @@ THEOREM = Theorem(
 
 
 @starts(
-    "slopes of b in a measured state are large, or a gain of `hg.design.circle_gain` says so",
+    "slopes of b in a measured state are large, or a gain of `hg.design.gain` says so",
     "constant a_i; b takes the sample in the place of the measured state",
     "n",
     lambda s: s.high,
@@ -88,13 +88,11 @@ def circle_criterion(
     no chains or an a_i that moves with an input.
     """
     accept = founded("circle_criterion", form, accept)
-    if form.jacobian is not None:
-        raise BadGain("circle_criterion", "works in chains, this form keeps the plant's coordinates; use high_gain")
+    if why := no_argument(form):
+        raise BadGain("circle_criterion", f"does not take this form: {why}; use high_gain")
     high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]
     chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None), endless=True)
-    if chosen.driven:
-        raise BadGain("circle_criterion", "wants a_i that do not move with an input; use high_gain or riccati")
     entries = _entries(form, argument)
     N, error = _argument(form, entries), injected(chosen.error, form, entries)
     return Observer(
