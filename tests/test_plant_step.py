@@ -43,3 +43,13 @@ def test_what_a_step_of_the_method_bends_is_in_the_remainder() -> None:
     """x' = sqrt(x) is a parabola, whose third Taylor coefficient is 0; that of a step by Heun's method is -1/16."""
     plant = beside(HEUN, [(1, 1.001)], lambda x, u: [sp.sqrt(x)], hg.Signal("u", low=-1, high=1))
     assert 0.95 * H**2 / 16 < float(plant.remainder()[0]) < 1.2 * H**2 / 16
+
+
+@pytest.mark.parametrize("steep", [1, 3, 10])
+def test_a_steep_tanh_has_a_remainder(steep: float) -> None:
+    """Of a wide ball a quotient of exponentials holds everything; by its ends tanh is within -1 and 1."""
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-2, high=2)
+    plant = hg.System("bend", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -sp.tanh(steep * x1)], output=[x1])
+    left = BesideStages(PlantStep(hg.forms.triangular(plant), Fraction(1, 1000), ()), RK4).remainder()
+    # x2' = -tanh(s x1), x2'' = -s (1 - t^2) x2, ..: each derivative more is at most 8 (s x2) larger, with x1'' <= 1
+    assert 0 < float(left[1]) < (8 * (1 + 2 * steep)) ** 4 * 1e-12

@@ -236,9 +236,14 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 
 def _tanh(a: Any) -> tuple[Any, Any]:
-    s, c = _hyperbolic(a)
-    t = s / c
-    return t, 1 - t * t
+    """By its ends and t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
+    x = a.coeffs() or [flint.arb(0)]
+    t, fall = [x[0].lower().tanh().union(x[0].upper().tanh())], list[Any]()
+    for k in range(1, a.prec):
+        fall.append(int(k == 1) - sum(t[i] * t[k - 1 - i] for i in range(k)))
+        t.append(sum(j * x[j] * fall[k - j] for j in range(1, min(k, len(x) - 1) + 1)) / flint.arb(k))
+    series = flint.arb_series(t, prec=a.prec)
+    return series, 1 - series * series
 
 
 def _tan(a: Any) -> tuple[Any, Any]:
