@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -45,11 +46,16 @@ def box(
 
 def _declared(signal: Signal, fixed: Mapping[Signal, sp.Rational]) -> tuple[End, End]:
     if signal.low is not None and signal.high is not None:
-        return Fraction(repr(float(signal.low))), Fraction(repr(float(signal.high)))
+        return _said(float(signal.low)), _said(float(signal.high))
     if signal in fixed:
         value = Fraction(fixed[signal])
         return value, value
     return EVERYTHING
+
+
+@lru_cache(maxsize=4096)
+def _said(value: float) -> Fraction:
+    return Fraction(repr(value))
 
 
 @dataclass(frozen=True)

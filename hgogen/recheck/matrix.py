@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
 from math import lcm
-from operator import add
+from operator import add, mul
 from typing import Any
 
 from .box import NotShown
@@ -12,6 +12,7 @@ from .text import kind_of, number
 
 LARGEST = 40  # rows or columns: beyond, an elimination in fractions takes too long
 Matrix = list[list[Fraction]]
+_ZERO = Fraction(0)  # as most entries are
 
 
 def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
@@ -91,8 +92,10 @@ def sizes(M: Matrix) -> Matrix:
 
 def times(A: Matrix, B: Matrix) -> Matrix:
     """A B, each row and column of whole numbers over one denominator: each entry is brought to lowest terms once."""
-    rows, columns = map(_whole, A), list(map(_whole, transposed(B)))
-    return [[Fraction(sum(x * y for x, y in zip(a, b, strict=True)), p * q) for b, q in columns] for a, p in rows]
+    rows, columns = list(map(_whole, A)), list(map(_whole, transposed(B)))
+    if len({len(values) for values, _ in (*rows, *columns)}) > 1 and columns:
+        raise ValueError("matrices that do not fit")  # which `map` below would not see
+    return [[Fraction(dot, p * q) if (dot := sum(map(mul, a, b))) else _ZERO for b, q in columns] for a, p in rows]
 
 
 def _whole(values: Sequence[Fraction]) -> tuple[list[int], int]:

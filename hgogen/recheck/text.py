@@ -21,6 +21,7 @@ from .tables import KINDS, name_of
 LONGEST = 100_000  # characters of one expression
 DEEPEST = 60  # nested brackets, signs and powers
 LARGEST = 300  # digits of a number, so that a float holds it
+_BEYOND = 10**LARGEST
 HIGHEST = 1000  # whole exponent
 
 ONE_ARGUMENT = frozenset(
@@ -76,9 +77,11 @@ def number(text: object) -> Fraction:
     """The exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
     if not isinstance(text, str) or not _NUMBER.match(text):
         raise Unreadable(_shown(text), 'a number is a text, "p/q" or a decimal')
-    if len(text) > 2 * LARGEST or max(abs(Fraction(text).numerator), Fraction(text).denominator) >= 10**LARGEST:
-        raise Unreadable(text, f"a number has more than {LARGEST} digits")
-    return Fraction(text)
+    if len(text) <= 2 * LARGEST:
+        value = Fraction(text)
+        if max(abs(value.numerator), value.denominator) < _BEYOND:
+            return value
+    raise Unreadable(text, f"a number has more than {LARGEST} digits")
 
 
 def kind_of(value: object) -> str:
