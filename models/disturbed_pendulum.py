@@ -77,6 +77,12 @@ tuning = {
         "initial": START,
     },
     "high_gain": {"theta": 20, "poles": (-1, -1, -1), "initial": START},
+    "circle_criterion": {  # of `hgogen design disturbed_pendulum --argument --rates 12`, the rate of high_gain
+        "theta": 21,
+        "gains": (1.8273, 1.13157, 0.236775),
+        "argument": (1.01953, 1.27539, 0),
+        "initial": START,
+    },
     "low_power": {"theta": 10, "initial": START},
     "switched_gain": {
         "theta": 40,

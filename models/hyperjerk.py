@@ -69,6 +69,11 @@ tuning = {
     },
     "kalman_like": {"form": "state_affine", "rho": 2, "R": 1e-5},
     "high_gain": {"theta": 4, "poles": POLES},
+    "circle_criterion": {  # of `hgogen design hyperjerk --argument --rates 2.14`, the rate of high_gain
+        "theta": 8.6,
+        "gains": (1.82227, 1.44178, 0.534989, 0.07863),
+        "argument": (0.925614, 0.503875, 0.702349, 0.154261),
+    },
     "low_power": {"theta": 4},
     "peaking_free": {"theta": 10},
     "low_power_sampled": {"kind": "low_power", "theta": 4, "method": "bilinear", "dt": 5e-3},

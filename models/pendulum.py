@@ -31,6 +31,7 @@ tuning = {
     "filtered": {"theta": 20, "alpha": 3, "beta": 1, "poles": (-1, -1)},
     "filtered_injection": {"theta": 20, "F": ((-3, 0), (1, -3)), "G": (1, 0), "H": ((2, 0), (0, 1))},
     "high_gain": {"theta": 20, "poles": (-1, -1)},
+    "circle_criterion": {"theta": 20, "poles": (-1, -1)},  # the sine is of the measured angle
     "kalman_like": {"form": "state_affine", "rho": 5, "R": 1e-9},  # R: the encoder's variance times dt
     "low_power": {"theta": 20},
     "peaking_free": {"theta": 20},

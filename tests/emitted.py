@@ -196,6 +196,16 @@ def chained(original: bool = False) -> hg.Step:
     return hg.sample(hg.observers.high_gain(form, theta=5, poles=(-1, -1)), hg.methods.rk4, dt=0.01)
 
 
+def two_injections() -> hg.Step:
+    """The output error in the argument of b as well, of two chains by a matrix."""
+    a, b, c, y, v = signals("a b c y v", -2, 2)
+    flow = [2 * b, -4 * sp.sin(a) - b**3 / 2, a / 4 - c]
+    plant = hg.System("two_injections", states=(a, b, c), outputs=(y, v), flow=flow, output=[3 * a, c / 2])
+    gains = {"poles": ((-1, -1), (-1,)), "argument": ((0.25, 0), (-0.3, 0.1), (0, 1.5))}
+    observer = hg.observers.circle_criterion(hg.forms.block_triangular(plant), theta=5, **gains)
+    return hg.sample(observer, hg.methods.rk4, dt=0.01)
+
+
 def wide() -> hg.Step:
     """More status bits than a 16-bit int has."""
     x, y = signals(" ".join(f"x{i}" for i in range(7))), signals(" ".join(f"y{i}" for i in range(7)))
@@ -228,6 +238,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "bent": bent,
     "chained": chained,
     "chained_in_x": lambda: chained(original=True),
+    "two_injections": two_injections,
 }
 
 

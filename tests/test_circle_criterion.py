@@ -16,11 +16,13 @@ from plants import model
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
+from hgogen.certificates.rate_and_noise import tuned
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
+from hgogen.trial import try_out
 
 
 def joint(linear: bool = False, late: bool = False) -> hg.System:
@@ -279,6 +281,22 @@ def test_an_argument_takes_noise_that_no_gain_alone_takes() -> None:
     assert both.bounds["x3", "y"] < 0.8 * alone.bounds["x3", "y"]
     made = hg.observers.circle_criterion(damped(), theta=both.theta, gains=both.K, argument=both.argument)
     assert hg.design.noise_bounds(made) == pytest.approx(both.bounds, rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "last"), [("disturbed_pendulum", "x3"), ("hyperjerk", "x4")])
+def test_the_tunings_that_are_designed_take_noise_at_the_rate_of_high_gain(name: str, last: str) -> None:
+    """Less than half of the bound of the tuning with poles, in continuous time; in trials half of the error."""
+    loaded = load(name)
+    steps = [loaded.step(kind) for kind in ("high_gain", "circle_criterion")]
+    before, after = (tuned(step) for step in steps)
+    assert before.rate is not None
+    assert after.rate is not None
+    assert after.rate > 0.95 * before.rate  # which the design proves by a norm of its own
+    assert after.continuous[last, "y"] < 0.5 * before.continuous[last, "y"]
+    trial = loaded.trials()[-1]
+    runs = [next(iter(try_out(step, trial, engine="python", seeds=trial.seeds[:1]))) for step in steps]
+    late = [run.error[run.truth.t >= trial.steady_from, -1] for run in runs]
+    assert np.std(late[1]) < 0.5 * np.std(late[0])
 
 
 def test_an_argument_that_does_no_better_is_left_out() -> None:

@@ -87,7 +87,9 @@ def test_lanes_have_the_bits_of_the_scalar_step(name: str, real: Real) -> None:
 
 
 @lanes
-@pytest.mark.parametrize("name", ["bank", "delayed", "fitzhugh_nagumo", "integrated", "many_states", "window_held"])
+@pytest.mark.parametrize(
+    "name", ["bank", "delayed", "fitzhugh_nagumo", "integrated", "many_states", "two_injections", "window_held"]
+)
 def test_lanes_that_are_at_other_samples_go_their_own_way(name: str) -> None:
     """Each goes on from where another number of samples left it, so that rings and members stand apart."""
     made = step(name)

@@ -88,11 +88,11 @@ def circle_criterion(
     no chains or an a_i that moves with an input.
     """
     accept = founded("circle_criterion", form, accept)
-    if why := no_argument(form):
-        raise BadGain("circle_criterion", f"does not take this form: {why}; use high_gain")
     high, dynamics = any_theta(theta), Dynamics(form)
     theta = high.initial[0]
     chosen = constant_gain("circle_criterion", form, poles, gains, weighted(form, None), endless=True)
+    if why := no_argument(form):
+        raise BadGain("circle_criterion", f"does not take this form: {why}; use high_gain")
     entries = _entries(form, argument)
     N, error = _argument(form, entries), injected(chosen.error, form, entries)
     return Observer(
