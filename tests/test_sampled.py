@@ -8,6 +8,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+import sympy as sp
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from oracle import realised as oracle
@@ -21,6 +22,7 @@ from hgogen.chains.core import core, nominal, numbers
 from hgogen.chains.sampled import NoRealisation
 from hgogen.discretisation.kernels import balance, exponential, resolvent
 from hgogen.step import StepTooLong
+from hgogen.stepping.machine import Machine
 
 METHODS = {"exponential": oracle.exact, "bilinear": oracle.bilinear}
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)
@@ -206,6 +208,18 @@ def test_the_rest_has_order_2(method: str, between: str) -> None:
         assert not run.status.any()
         errors.append(np.abs(run.x - exact.x).max())
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
+
+
+@methods
+def test_a_constant_has_no_rest(method: str) -> None:
+    """x' = 0, of one state: z' = theta k (y - z), whose step is a number."""
+    x = hg.Signal("x", low=-2, high=2)
+    plant = hg.System("constant", states=(x,), outputs=(hg.Signal("y"),), flow=[sp.S.Zero], output=[x])
+    made = hg.observers.high_gain(hg.forms.triangular(plant), theta=3, poles=(-1,))
+    step = hg.sample(made, getattr(hg.methods, method), dt=0.1)
+    rows = Machine(step).record(np.zeros((20, 0)), np.ones((20, 1)))[0]
+    turned = {"exponential": np.exp(-0.3), "bilinear": 0.85 / 1.15}[method]
+    np.testing.assert_allclose(1 - rows[1:, 0], (1 - rows[0, 0]) * turned ** np.arange(1, 20), rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.slow

@@ -144,9 +144,9 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     matrices |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
     matrices = {name: ca.sparsify(matrix) for name, matrix in matrices.items()}
     held = {name: _held(Place("derived", f"{name}{label}"), matrix) for name, matrix in matrices.items()}
-    guess = held["Phi"] @ line.x + held["Psi_0"] @ start[bent]
+    guess = held["Phi"] @ line.x + held["Psi_0"] @ start[bent, :]
     guess += held["Gamma_0"] @ _source(part, clock, 0.0) + held["Gamma_1"] @ _source(part, clock, 1.0)
-    after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent]
+    after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent, :]
     nonempty = {name: matrix for name, matrix in matrices.items() if matrix.nnz()}
     stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in nonempty.items()}
     return _Update(
