@@ -13,7 +13,11 @@ from forger import sealed
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
+from hgogen.guarantees.argument import injected
 from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.endless_slopes import OneSided
+from hgogen.guarantees.inclusion import with_gains
+from hgogen.guarantees.quadratic import rational
 from hgogen.recheck.verification import recheck
 
 
@@ -89,6 +93,16 @@ def test_errors_fall_by_the_norm_at_slopes_of_any_size(theta: float) -> None:
         M[1] += steep / theta * np.array([0.8, 0]) + fast * np.array([-0.8, 1])
         form_ = M.T @ P + P @ M + 2 * float(rate) * P
         assert np.linalg.eigvalsh(form_).max() <= 1e-6 * np.abs(form_).max()
+
+
+def test_a_norm_that_a_slope_adds_to_is_none() -> None:
+    """The sum of the basis that takes from V, negated, has a lambda below 0."""
+    (check,) = (each for each in observer((1, 0.5)).checks if each.id == "circle_criterion.theta")
+    falls = check.proofs[0].fact.falls
+    sought = OneSided(injected(with_gains(drag(), [2, 1], endless=True), drag(), (1, sp.Rational(1, 2))), falls.theta)
+    P = rational(falls.weights.P)
+    assert sought._signed(P)
+    assert not sought._signed(-P)
 
 
 @pytest.mark.parametrize("row", [1, 2])
@@ -207,5 +221,5 @@ def test_a_step_is_not_verified_with_a_slope_without_an_end() -> None:
     changed = certificate(made.form, (*made.checks, *known.checks), made.name)
     assert finding(changed, "step") == "verified"
     (slope,) = evidence(changed, "step")["slopes"]
-    slope["low"] = None
+    slope["low"], evidence(changed, "step")["S"] = None, []  # its P shows that the core contracts, with no slope at all
     assert finding(changed, "step") == "fails"
