@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from itertools import groupby
 from typing import Any
@@ -11,7 +12,9 @@ import pytest
 from forgetful import forget, know
 from hypothesis import HealthCheck, settings
 
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each process that a test starts would compile the whole package
+# Each run, and each process that a test starts, would compile the whole package, and each worker all tests.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # How long an example takes says nothing: a first one may import what it needs. Where CI is set examples are the same
 # each time, with any version of hypothesis.

@@ -4,7 +4,10 @@ import functools
 import gc
 from typing import Any
 
-MAKERS = ("hgogen.observer", "hgogen.step", "hgogen.calling.readers", "hgogen.recheck.verification")
+MAKERS = (
+    *("hgogen.observer", "hgogen.step", "hgogen.calling.readers", "hgogen.emit.manual"),
+    "hgogen.recheck.verification",
+)
 _REMEMBERED: list[Any] = []
 
 

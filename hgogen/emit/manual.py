@@ -1,5 +1,6 @@
 """What emitted code says at its head in every language: the mathematics, its claims, how a lost estimate restarts."""
 
+from functools import lru_cache
 from importlib.metadata import version
 
 from hgogen.certificates.certificate import NotCertifiable, fingerprint
@@ -203,6 +204,7 @@ def _model(observer: Observer) -> str:
     return f"Model: {digest}, as `hgogen recheck` prints it for the model's certificate"
 
 
+@lru_cache(maxsize=32)  # a header names it twice, and steps of one observer do
 def model_digest(observer: Observer) -> str:
     """What `hgogen recheck` prints of the model; "" where no certificate can carry it."""
     try:
