@@ -316,8 +316,9 @@ def test_no_argument_is_designed_where_an_a_i_moves() -> None:
         hg.design.gain(hg.forms.triangular(plant), rate=1, argument=True)
 
 
-def test_a_given_argument_is_taken_as_it_is() -> None:
-    designed = hg.design.gain(hg.forms.triangular(model("pendulum")), rate=10, argument=(1, 0.5), theta=4)
+@pytest.mark.parametrize("argument", [(1, 0.5), np.array([1, 0.5])])
+def test_a_given_argument_is_taken_as_it_is(argument: Any) -> None:
+    designed = hg.design.gain(hg.forms.triangular(model("pendulum")), rate=10, argument=argument, theta=4)
     assert designed.argument == (1, 0.125)
     assert "N = (1, 0.125)" in str(designed)
     with pytest.raises(BadGain, match="argument"):
