@@ -4,6 +4,7 @@ import copy
 from fractions import Fraction
 from functools import cache
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from forger import sealed
 from oracle.circle_criterion import circle_criterion as oracle
 from oracle.sampled import run
 from plants import model
+from test_cli import as_json, hgogen
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
@@ -242,7 +244,9 @@ def test_noise_in_the_argument_counts(fact: str) -> None:
         ((0, 0), "is 0 throughout"),
         ((1, 2, 3), "must be 2 finite numbers"),
         ((float("nan"), 0), "must be 2 finite numbers"),
-        ("y", "argument"),
+        ("y", "argument = 'y' must be a number or an array of numbers"),
+        ((), "is empty, as of a designed gain where none does better: take high_gain"),
+        ((1, -1e16), r"must be numbers up to 1e\+15; take other units"),
     ],
 )
 def test_an_argument_that_is_none_is_refused(argument: Any, said: str) -> None:
@@ -250,6 +254,67 @@ def test_an_argument_that_is_none_is_refused(argument: Any, said: str) -> None:
         hg.observers.circle_criterion(
             hg.forms.triangular(model("pendulum")), theta=20, poles=(-1, -1), argument=argument
         )
+
+
+@pytest.mark.parametrize(
+    ("argument", "said"),
+    [
+        ("[0.25, -0.3]", "argument = [0.25, -0.3] must be 2 sequences, one for each output with a chain, or a matrix"),
+        ("[[0.25, 0, 1], [1.5]]", "argument = [[0.25, 0, 1], [1.5]] must be 2 and 1 finite numbers"),
+        ("[[0, 0], [0]]", "argument is 0 throughout"),
+        ("true", "argument = True must be 2 sequences"),
+    ],
+)
+def test_an_argument_of_a_text_model_that_is_none_is_refused(argument: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "two.toml"
+    path.write_text(TWO.format(argument=argument))
+    for command in ("check", "build", "simulate"):
+        out = ("-o", str(tmp_path / "out")) if command == "build" else ()
+        _, err = hgogen(command, str(path), "--observer", "circle_criterion", *out, status=2)
+        assert f"two.toml, tuning.circle_criterion: {said}" in " ".join(err.split())
+
+
+TWO = """
+name = 'two'
+[states]
+x1 = {{low = -2, high = 2, flow = '2*x2'}}
+x2 = {{low = -2, high = 2, flow = '-4*sin(x1) - x2/2'}}
+x3 = {{low = -2, high = 2, flow = 'x1/4 - x3'}}
+[outputs]
+y1 = {{equation = '3*x1', low = -6, high = 6}}
+y2 = {{equation = 'x3/2', low = -1, high = 1}}
+[trial]
+duration = 2
+start = {{x1 = 1, x2 = 0, x3 = 0}}
+[tuning.circle_criterion]
+form = 'block_triangular'
+dt = 0.01
+theta = 6
+poles = [[-1, -1], [-1]]
+argument = {argument}
+"""
+
+
+@pytest.mark.parametrize("argument", ["[[0.25, -0.3], [1.5]]", "[[0.25, 0], [-0.3, 0], [0, 1.5]]"])
+def test_a_text_model_says_the_argument(argument: str, tmp_path: Path) -> None:
+    """Chain by chain or as a matrix, in every command that takes an observer."""
+    path, out = tmp_path / "two.toml", ("-o", str(tmp_path / "out"))
+    path.write_text(TWO.format(argument=argument))
+    named = "--observer", "circle_criterion"
+    step = load(path).step("circle_criterion")
+    assert hg.design.noise_bounds(step.observer) == pytest.approx(hg.design.noise_bounds(observer()), rel=1e-3)
+    checked = as_json("check", str(path), *named)
+    assert [each["verdict"] for each in checked["checks"] if each["id"] == "circle_criterion.theta"] == ["proved"]
+    assert as_json("build", str(path), *named, *out)["gains"] == {"theta": 6}
+    (trial,) = as_json("simulate", str(path), *named)["trials"]
+    assert None not in trial["settled"]
+    assert "circle_criterion" in str(as_json("compare", str(path), "--observers", "circle_criterion,high_gain", *out))
+
+
+def test_a_form_in_the_plant_s_coordinates_is_refused() -> None:
+    form = hg.forms.phase(model("pendulum"), original=True)
+    with pytest.raises(BadGain, match=r"does not take this form: .* keeps the plant's coordinates; use high_gain"):
+        hg.observers.circle_criterion(form, theta=20, poles=(-1, -1))
 
 
 def test_an_a_that_moves_with_an_input_is_refused() -> None:
@@ -323,6 +388,10 @@ def test_a_given_argument_is_taken_as_it_is(argument: Any) -> None:
     assert "N = (1, 0.125)" in str(designed)
     with pytest.raises(BadGain, match="argument"):
         hg.design.gain(hg.forms.triangular(model("pendulum")), rate=10, argument=(1, 2, 3))
+
+
+def test_a_given_argument_of_zeros_is_none() -> None:
+    assert hg.design.gain(hg.forms.triangular(model("pendulum")), rate=10, argument=(0, 0)).observer == "high_gain"
 
 
 def test_of_several_outputs_an_argument_is_a_matrix() -> None:

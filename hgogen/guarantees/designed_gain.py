@@ -136,7 +136,10 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
     moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else None
     if why := no_argument(form) or moving:
         raise BadGain("argument", f"is not designed for {form.system.name}: {why}; leave it out")
-    return ((), least_noise(form, task, sizes)) if argument is True else (entries_of("argument", argument, form),)
+    if argument is True:
+        return (), least_noise(form, task, sizes)
+    entries = entries_of("argument", argument, form)
+    return (entries if any(entries) else (),)
 
 
 def _best(

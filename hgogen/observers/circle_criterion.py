@@ -58,10 +58,12 @@ THEOREM = Theorem(
     REFERENCE,
 )
 
+_FAR = 1e15  # an entry this large overflows with powers of theta and in single precision
+
 
 @starts(
-    "slopes of b in a measured state are large, or a gain of `hg.design.gain` says so",
-    "constant a_i; b takes the sample in the place of the measured state",
+    "the model is steep in what is measured, or its designed gain takes less noise",
+    "constant a_i; a bound on theta is proved; noise enters b as well",
     "n",
     lambda s: s.high,
 )
@@ -81,8 +83,8 @@ def circle_criterion(
 
     Args: `theta` > 0; `poles` (n) of A - K C, or `gains` K (n), of several chains a sequence of such, or a matrix (n,
     q) of gains, as `high_gain` takes them; `argument` N (n), of several chains likewise, in units of a state over those
-    of the output, by default 1/a_1 in the row of each chain's first state and 0 elsewhere: b then reads the sample;
-    `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+    of the output, up to 1e15, by default 1/a_1 in the row of each chain's first state and 0 elsewhere: b then reads the
+    sample; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for theta <= 0, gains of another length, or a form that has
     no chains or an a_i that moves with an input.
@@ -119,10 +121,14 @@ def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
     """Those of N, exact. Raises: `BadGain`."""
     if argument is None:
         return sample_in_place(form)
-    entries = tuple(sp.Rational(Fraction(x)) for x in entries_of("argument", argument, form))
+    if isinstance(argument, Sequence | np.ndarray) and len(argument) == 0:
+        raise BadGain("argument", "is empty, as of a designed gain where none does better: take high_gain")
+    entries = entries_of("argument", argument, form)
     if not any(entries):
         raise BadGain("argument", "is 0 throughout, so that nothing is injected into b: take high_gain")
-    return entries
+    if max(map(abs, entries)) > _FAR:
+        raise BadGain(f"argument = {argument!r}", f"must be numbers up to {_FAR:g}; take other units")
+    return tuple(sp.Rational(Fraction(x)) for x in entries)
 
 
 def _argument(form: Form, entries: Sequence[sp.Expr]) -> ScaledGain:
