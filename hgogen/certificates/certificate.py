@@ -17,9 +17,11 @@ the box; of several chains gains act chain by chain, or are a matrix, row by row
 output of chain k stands times theta^(p(i) - p(k) + 1), p the powers of theta that scale states; an output whose chain
 has no states, and that is a multiple of another's, shares the mean of their errors (`structure.spare`), by the
 observer's "weights", one for each output; of a form
-"phase.recovered" b is taken at the recovered state instead. from_form is the plain inverse: what an observer evaluates
-is the same on the image of the plant's ranges, and beyond keeps its denominators off 0. The equations of the others,
-with their numbers, stand where they are verified, in the files of `hgogen.recheck.rules`.
+"phase.recovered" b is taken at the recovered state instead. In circle_criterion b takes sat(z + N (y - output(z))) in
+the place of sat z, N of the numbers "argument" in the order of gains, each times theta^(p(i) - p(k)). from_form is the
+plain inverse: what an observer evaluates is the same on the image of the plant's ranges, and beyond keeps its
+denominators off 0. The equations of the others, with their numbers, stand where they are verified, in the files of
+`hgogen.recheck.rules`.
 `model` stands in the banner of the C as well. The digests find accidents; they are no signature.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
