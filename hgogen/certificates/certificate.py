@@ -27,8 +27,8 @@ denominators off 0. The equations of the others, with their numbers, stand where
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
 the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
 form: "chain" (y, y', ..) in the plant's states; that it is one to one: "weights" L, and of L dPhi/dx the enclosures of
-the "minors" at "places"; of the convergence of an observer of a constant injection: "scale" S,
-the ranges of the "slopes" of b in S z, each of "row", "column", "low", "high", "tree", with "core" N = S (A - gains C)
+the "minors" at "places"; of the convergence of an observer of a constant injection: "scale" S, the ranges of the
+"slopes" of b in S z, each of "row", "column", "low", "high" (null of no end), "tree", with "core" N = S (A - gains C)
 S^-1, or "ranges", the enclosures of the a_i, or "units" s_i of which S is s_i a_1 .. a_i, and "P", with multipliers "S"
 or without, of a norm that falls at the theta "least"; of the rate at theta: "alpha" and the "P" of it, with its "S". Of
 other observers: "units", "scale", and what their modules say. Of inequality (38): the "gain" of the observer, the
