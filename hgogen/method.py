@@ -118,7 +118,7 @@ class Realising(Sampled):
 
     def obstacle(self, error: Inclusion) -> Reason:
         """A core in which something varies, which is not realised."""
-        if any(slope.degree < 0 for slope in error.slopes):
+        if any(slope.realised is None for slope in error.slopes):
             return because("the proof by {rule} is for a linear core that does not move", rule=self.name)
         return NONE
 

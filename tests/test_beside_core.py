@@ -30,7 +30,9 @@ STEPS = [
     ("disturbed_pendulum", "high_gain"),
     ("joint", "high_gain"),
     ("joint", "circle_criterion"),
+    ("pendulum", "peaking_free"),
     pytest.param("pendulum", "filtered", marks=pytest.mark.slow),
+    pytest.param("hyperjerk", "peaking_free", marks=pytest.mark.slow),
     pytest.param("disturbed_pendulum", "low_power", marks=pytest.mark.slow),
     pytest.param("hyperjerk", "filtered", marks=pytest.mark.slow),
 ]

@@ -76,7 +76,7 @@ def test_no_noise_moves_the_estimate_further(observer: str, method: str) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["bilinear", "exponential"])
-@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+@pytest.mark.parametrize("observer", ["high_gain", "filtered", "peaking_free"])
 def test_no_noise_moves_it_further_by_a_realised_core(observer: str, method: str) -> None:
     test_no_noise_moves_the_estimate_further(observer, method)
 

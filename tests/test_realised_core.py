@@ -23,9 +23,11 @@ from hgogen.guarantees.contracting import Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import BALLS, floats, rational
 from hgogen.model import load
+from hgogen.program import Place
 from hgogen.recheck import stages
 from hgogen.recheck.transition import weight
 from hgogen.recheck.verification import recheck
+from hgogen.stepping.machine import Machine
 
 
 def steps_of(name: str, observer: str, theta: float | None = None) -> Steps:
@@ -191,8 +193,53 @@ def test_a_core_too_fast_for_its_dt_is_not_rebuilt() -> None:
         weight([[Fraction(limit)]])
 
 
-def test_nothing_is_proved_where_a_core_moves() -> None:
+@pytest.mark.parametrize("method", ["exponential", "bilinear"])
+def test_nothing_is_proved_where_a_core_moves(method: str) -> None:
+    """With a parameter, of which the program realises the core at its own value."""
+    x1, x2 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2)
+    a = hg.Signal("a", "", "", 2, low=1, high=3)
+    plant = hg.System(
+        "scaled", states=(x1, x2), parameters=(a,), outputs=(hg.Signal("y"),), flow=[a * x2, -x1], output=[x1]
+    )
+    made = hg.observers.high_gain(hg.forms.triangular(plant), theta=8, gains=(2, 0.5))
+    (check,) = hg.contraction(hg.sample(made, getattr(hg.methods, method), dt=1e-3)).checks
+    assert check.verdict is Verdict.UNKNOWN
+    assert "for a linear core that does not move" in str(check.reason)
+
+
+@pytest.mark.parametrize("method", ["exponential", "bilinear"])
+def test_a_core_is_realised_with_its_saturations_open(method: str) -> None:
+    """The slope of a step of the program in its fields, each saturation open, is that of the proof with its slopes at
+    what they are there."""
     gains = load(MODELS / "pendulum.py").module.tuning["peaking_free"]
     made = hg.observers.peaking_free(hg.forms.triangular(model("pendulum")), **gains)
-    (check,) = hg.contraction(hg.sample(made, hg.methods.exponential, dt=1e-3)).checks
-    assert check.verdict is Verdict.UNKNOWN
+    step = hg.sample(made, getattr(hg.methods, method), dt=0.02)
+    assert hg.contraction(step).proved
+    error, theta = made.error, Fraction(gains["theta"])
+    assert isinstance(error, Inclusion)
+    e, remembered = error.at(theta), error.remembered(theta)
+    assert remembered is not None
+    d = []
+    for slope in error.varying:  # at rest: -a cos 0 and -b of the swing, saturations open
+        value = 1.0 if slope.entry is None else {(1, 0): -19.6, (1, 1): -0.1}[slope.entry]
+        span = float(slope.high - slope.low)
+        d.append((value - float(slope.low + slope.high) / 2) / (span / 2))
+    wanted = step.method.error_step(Fraction(0.02), e).frozen(np.array([d]))[0]
+    units, eps, seen = np.array(list(map(float, remembered))), 1e-6, []
+    for k in range(len(units)):
+        ends = []
+        for sign in (1, -1):
+            machine = Machine(step)
+            machine.record(np.zeros((2, 1)), np.zeros((2, 1)))
+            fields = np.zeros(len(units))
+            fields[k] = sign * eps / units[k]
+            place = 0
+            for field in made.parts[0].fields:
+                machine.memory[Place("state", field.name)][:] = fields[place : place + field.size]
+                place += field.size
+            machine.record(np.zeros((1, 1)), np.zeros((1, 1)))
+            ends.append(
+                np.concatenate([machine.memory[Place("state", f.name)].ravel() for f in made.parts[0].fields]) * units
+            )
+        seen.append((ends[0] - ends[1]) / (2 * eps))
+    np.testing.assert_allclose(np.array(seen).T, wanted, atol=2e-6)

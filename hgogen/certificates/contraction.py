@@ -59,7 +59,7 @@ def contraction(step: Step) -> Contraction:
     """What is proved of the error of a step at its gains and dt, and how far dt and theta may go.
 
     Of `high_gain`, `circle_criterion`, `filtered`, `filtered_injection`, `low_power` and `peaking_free` by an explicit
-    method, and but for the last by one that realises the core; of others the check says why nothing is proved.
+    method, or by one that realises a core that does not move; of others the check says why nothing is proved.
 
     Raises: `NoSolver` without cvxpy; `NoStep`.
     """

@@ -174,8 +174,10 @@ class Inclusion:
         late = np.array([level**-power for power in self.late], dtype=object)
         M, B, core, injected = self.N * level, self.B * late * level, self.N * level, self.B * late * level
         for slope in self.slopes:
-            onto = rational(slope.onto) * (number(slope.low + slope.high) / 2 * level**-slope.degree)
-            M, B = M + np.outer(onto, rational(slope.reads)), B + np.outer(onto, rational(slope.takes) * late)
+            way, reads = rational(slope.onto) * level**-slope.degree, rational(slope.reads)
+            onto = way * (number(slope.low + slope.high) / 2)
+            M, B = M + np.outer(onto, reads), B + np.outer(onto, rational(slope.takes) * late)
+            core = core + np.outer(way * number(slope.realised), reads) if slope.realised else core
         varying = self.varying
         G = [rational(slope.onto) * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
         H, E = ([rational(each) for each in rows] for rows in ((x.reads for x in varying), (x.takes for x in varying)))
@@ -185,7 +187,8 @@ class Inclusion:
 @dataclass(frozen=True, eq=False)
 class Uncertain:
     """e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p) and `E` (m, p)
-    of FLINT's rationals; `core` (N, N) and `injected` (N, p): the parts of M and B that are no slope of b."""
+    of FLINT's rationals; `core` (N, N) and `injected` (N, p): the parts of M and B that a method realises, which are no
+    slope of b, saturations open."""
 
     M: Array
     G: Array
@@ -272,7 +275,8 @@ def on_integrators(
     scale = from_form(chain.form, units)
     zero, one = Fraction(0), Fraction(1)
     shares = (
-        Slope(of_field(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1) for of, column in gates
+        Slope(of_field(of, len(column)), tuple(map(Fraction, column.tolist())), zero, one, -1, realised=one)
+        for of, column in gates
     )
     error = inclusion(chain.form, layout, core, measured, scale, units, numbers, shares, endless)
     return error if isinstance(error, Nothing) else replace(error, chained=True)
@@ -330,7 +334,7 @@ def with_gains(
             continue
         ranges.append(enclosure(form, a, known))
         ends = (Fraction(a.p, a.q),) * 2 if a.is_Rational else (outward(known.low, -1), outward(known.high, 1))
-        slopes.append(Slope(of_field(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1))
+        slopes.append(Slope(of_field(at, n), tuple(map(Fraction, onto[at].tolist())), *ends, -1, realised=None))
     weights = weights or weighted(form, None)
     numbers = {"gains": tuple(map(sp.Rational, K)), **_weights(form, weights)}
     one, ones = [Fraction(1)] * n, [sp.S.One] * n

@@ -18,9 +18,9 @@ _SATURATED = 8  # states up to which the saturations are tried in all their comb
 
 @dataclass(frozen=True)
 class Core:
-    """The core N at its `vertices`: all saturations open first, all shut last. Field k is scaled by the unit of its
-    `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) enters, `picks` which field stands for w_i in
-    the argument of c, `measured` by what an error of the sample enters, over theta."""
+    """The core N at its `vertices`: with saturations that pass nothing first, and all last. Field k is scaled by the
+    unit of its `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) enters, `picks` which field stands for
+    w_i in the argument of c, `measured` by what an error of the sample enters, over theta."""
 
     vertices: list[Matrix]
     index: list[int]
@@ -31,12 +31,12 @@ class Core:
 
     @property
     def gates(self) -> list[tuple[int, list[Fraction]]]:
-        """What each saturation passes on: the field whose error it passes, and the column by which that enters the core
-        beside the last vertex, where nothing is passed."""
-        shut, columns = self.vertices[-1], []
+        """What each saturation takes away: the field whose error it passes, and the column by which that enters the
+        core beside the last vertex, where all is passed."""
+        whole, columns = self.vertices[-1], []
         for k in reversed(range(len(self.vertices).bit_length() - 1)):
-            passed = minus(self.vertices[-1 - 2**k], shut)
-            columns += [(j, list(each)) for j, each in enumerate(transposed(passed)) if any(each)]
+            taken = minus(self.vertices[-1 - 2**k], whole)
+            columns += [(j, list(each)) for j, each in enumerate(transposed(taken)) if any(each)]
         return columns
 
 

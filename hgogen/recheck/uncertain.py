@@ -46,7 +46,8 @@ _NO_END = {"low": -math.inf, "high": math.inf}
 @dataclass(frozen=True)
 class Slope:
     """What `reads` of e, and `takes` of the samples' errors at theta = 1, bring into the rates by `onto`, over
-    theta^`degree`: in [low, high]; `endless`: 1 where it is anything from low = high on, -1 anything up to that."""
+    theta^`degree`: in [low, high]; `endless`: 1 where it is anything from low = high on, -1 anything up to that;
+    `realised`: whether a method realises the core beside it, which a core that moves with it is not."""
 
     reads: list[Fraction]
     onto: list[Fraction]
@@ -55,6 +56,7 @@ class Slope:
     degree: int
     takes: list[Fraction] = field(default_factory=list)
     endless: int = 0
+    realised: bool = True
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ class ErrorInclusion:
                 G.append([x * share * (slope.high - slope.low) / 2 for x in slope.onto])
                 H.append(slope.reads)
                 E.append(takes)
-        moving = any(slope.degree < 0 for slope in self.slopes)
+        moving = not all(slope.realised for slope in self.slopes)
         endless = [slope for slope in self.slopes if slope.endless and any(slope.reads)]
         signed = [(slope.onto, [-slope.endless * x for x in slope.reads]) for slope in endless]
         G = transposed(G) if G else [[] for _ in M]
@@ -224,7 +226,7 @@ def _moving(
         boxes += shown.boxes
         chain, level = place
         onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(K)]
-        slopes.append(Slope(of_field(at, len(K)), onto, low, high, -1))
+        slopes.append(Slope(of_field(at, len(K)), onto, low, high, -1, realised=False))
     return slopes, boxes
 
 
