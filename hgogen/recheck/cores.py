@@ -19,8 +19,8 @@ _SATURATED = 8  # states up to which the saturations are tried in all their comb
 @dataclass(frozen=True)
 class Core:
     """The core N at its `vertices`: with saturations that pass nothing first, and all last. Field k is scaled by the
-    unit of its `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) enters, `picks` which field stands for
-    w_i in the argument of c, `measured` by what an error of the sample enters, over theta."""
+    unit of its `index` i(k), from 0, and by theta^-`power`; `fed` says whether c_i(k) enters, `picks` which field
+    stands for w_i in the argument of c, `measured` by what an error of the sample enters, over theta."""
 
     vertices: list[Matrix]
     index: list[int]
