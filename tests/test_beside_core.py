@@ -3,6 +3,7 @@
 import copy
 from fractions import Fraction
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,13 @@ from forger import sealed
 from scipy.integrate import quad, solve_ivp
 
 import hgogen as hg
+from hgogen.algebra.definite import number
 from hgogen.certificates.contraction import theta_of
 from hgogen.check import Verdict
+from hgogen.guarantees.beside_core import by_matrix_exponential
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.plant_step import PlantStep
+from hgogen.guarantees.quadratic import rational
 from hgogen.method import Realising
 from hgogen.model import load
 from hgogen.part import Ode
@@ -181,6 +185,33 @@ def test_of_an_integrator_the_exponential_leaves_what_the_sample_bends() -> None
     step = single("exponential")
     whole, _ = quad(lambda s: RATE * 20 * np.exp(-20 * s) * s * (step.dt - s) / 2, 0, step.dt)
     assert whole / step.dt <= left(step)[0] < 1.1 * whole / step.dt
+
+
+def nilpotent(source: Fraction, lifted: int, bent: int, rest: int) -> Any:
+    """A plant's step of length 1 beside that of L = [0, 1; 0, 0], of which exp(s L) = [1, s; 0, 1]: by one sample that
+    enters as (source, 1), and one state; derivatives of what is injected, and of the rest, are as large as said."""
+    return SimpleNamespace(
+        L=rational([[0, 1], [0, 0]]),
+        h=number(Fraction(1)),
+        plant=SimpleNamespace(h=Fraction(1), flow=bent, rest=rest),
+        entering=rational([[source], [Fraction(1)]]),
+        lifted=rational([[0], [lifted]]),
+        most=lambda order, size: rational([size]),
+    )
+
+
+def test_the_integral_of_what_changes_its_sign_is_from_above() -> None:
+    """|s - c| s (1 - s)/2, c in the middle of a piece, where its size is least."""
+    c = Fraction(9, 16)
+    whole, _ = quad(lambda s: abs(s - c) * s * (1 - s) / 2, 0, 1, points=[float(c)])
+    assert whole <= float(by_matrix_exponential(nilpotent(-c, 0, 1, 0))[0]) < 1.5 * whole
+
+
+def test_what_the_polynomials_of_a_program_leave_counts() -> None:
+    """2^-56 of 1 + h |L|/2, on a state whose rate moves at up to 1, which no sample shows."""
+    step = nilpotent(Fraction(0), 1, 1, 0)
+    step.entering = 0 * step.entering
+    assert [float(size) for size in by_matrix_exponential(step)] == [1.5 * 2**-56, 1.5 * 2**-56]
 
 
 def test_a_rest_that_rises_counts_by_all_of_its_slope() -> None:

@@ -1,6 +1,7 @@
 """The observer that puts the output error into the argument of b: its equations, what slopes read, what is proved."""
 
 import copy
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from itertools import product
@@ -22,7 +23,10 @@ from hgogen.certificates.rate_and_noise import tuned
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.model import load
 from hgogen.reading.given import BadGain
-from hgogen.recheck.verification import recheck
+from hgogen.recheck.argument import argument_of
+from hgogen.recheck.context import Context
+from hgogen.recheck.text import expression
+from hgogen.recheck.verification import read, recheck
 from hgogen.stepping.machine import Machine
 from hgogen.trial import try_out
 
@@ -75,6 +79,20 @@ def test_a_run_is_that_of_the_equations(theta: float) -> None:
     assert np.nanmax(1.5 * y[:, 1]) > 2
     assert np.abs(wanted).max() > 0.1
     np.testing.assert_allclose(states, wanted, rtol=1e-12, atol=1e-12)
+
+
+def test_an_input_in_an_output_is_none_of_its_error() -> None:
+    """y = x1 + u/2 less u/2 is x1: the estimates are those by a plant that shows x1 alone."""
+    x1, x2, u = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "u"))
+    rng, dt, states = np.random.default_rng(2), 0.01, []
+    v, y = rng.uniform(-1, 1, (40, 1)), rng.uniform(-1, 1, (40, 1))
+    for share in (sp.Rational(1, 2), sp.S.Zero):
+        flow, output = [x2, u - 4 * sp.sin(x1)], [x1 + share * u]
+        plant = hg.System("fed", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=output)
+        made = hg.observers.circle_criterion(hg.forms.triangular(plant), theta=6, poles=(-1, -1), argument=(0.5, 0.3))
+        states.append(Machine(hg.sample(made, hg.methods.rk4, dt=dt)).record(v, y + float(share) * v)[0])
+    assert np.abs(states[1]).max() > 0.1
+    np.testing.assert_allclose(*states, rtol=1e-9, atol=1e-12)
 
 
 def test_by_default_b_reads_the_samples() -> None:
@@ -220,6 +238,32 @@ def test_every_claim_is_verified() -> None:
     assert found_of(content()) == dict.fromkeys(FACTS, "verified")
 
 
+def test_what_is_read_in_other_units() -> None:
+    """In (1, 2, 5) z: e_1 - (3/4) e_1, e_2 + (9/10) 2 e_1, e_3 - (3/4) e_3, and 1/4 v_1, -3/10 2 v_1, 3/2 5 v_2."""
+    context = Context(read(sealed(content())))
+    texts = [[expression(text, {}) for text in row] for row in (("1/4", "-3/10", "3/2"), ("1", "2", "5"))]
+    argument = argument_of(context, *texts)
+    assert argument.reads == [[Fraction(1, 4), 0, 0], [Fraction(9, 5), 1, 0], [0, 0, Fraction(1, 4)]]
+    assert argument.takes == [[Fraction(1, 4), 0], [Fraction(-3, 5), 0], [0, Fraction(15, 2)]]
+
+
+def test_of_sensors_that_show_one_state_each_is_in_the_argument_by_its_share() -> None:
+    """y3 = -y2 counts as much as y2 does; a proof of the noise of one is none for that of both as one."""
+    plant = joint()
+    third = replace(plant, outputs=(*plant.outputs, hg.Signal("y3")), output=[*plant.output, -plant.output[1]])
+    made = hg.observers.circle_criterion(
+        hg.forms.block_triangular(third), theta=6, poles=((-1, -1), (-1,)), argument=ARGUMENT
+    )
+    noise = hg.noise_gain(hg.sample(made, hg.methods.rk4, dt=0.01))
+    assert noise is not None
+    assert noise.gains["x3", "y2"] == pytest.approx(noise.gains["x3", "y3"], rel=1e-3)
+    rows = {
+        row.id: row.found
+        for row in recheck(sealed(certificate(made.form, (*made.checks, noise.check), made.name))).rows
+    }
+    assert rows["circle_criterion.noise"] == "verified"
+
+
 @pytest.mark.parametrize(("place", "entry"), [(0, "2"), (1, "-20"), (2, "-40")])
 def test_another_argument_is_not_what_was_proved(place: int, entry: str) -> None:
     changed = copy.deepcopy(content())
@@ -362,6 +406,12 @@ def test_the_tunings_that_are_designed_take_noise_at_the_rate_of_high_gain(name:
     runs = [next(iter(try_out(step, trial, engine="python", seeds=trial.seeds[:1]))) for step in steps]
     late = [run.error[run.truth.t >= trial.steady_from, -1] for run in runs]
     assert np.std(late[1]) < 0.5 * np.std(late[0])
+
+
+def test_of_one_output_the_size_of_noise_does_not_matter() -> None:
+    """Nor where it enters through slopes."""
+    loud, quiet = (hg.design.gain(damped(), rate=2, argument=(1, 1, 1), noise={"y": size}) for size in (100, 0.01))
+    assert loud.bounds == pytest.approx(quiet.bounds, rel=0.02)
 
 
 def test_an_argument_that_does_no_better_is_left_out() -> None:

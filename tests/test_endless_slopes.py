@@ -117,6 +117,27 @@ def test_three_states_have_none(row: int) -> None:
         assert "in the last of two states of a chain" in str(check.reason)
 
 
+def test_one_that_grows_counts_by_its_least() -> None:
+    """x' = x^3 - x, N = 2: e' = -(theta + d) e, d >= -1, whatever it is above."""
+    x = hg.Signal("x")
+    plant = hg.System("grows", states=(x,), outputs=(hg.Signal("y"),), flow=[x**3 - x], output=[x])
+    made = observer((2,), hg.forms.triangular(plant))
+    (check,) = (each for each in made.checks if each.id == "circle_criterion.convergence")
+    assert check.verdict is hg.Verdict.PROVED
+    assert 1 <= check.proofs[0].fact.theta < 1.05
+
+
+def test_each_of_two_has_a_share_of_its_own() -> None:
+    """x1' = -x1^3 + 10 x2 beside x2' = -x2^3, with half of each sample: e1' = -e1 + d e2, d in 0..5, asks for a P that
+    weighs e2 by more than e1."""
+    x1, x2 = hg.Signal("x1"), hg.Signal("x2")
+    outputs, flow = (hg.Signal("y1"), hg.Signal("y2")), [-(x1**3) + 10 * x2, -(x2**3)]
+    plant = hg.System("pair", states=(x1, x2), outputs=outputs, flow=flow, output=[x1, x2])
+    form = hg.forms.block_triangular(plant)
+    made = hg.observers.circle_criterion(form, theta=1, poles=((-1,), (-1,)), argument=((0.5,), (0.5,)))
+    assert verdict(made, "theta") is hg.Verdict.PROVED
+
+
 def test_of_two_chains_each_may_have_one() -> None:
     x1, x2, x3 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2"), hg.Signal("x3")
     flow, outputs = [x2, -(x2**3) - sp.sin(x1)], (hg.Signal("y1"), hg.Signal("y2"))
@@ -195,6 +216,15 @@ def test_another_argument_fails() -> None:
 def test_a_plant_whose_slope_has_the_other_sign_fails() -> None:
     changed = copy.deepcopy(content())
     changed["plant"]["flow"][1], changed["form"]["b"][1] = "x2**3", "z2**3"
+    assert finding(changed, "convergence") == "fails"
+
+
+def test_a_slope_that_grows_and_is_said_to_fails() -> None:
+    """Its range is that of the plant; but what is beyond its end makes V grow."""
+    changed = copy.deepcopy(content())
+    changed["plant"]["flow"][1], changed["form"]["b"][1] = "x2**3", "z2**3"
+    (slope,) = evidence(changed, "convergence")["slopes"]
+    slope["low"], slope["high"] = "0", None
     assert finding(changed, "convergence") == "fails"
 
 

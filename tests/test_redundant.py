@@ -154,6 +154,12 @@ def test_a_sensor_that_is_silent_leaves_the_other(method: Any) -> None:
     assert np.abs(both - one).max() < 1e-12
 
 
+def test_a_sensor_of_little_weight_counts_in_full_where_the_other_is_silent() -> None:
+    y = samples()
+    both = ran(stepped(x1, -2 * x1, weights={"y1": 3}), np.full(200, np.nan), -2 * y)
+    assert np.abs(both - ran(stepped(x1), y)).max() < 1e-12
+
+
 def test_the_mean_is_by_weight() -> None:
     """Of readings 1 and 2 apart by noise, in the unit of the first: (3*a + b)/4."""
     y, noise = samples(), np.random.default_rng(1).normal(size=(2, 200)) / 100
