@@ -227,3 +227,12 @@ OPERATION = (
         reason="watch the status RESTARTED_FROM_SAMPLE; after one the theorem starts again",
     ),
 )
+HURWITZ = Hypothesis(
+    "A - K C is Hurwitz", verdict=Verdict.PROVED, reason="by exact test or its poles; others are refused"
+)
+
+
+def large_theta(observer: str) -> Hypothesis:
+    """That theta is above what the observer's claim of that name proves."""
+    reason = "of its declared value; it can be tuned down to 1"
+    return Hypothesis("theta is large enough", (Claims(observer, "theta"),), reason=reason)

@@ -20,7 +20,6 @@ import sympy as sp
 
 from hgogen.chains.columns import columns
 from hgogen.chains.scaled_gain import ScaledGain
-from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.argument import bounded, injected, no_argument, sample_in_place
@@ -34,7 +33,7 @@ from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.spare import mean, weighted
-from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+from hgogen.theorem import FORM, HURWITZ, OPERATION, Theorem, large_theta
 
 REFERENCE = "Arcak, Kokotovic, Nonlinear observers: a circle criterion design, Automatica 37 (2001)"
 EQUATIONS = (
@@ -45,14 +44,8 @@ THEOREM = Theorem(
     "the estimate converges exponentially from any initial state",
     (
         *FORM,
-        Hypothesis(
-            "A - K C is Hurwitz", verdict=Verdict.PROVED, reason="by exact test or its poles; others are refused"
-        ),
-        Hypothesis(
-            "theta is large enough",
-            (Claims("circle_criterion", "theta"),),
-            reason="of its declared value; it can be tuned down to 1",
-        ),
+        HURWITZ,
+        large_theta("circle_criterion"),
         *OPERATION,
     ),
     REFERENCE,

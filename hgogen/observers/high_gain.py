@@ -35,7 +35,7 @@ from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.saturation import Limits, described, saturated
 from hgogen.structure.spare import mean, shown, unused, weighted
-from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+from hgogen.theorem import FORM, HURWITZ, OPERATION, Hypothesis, Theorem, large_theta
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
 _STANDARD = "z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)"
@@ -46,14 +46,8 @@ THEOREM = Theorem(
     "the estimate converges exponentially from any initial state",
     (
         *FORM,
-        Hypothesis(
-            "A - K C is Hurwitz", verdict=Verdict.PROVED, reason="by exact test or its poles; others are refused"
-        ),
-        Hypothesis(
-            "theta is large enough",
-            (Claims("high_gain", "theta"),),
-            reason="of its declared value; it can be tuned down to 1",
-        ),
+        HURWITZ,
+        large_theta("high_gain"),
         *OPERATION,
     ),
     REFERENCE,
