@@ -27,12 +27,19 @@ from hgogen.model import load
 Array = np.ndarray
 EVERY = {
     "cascaded_tanks": ("high_gain", "low_power", "peaking_free", "filtered", "filtered_injection"),
-    "disturbed_pendulum": ("high_gain", "low_power", "peaking_free", "filtered", "filtered_injection"),
-    "duffing": ("high_gain", "low_power", "peaking_free", "filtered", "filtered_injection"),
-    "flexible_joint": ("high_gain", "low_power", "peaking_free", "filtered", "filtered_injection"),
+    "disturbed_pendulum": (
+        "high_gain",
+        "circle_criterion",
+        "low_power",
+        "peaking_free",
+        "filtered",
+        "filtered_injection",
+    ),
+    "duffing": ("high_gain", "circle_criterion", "low_power", "peaking_free", "filtered", "filtered_injection"),
+    "flexible_joint": ("high_gain", "circle_criterion", "low_power", "peaking_free", "filtered", "filtered_injection"),
     "geared_motor": ("high_gain",),
-    "hyperjerk": ("high_gain", "peaking_free", "filtered", "filtered_sampled"),
-    "pendulum": ("high_gain", "low_power", "peaking_free", "filtered", "filtered_injection"),
+    "hyperjerk": ("high_gain", "circle_criterion", "peaking_free", "filtered", "filtered_sampled"),
+    "pendulum": ("high_gain", "circle_criterion", "low_power", "peaking_free", "filtered", "filtered_injection"),
     "stribeck": ("high_gain", "filtered"),
     "warm_bearing": ("high_gain",),
 }
