@@ -20,6 +20,7 @@ from test_cli import as_json, hgogen
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.certificates.rate_and_noise import tuned
+from hgogen.guarantees import gain_search
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.model import load
 from hgogen.reading.given import BadGain
@@ -250,7 +251,7 @@ def test_what_is_read_in_other_units() -> None:
 def test_of_sensors_that_show_one_state_each_is_in_the_argument_by_its_share() -> None:
     """y3 = -y2 counts as much as y2 does; a proof of the noise of one is none for that of both as one."""
     plant = joint()
-    third = replace(plant, outputs=(*plant.outputs, hg.Signal("y3")), output=[*plant.output, -plant.output[1]])
+    third = replace(plant, outputs=(*plant.outputs, hg.Signal("y3")), output=(*plant.output, -plant.output[1]))
     made = hg.observers.circle_criterion(
         hg.forms.block_triangular(third), theta=6, poles=((-1, -1), (-1,)), argument=ARGUMENT
     )
@@ -412,6 +413,17 @@ def test_of_one_output_the_size_of_noise_does_not_matter() -> None:
     """Nor where it enters through slopes."""
     loud, quiet = (hg.design.gain(damped(), rate=2, argument=(1, 1, 1), noise={"y": size}) for size in (100, 0.01))
     assert loud.bounds == pytest.approx(quiet.bounds, rel=0.02)
+
+
+def test_a_multiplier_for_one_slope_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the corners of one slope have, a multiplier has the gain of the least bounds."""
+    x1, x2 = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2"))
+    flow, y = [x2, -2 * x2**3], hg.Signal("y")
+    form = hg.forms.triangular(hg.System("one", states=(x1, x2), outputs=(y,), flow=flow, output=[x1]))
+    corners = hg.design.gain(form, rate=1, argument=(1, 1), theta=1)
+    monkeypatch.setattr(gain_search, "one_by_one", lambda *_: False)
+    multiplier = hg.design.gain(form, rate=1, argument=(1, 1), theta=1)
+    assert multiplier.bounds == pytest.approx(corners.bounds, rel=0.01)
 
 
 def test_an_argument_that_does_no_better_is_left_out() -> None:

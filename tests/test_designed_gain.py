@@ -139,6 +139,12 @@ def test_a_single_state_is_bounded_by_its_own_fastest() -> None:
     assert fast.bounds["x1", "y"] < slow.bounds["x1", "y"]
 
 
+def test_noise_moves_a_single_state_no_faster_than_is_asked_for() -> None:
+    """By k in a unit of time, over the bound: by about 2."""
+    gain = hg.design.gain(chain(1, lambda x: 5 * x[0]), rate=1, fastest=2)
+    assert powers(gain)[0] < 1.2 * 2 * gain.bounds["x1", "y"]
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_the_unit_of_time_does_not_matter(scale: float) -> None:
     gain = hg.design.gain(chain(2), rate=scale, per={"x1": 1, "x2": scale})
@@ -187,6 +193,14 @@ def test_a_parameter_may_be_anywhere_in_its_range() -> None:
         M = np.array([[0.0, at], [slope, 0.0]]) - at * np.outer(K, [1, 0])
         assert np.linalg.eigvals(M).real.max() <= -4
         assert all(moved(M, K) <= [1.001 * gain.bounds[state, "y"] for state in ("x1", "x2")])
+
+
+def test_a_sensor_may_show_ten_times_as_much() -> None:
+    """What K reads of an output with a slope in 1..10 moves with it."""
+    x, a = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2)], hg.Signal("a", nominal=5.5, low=1, high=10)
+    flow, y = [x[1], -sp.sin(x[0])], hg.Signal("y")
+    plant = hg.System("a", states=tuple(x), parameters=(a,), outputs=(y,), flow=flow, output=[a * x[0]])
+    assert hg.design.gain(hg.forms.triangular(plant), rate=2).rate >= 2 * (1 - 1e-12)
 
 
 @pytest.mark.slow

@@ -16,6 +16,8 @@ import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
+from hgogen.recheck.matrix import unit
+from hgogen.recheck.stages import Parts, method_of
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 
@@ -215,6 +217,17 @@ def test_both_ends_of_a_call_are_paid_for_by_the_bilinear_rule(share: Fraction, 
     assert float(first) == pytest.approx(float(last), rel=0.01)
     one["S"][-2:] = [str((first + last) * (1 - share)), str((first + last) * share)]
     assert verdict(content) == found_again
+
+
+def test_the_rest_takes_the_sample_at_each_end_by_a_realised_core() -> None:
+    """L = -20, M = -18, B = 3, R = 5, h = 1/10, so that phi_1 = 1/2 and phi_2 = 1/4: of (e, v_0, v_1)."""
+    M, L, B, R = ([[Fraction(each)]] for each in (-18, -20, 3, 5))
+    e, *v = ([row] for row in unit(3))
+    method = method_of({"method": "the bilinear rule"})
+    moved = method.moves(Parts(M, [[]], [], L, False, B, R, []), Fraction(1, 10), e, [[], []], v)
+    (after,), (rates,) = moved.stages[1], moved.D
+    assert [float(x) for x in after] == [0.1, 0.325, 0.075]
+    assert [float(x) for x in rates] == [-9.45, 2.1625, 2.0375]
 
 
 def test_a_bound_that_stands_twice_fails() -> None:
