@@ -139,6 +139,14 @@ def test_a_single_state_is_bounded_by_its_own_fastest() -> None:
     assert fast.bounds["x1", "y"] < slow.bounds["x1", "y"]
 
 
+@pytest.mark.parametrize(("fastest", "gain"), [(1.0, 6.0), (2.0, 7.0), (4.0, 9.0)])
+def test_a_limit_of_speed_is_kept(fastest: float, gain: float) -> None:
+    """x' = 5 x decays at the rate 1 from k = 6 on; noise of 1 moves it at k, at most by k/(k - 5): k - 5 <= fastest."""
+    designed = hg.design.gain(chain(1, lambda x: 5 * x[0]), rate=1, fastest=fastest)
+    assert powers(designed)[0] == pytest.approx(gain, rel=1e-3)
+    assert designed.bounds["x1", "y"] == pytest.approx(gain / (gain - 5), rel=1e-3)
+
+
 def test_noise_moves_a_single_state_no_faster_than_is_asked_for() -> None:
     """By k in a unit of time, over the bound: by about 2."""
     gain = hg.design.gain(chain(1, lambda x: 5 * x[0]), rate=1, fastest=2)

@@ -90,9 +90,12 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     return known
 
 
-def together_in_floats(error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float) -> float:
+def together_in_floats(
+    error: Inclusion, sizes: Array, rows: Array, falls: Falls, alpha: float, fastest: float
+) -> float:
     """The largest |c z|, c (r, n) of the `rows`, that one norm bounds under noise of all outputs, of these sizes (p) at
-    most, with an alpha near this one, in floats, z the errors of the form's states; infinite where none is found.
+    most, with an alpha near this one, in floats, z the errors of the form's states; infinite where none is found. What
+    noise alone moves faster than `fastest` (1/time), in that norm, counts for as many times more.
 
     Raises: `NoSolver`.
     """
@@ -105,7 +108,8 @@ def together_in_floats(error: Inclusion, sizes: Array, rows: Array, falls: Falls
         candidate = weights_in_floats(driven(e, share, error.hull), rows, share, W, len(sizes), _MARGIN)
         if candidate is not None and np.linalg.eigvalsh(candidate[0]).min() > 0:
             squares = np.einsum("ij,ij->i", rows, np.linalg.solve(candidate[0], rows.T).T)
-            least = min(least, float(np.sqrt(squares.max())))
+            speed = alpha * float(np.sqrt(np.linalg.eigvalsh(e.B.T @ candidate[0] @ e.B).max()))
+            least = min(least, float(np.sqrt(squares.max())) * max(1.0, speed / fastest))
     return least
 
 

@@ -113,7 +113,9 @@ class Search:
             middle = (low + high) / 2
             one = self._at(middle, noisy)
             low, high, best = (low, middle, one) if one else (middle, high, best)
-        worth = together_in_floats(best.flow.error, self.sizes, self.task.rows, best.falls, 2 * noisy)
+        worth = together_in_floats(
+            best.flow.error, self.sizes, self.task.rows, best.falls, 2 * noisy, self.task.fastest
+        )
         return replace(best, worth=min(worth, _LARGE))
 
     def _at(self, less: float, noisy: float) -> Candidate | None:
