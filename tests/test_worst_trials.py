@@ -41,6 +41,7 @@ EVERY = {
     "hyperjerk": ("high_gain", "circle_criterion", "peaking_free", "filtered", "filtered_sampled"),
     "pendulum": ("high_gain", "circle_criterion", "low_power", "peaking_free", "filtered", "filtered_injection"),
     "stribeck": ("high_gain", "filtered"),
+    "van_der_pol": ("circle_criterion",),
     "warm_bearing": ("high_gain",),
 }
 EACH = [(name, tuning) for name, tunings in EVERY.items() for tuning in tunings]
