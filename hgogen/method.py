@@ -128,7 +128,7 @@ class Realising(Sampled):
 
     def beside(self, plant: PlantStep, error: Inclusion, theta: Fraction) -> Entering:
         """The plant's own samples at both ends, its rest by two stages."""
-        return Entering(BesideCore(plant, error, theta).sizes(self.realisation, self.leaves), {})
+        return BesideCore(plant, error, theta).enters(self.realisation, self.leaves)
 
 
 @dataclass(frozen=True)

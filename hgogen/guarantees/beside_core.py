@@ -41,10 +41,11 @@ from flint import arb, arb_mat, ctx
 from hgogen.algebra.balls import between, magnitude
 from hgogen.algebra.definite import number
 from hgogen.algebra.points import exact
+from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees import realised
-from hgogen.guarantees.entering import Sizes, heads_of
+from hgogen.guarantees.entering import Entering, Sizes, heads_of
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.plant_step import UNKNOWN, PlantStep, Unbounded
+from hgogen.guarantees.plant_step import SUMMED, UNKNOWN, PlantStep, Unbounded, loose
 from hgogen.guarantees.quadratic import BALLS, Array, floats, identity, rational
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed
@@ -52,6 +53,7 @@ from hgogen.structure.spare import heads
 
 _FEW, _MANY = 8, 64  # pieces of a step
 _FINE = 8  # of them, where the core turns by 1
+_BARELY = 1 + Fraction(1, 10**6)  # of a size: what is said of it, which a weaker arithmetic reaches
 _SMOOTH = 5  # Taylor coefficients of the plant that are asked for, the last of which is of its third derivative
 
 
@@ -63,15 +65,26 @@ class BesideCore:
     error: Inclusion
     theta: Fraction
 
-    def sizes(self, realisation: realised.Realisation, leaves: "Leaves") -> Sizes:
-        """What comes to each field of an estimate that begins at the plant's own state. Raises: `Unbounded`."""
+    def enters(self, realisation: realised.Realisation, leaves: "Leaves") -> Entering:
+        """What comes to each field of an estimate that begins at the plant's own state, and of what that follows; of
+        tables nothing. Raises: `Unbounded`."""
         self._demand_chain()
         self._demand_smooth()
         with ctx.workprec(BALLS):
-            weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves(self)
+            weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.rest) * self.h
             total = alpha + weight @ _slopes(self.obeyed) @ ahead
-            return Sizes(fields=tuple(map(self._over_h, total)))
+            sizes = Sizes(fields=tuple(map(self._over_h, total)))
+        return Entering(sizes, {} if self.plant.reads_tables else self._follows(leaves))
+
+    def _follows(self, leaves: "Leaves") -> Evidence:
+        flow, rest = self.plant.flow, self.plant.rest
+        return {
+            "rates": self.plant.moving,
+            "speeds": tuple(map(loose, flow, self.plant.speeds)),
+            "flow": self._derivatives(leaves.flow, flow),
+            "rest": tuple(self._derivatives(order, rest) for order in range(1, leaves.rest + 1)),
+        }
 
     @cached_property
     def obeyed(self) -> Uncertain:
@@ -107,9 +120,12 @@ class BesideCore:
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
         """sup of sizes (n) of the derivatives of rows in time, of that order. Raises: `Unbounded`."""
+        return rational(self._derivatives(order, tuple(rows)))
+
+    def _derivatives(self, order: int, rows: tuple[sp.Expr, ...]) -> tuple[Fraction, ...]:
         for _ in range(order):
-            rows = [self.plant.along(row) for row in rows]
-        return rational([self.plant.largest(row) for row in rows])
+            rows = tuple(self.plant.along(row) for row in rows)
+        return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
 
     def _demand_chain(self) -> None:
         """That the plant obeys the observer's equations. Raises: `Unbounded`."""
@@ -134,10 +150,18 @@ class BesideCore:
         size = arb(x)
         if not size.is_finite():
             raise Unbounded(because("its core turns too fast for a step of {h}", h=float(self.plant.h)))
-        return magnitude(size) / self.plant.h
+        return magnitude(size) * _BARELY / self.plant.h
 
 
-Leaves = Callable[[BesideCore], Array]  # the sizes of alpha (N) of a realisation
+@dataclass(frozen=True)
+class Leaves:
+    """What a realisation leaves of a rest that is known at both ends of a step: the sizes of `alpha` (N), from the
+    derivative of z' of the order `flow`, and from those of b of up to the order `rest`, the first of which counts
+    whatever the realisation."""
+
+    flow: int
+    rest: int
+    alpha: Callable[[BesideCore], Array]
 
 
 def by_bilinear_rule(step: BesideCore) -> Array:
@@ -153,6 +177,10 @@ def by_matrix_exponential(step: BesideCore) -> Array:
     any_of_it = 0 * step.L + number(realised.WITHIN)
     turned = identity(len(step.L)) + np.abs(step.L) * (step.h / 2)
     return np.asarray(driven + any_of_it @ turned @ np.abs(step.lifted) @ bent * step.h**2)
+
+
+BILINEAR = Leaves(2, 1, by_bilinear_rule)
+EXPONENTIAL = Leaves(1, 2, by_matrix_exponential)
 
 
 def _slopes(e: Uncertain) -> Array:

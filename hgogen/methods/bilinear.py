@@ -42,5 +42,5 @@ def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.nda
 
 EQUATIONS = ("(1 - h/2 M) x+ = (1 + h/2 M) x + h/2 B (v_0 + v_1) + h/2 (r_0 + r_1)",)
 
-_PROVED = realised.by_bilinear_rule, beside_core.by_bilinear_rule
+_PROVED = realised.by_bilinear_rule, beside_core.BILINEAR
 bilinear = Realising("the bilinear rule", _matrices, _numbers, EQUATIONS, *_PROVED)

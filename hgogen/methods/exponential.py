@@ -46,12 +46,5 @@ EQUATIONS = (
     "phi_0 = exp X, phi_1 = (phi_0 - 1) X^-1, phi_2 = (phi_1 - 1) X^-1",
 )
 
-_PROVED = realised.by_matrix_exponential, beside_core.by_matrix_exponential
-exponential = Realising(
-    "the matrix exponential",
-    _matrices,
-    _numbers,
-    EQUATIONS,
-    realised.by_matrix_exponential,
-    beside_core.by_matrix_exponential,
-)
+_PROVED = realised.by_matrix_exponential, beside_core.EXPONENTIAL
+exponential = Realising("the matrix exponential", _matrices, _numbers, EQUATIONS, *_PROVED)

@@ -54,7 +54,7 @@ _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], int]]
     "Heun": (((), ("1",)), ("1/2", "1/2"), 2),
     "classical Runge-Kutta": (((), ("1/2",), ("0", "1/2"), ("0", "0", "1")), ("1/6", "1/3", "1/3", "1/6"), 4),
 }
-_TAKEN = Fraction(1, 2**56)  # of an element of phi_2: what a program's polynomial may be beside it
+TAKEN = Fraction(1, 2**56)  # of an element of phi_2: what a program's polynomial may be beside it
 Weights = tuple[Matrix, Matrix, Fraction]  # phi_1 and phi_2, and by how much elements of phi_2 may be beside these
 
 
@@ -145,8 +145,8 @@ def tableau_of(evidence: Mapping[str, Any]) -> Tableau:
 def method_of(evidence: Mapping[str, Any]) -> Method:
     """The method that the evidence names. Raises: `NotShown`."""
     name = part(evidence, "method", str)
-    if name in _REALISED:
-        return Method([Fraction(0), ONE], 0, partial(_realised, _REALISED[name]))
+    if name in REALISED:
+        return Method([Fraction(0), ONE], 0, partial(_realised, REALISED[name]))
     tableau = tableau_of(evidence)
     rows, weights = tableau.rows, tableau.weights
 
@@ -192,10 +192,10 @@ def _bilinear(X: Matrix) -> Weights:
 
 def _exponential(X: Matrix) -> Weights:
     phi_2, width = weight(X)
-    return plus(unit(len(X)), times(X, phi_2)), phi_2, width + _TAKEN
+    return plus(unit(len(X)), times(X, phi_2)), phi_2, width + TAKEN
 
 
-_REALISED: Mapping[str, Callable[[Matrix], Weights]] = {
+REALISED: Mapping[str, Callable[[Matrix], Weights]] = {  # by the name of a method, of X
     "the bilinear rule": _bilinear,
     "the matrix exponential": _exponential,
 }

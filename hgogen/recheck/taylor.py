@@ -7,7 +7,7 @@ from functools import lru_cache, reduce
 from operator import add
 
 from .arithmetic import Arithmetic, Undefined
-from .interval import Interval, intervals, point
+from .interval import Interval, hull, intervals, point
 
 _NONE = point(Fraction(0))
 
@@ -68,10 +68,10 @@ def taylor(order: int) -> Arithmetic:
             raise Undefined(f"no series of {name}")
         return Taylor(tuple(_FUNCTIONS[name](*(arg.coefficients for arg in args))))
 
-    def no_hull(a: Taylor, b: Taylor) -> Taylor:
-        raise Undefined("no series of Min and Max")
+    def both(a: Taylor, b: Taylor) -> Taylor:
+        return Taylor(tuple(hull(*pair) for pair in zip(a.coefficients, b.coefficients, strict=True)))
 
-    return Arithmetic(number, power, _root, function, no_hull)
+    return Arithmetic(number, power, _root, function, both)
 
 
 def _root(x: Taylor, exponent: Fraction) -> Taylor:

@@ -19,6 +19,7 @@ from ..cores import CONSTANT, OF_A_GAIN
 from ..falling import demand_negative
 from ..file import Claim, part
 from ..follows import demand_followed
+from ..left_by_core import demand_left_by_core
 from ..matrix import above_zero, column, entries, plus, scalar, unit
 from ..remainder import demand_remainder, derivable
 from ..stages import Input, Method, corner, ends, form_of, method_of, place, tableau_of, within
@@ -65,7 +66,7 @@ def error(context: Context, claim: Claim) -> Shown:
             demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
             within(one, k, scales, bound / size)
             totals[k] += bound
-    sizes, under, boxes = _followed(context, evidence, h, by_kind)
+    sizes, under, boxes = _followed(context, inclusion, theta, evidence, by_kind)
     states = zip(context.z, inclusion.picks, strict=True)
     said = ", ".join(f"{z} by at most {short(totals[k], 1)}" for z, k in states)
     at = f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}"
@@ -73,18 +74,25 @@ def error(context: Context, claim: Claim) -> Shown:
 
 
 def _followed(
-    context: Context, evidence: Mapping[str, Any], h: Fraction, shares: Mapping[str, Mapping[str, Any]]
+    context: Context,
+    error: ErrorInclusion,
+    theta: Fraction,
+    evidence: Mapping[str, Any],
+    shares: Mapping[str, Mapping[str, Any]],
 ) -> tuple[list[str], str, int]:
     """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
-    left = shares.get("method") if derivable(context) and method_of(evidence).degree else None
+    h, left = scalar(evidence, "dt"), shares.get("method") if derivable(context) else None
     others = {kind: share for kind, share in shares.items() if share is not left}
     stated = dict.fromkeys(("method", "rounding"), ", which it states")
     sizes = [f"{kind} of {', '.join(_all(share))}{stated.get(kind, '')}" for kind, share in others.items()]
     boxes = demand_followed(context, h, others)
     if left is None:
         return sizes, _CLEAR if "method" in shares else _BESIDE, boxes
-    remainder, more = demand_remainder(context, tableau_of(evidence), h, left)
-    return [*sizes, remainder.said], f"{_CLEAR} by {remainder.clear}", boxes + more
+    if method_of(evidence).degree:
+        motion, more = demand_remainder(context, tableau_of(evidence), h, left)
+    else:
+        motion, more = demand_left_by_core(context, error, theta, evidence, left)
+    return [*sizes, motion.said], f"{_CLEAR} by {motion.clear}", boxes + more
 
 
 def _field(one: Any, count: int) -> int:

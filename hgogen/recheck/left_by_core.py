@@ -1,0 +1,148 @@
+"""That the sizes of what a realised core leaves follow from the plant, on its ranges.
+
+The plant in the coordinates of the errors, X_k = s_k z_i of a field k that estimates z_i and 0 of a filter, obeys the
+observer's own equations; a step of these from X_0, of the plant's own samples y_0 and y_1,
+
+    X' = L X + w,   w = B y + beta,   beta_k = s_k b_i
+    a = X_0 + h phi_1 X'_0 + h phi_2 B (y_1 - y_0),   X+ = a + h phi_2 (beta(a) - beta_0)
+
+is beside X_1 by alpha + h phi_2 (beta(a) - beta_1), and a by alpha - h phi_2 (beta_1 - beta_0). With |beta_1 - beta_0|
+<= h sup|beta'|, and the slopes of the rest of what the error obeys, whatever a clamp takes of them,
+
+    by the bilinear rule        (1 - h L/2) alpha = -integral of (X' - line),   |alpha| <= |phi_1 s| h^3/12 sup|z'''|
+    by the matrix exponential   alpha = h (phi_2 - phi_2*) integral of (1 - (h - s) L) X''(s)
+                                        - integral of exp((h - s) L) (w - line)(s)
+
+while the plant keeps clear of the ends of its ranges by h sup|F|: `line` is that between the ends of a signal v, |v -
+line| <= s (h - s)/2 sup|v''|, and phi_2* the exponential's, of which the program's phi_2 is within 2^-56. Suprema are
+at most what the certificate says of them, shown by bisection.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from .box import NotShown
+from .context import Context
+from .core_integral import core_integral
+from .matrix import Matrix, column, matrix, minus, plus, scalar, scaled, sizes, times, unit, zeros
+from .plant_derivatives import Derivative, demand_derivatives
+from .plant_motion import PlantMotion, demand_keys, motion_of
+from .stages import REALISED, TAKEN, Parts, Weights
+from .uncertain import ErrorInclusion
+
+_KEYS = ("rates", "speeds", "flow", "rest")
+
+
+@dataclass(frozen=True)
+class AtCore:
+    """A step of length `h` of what obeys the core L of `parts`, by `weights`; of the plant's states `lifted`, s (N, n),
+    and what `entering` (N, n) samples show of them, B C.
+
+    Of the plant, bounds of a derivative of the `flow` z' in time (n), and of the first ones of the `rest` b, by their
+    orders from 1 (.., n)."""
+
+    parts: Parts
+    h: Fraction
+    weights: Weights
+    lifted: Matrix
+    entering: Matrix
+    flow: list[Fraction]
+    rest: Matrix
+
+    def total(self, alpha: Matrix) -> list[Fraction]:
+        """By how much a step is beside the plant (N), over h, of the sizes alpha (N, 1)."""
+        _, phi_2, width = self.weights
+        weight = [[self.h * (abs(x) + width) for x in row] for row in phi_2]
+        moved = scaled(self.h, times(sizes(self.lifted), _upright(self.rest[0])))
+        ahead = plus(alpha, times(weight, moved))
+        return [x / self.h for (x,) in plus(alpha, times(weight, times(_slopes(self.parts), ahead)))]
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """What a realisation leaves of a plant whose rest is known at both ends of a step: the sizes `alpha` (N, 1), from
+    the derivative of z' of the order `flow`, and those of b of up to the order `rest`."""
+
+    flow: int
+    rest: int
+    alpha: Callable[[AtCore], Matrix]
+
+
+def _by_bilinear_rule(step: AtCore) -> Matrix:
+    phi_1, _, _ = step.weights
+    return scaled(step.h**3 / 12, times(sizes(times(phi_1, step.lifted)), _upright(step.flow)))
+
+
+def _by_matrix_exponential(step: AtCore) -> Matrix:
+    L, h, (head, bent) = step.parts.L, step.h, (_upright(step.flow), _upright(step.rest[1]))
+    source = [[*row, *own] for row, own in zip(step.entering, step.lifted, strict=True)]
+    turned = plus(unit(len(L)), scaled(h / 2, sizes(L)))
+    taken = times([[TAKEN] * len(L) for _ in L], times(turned, times(sizes(step.lifted), head)))
+    return plus(times(core_integral(L, h, source), [*head, *bent]), scaled(h**2, taken))
+
+
+_LEAVES: Mapping[str, Leaves] = {
+    "the bilinear rule": Leaves(2, 1, _by_bilinear_rule),
+    "the matrix exponential": Leaves(1, 2, _by_matrix_exponential),
+}
+
+
+def demand_left_by_core(
+    context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
+) -> tuple[PlantMotion, int]:
+    """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `NotShown`."""
+    follows, n, name = share["follows"], len(context.z), evidence["method"]
+    demand_keys(follows, _KEYS)
+    leaves, parts, h = _LEAVES[name], error.at(theta), scalar(evidence, "dt")
+    motion = motion_of(context, h, follows)
+    flow, rest = column(follows, "flow", n), matrix(follows, "rest", leaves.rest, n)
+    lifted = _lifted(error, error.scales(context, theta), n)
+    entering = _entering(motion, parts)
+    _demand_chain(context, parts, lifted, entering)
+    boxes = motion.demand()
+    derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
+    for order, bounds in enumerate(rest, 1):
+        derivatives += [Derivative(row, order, most) for row, most in zip(context.form.b, bounds, strict=True)]
+    boxes += demand_derivatives(motion, derivatives)
+    step = AtCore(parts, h, REALISED[name](scaled(h, parts.L)), lifted, entering, flow, rest)
+    least = step.total(leaves.alpha(step))
+    if any(size < few for size, few in zip(column(share, "fields", len(lifted)), least, strict=True)):
+        raise NotShown("a size of the method is less than what it follows from")
+    return motion, boxes
+
+
+def _lifted(error: ErrorInclusion, scales: list[Fraction], n: int) -> Matrix:
+    """s (N, n)."""
+    fields = zip(scales, error.index, error.fed, strict=True)
+    return [[s * int(fed and i == at) for at in range(n)] for s, i, fed in fields]
+
+
+def _entering(motion: PlantMotion, parts: Parts) -> Matrix:
+    """B C (N, n), from what outputs show."""
+    entering = zeros(len(parts.L), len(motion.context.z))
+    for j, (head, slope) in motion.shown.items():
+        for row, by in zip(entering, parts.B, strict=True):
+            row[head] += by[j] * slope
+    return entering
+
+
+def _demand_chain(context: Context, parts: Parts, lifted: Matrix, entering: Matrix) -> None:
+    """L s + B C = s A: that X obeys the observer's equations. Raises: `NotShown`."""
+    A = [[context.value(entry).number for entry in row] for row in context.form.A]
+    chain = [[entry for entry in row if entry is not None] for row in A]
+    if any(len(row) < len(A) for row in chain):
+        raise NotShown("the chain of the plant moves, which its method does not realise")
+    if plus(times(parts.L, lifted), entering) != times(lifted, chain):
+        raise NotShown("its core is not the plant's chain")
+
+
+def _slopes(parts: Parts) -> Matrix:
+    """|J| at most (N, N), of what the rest makes of an error."""
+    rest = sizes(minus(parts.M, parts.L))
+    return plus(rest, times(sizes(parts.G), sizes(parts.H))) if parts.H else rest
+
+
+def _upright(values: list[Fraction]) -> Matrix:
+    return [[value] for value in values]

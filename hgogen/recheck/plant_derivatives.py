@@ -1,0 +1,126 @@
+"""That derivatives in time of what a plant moves are at most as large as is said of them, on its ranges.
+
+    x' = F(x, u), u' constant:   the k-th derivative of r(x(t), u(t)) of a row r
+
+by Taylor series of values with slopes in the point, and in the rates of inputs, from which they begin. In intervals
+what a derivative is on a box, by itself or by its value at the centre and its slopes on the box, whichever is less.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import factorial
+
+from .arithmetic import Dual, Undefined, dual, evaluate
+from .box import Box, Try, centre_of, covered, sides
+from .context import narrowed
+from .interval import Interval, intersection, point
+from .plant_motion import PlantMotion
+from .slope import mean_value, weights
+from .taylor import Taylor, taylor
+from .text import Expression
+
+_ONE = Fraction(1)
+_NONE = taylor(2).number(_ONE).coefficients[1]  # the 0 by which series cost nothing
+Series = Mapping[str, Dual]  # by names
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """Of a row, the derivative of an order, and what it is at most."""
+
+    row: Expression
+    order: int
+    most: Fraction
+
+    def of(self, series: Series) -> Dual:
+        """What it is in intervals, with its slopes. Raises: `Undefined`."""
+        value: Dual = evaluate(self.row, _begin(series, self.order + 1), dual(taylor(self.order + 1)))
+        share = point(Fraction(factorial(self.order)))
+        return Dual(
+            share * value.value.coefficients[-1],
+            {k: share * slope.coefficients[-1] for k, slope in value.slopes.items()},
+        )
+
+    def holds(self, value: Interval) -> bool:
+        """Whether it is at most that."""
+        return value.at_least(-self.most) and value.at_most(self.most)
+
+
+def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
+    """That derivatives of rows of the plant are at most what is said; with how many boxes. Raises: `NotShown`."""
+    context, order = motion.context, max(one.order for one in each)
+    whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
+    moving = {u: _rate_of(u) for u, rate in rates.items() if rate}
+    box = {**narrowed(whole, motion.read), **{moving[u]: (-rates[u], rates[u]) for u in moving}}
+
+    def on(here: Box) -> list[Dual]:
+        series = _along(context.rates, context.z, _started(here, whole, moving), order)
+        return [one.of(series) for one in each]
+
+    def attempt(here: Box) -> Try:
+        try:
+            wide, centre = on(here), centre_of(here)
+            beyond = [k for k, one in enumerate(each) if not one.holds(wide[k].value)]
+            middle = on(centre) if beyond else []
+        except Undefined:
+            return Try(False)
+        away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(here).items())}
+        means = {k: mean_value(middle[k].value, wide[k].slopes, away) for k in beyond}
+        beyond = [k for k in beyond if not each[k].holds(intersection(wide[k].value, means[k]))]
+        return Try(not beyond, weights([wide[k] for k in beyond]))
+
+    return covered(box, ".", attempt)
+
+
+def _rate_of(u: str) -> str:
+    """What stands for the rate of an input, a name that no expression has."""
+    return f"{u}'"
+
+
+def _started(here: Box, whole: Box, moving: Mapping[str, str]) -> Series:
+    """What is known of all names at first, with slopes in those of a box, `moving` the names of inputs' rates."""
+    places, ranges = {name: k for k, name in enumerate(here)}, sides({**whole, **here})
+
+    def series(*names: str) -> Dual:
+        each = range(len(names))
+        units = {
+            places[name]: Taylor(tuple(point(_ONE) if k == j else _NONE for k in each))
+            for j, name in enumerate(names)
+            if name in places
+        }
+        return Dual(Taylor(tuple(ranges[name] for name in names)), units)
+
+    return {name: series(name, *([moving[name]] if name in moving else [])) for name in whole}
+
+
+def _along(rows: Sequence[Expression], states: Sequence[str], started: Series, order: int) -> Series:
+    """The series below t^(order + 1). Raises: `Undefined`."""
+    series = dict(started)
+    for k in range(order):
+        here = _begin(series, k + 1)
+        slopes = [evaluate(row, here, dual(taylor(k + 1))) for row in rows]
+        series |= {name: _longer(here[name], slope) for name, slope in zip(states, slopes, strict=True)}
+    return series
+
+
+def _begin(series: Series, count: int) -> dict[str, Dual]:
+    """The same of as many coefficients."""
+
+    def cut(x: Taylor) -> Taylor:
+        return Taylor((*x.coefficients, *[_NONE] * count)[:count])
+
+    return {name: Dual(cut(x.value), {k: cut(slope) for k, slope in x.slopes.items()}) for name, x in series.items()}
+
+
+def _longer(x: Dual, rate: Dual) -> Dual:
+    """By one coefficient, from the rate."""
+    count = len(x.value.coefficients)
+    share, none = point(Fraction(1, count)), Taylor((_NONE,) * count)
+
+    def longer(x: Taylor, rate: Taylor) -> Taylor:
+        return Taylor((*x.coefficients, share * rate.coefficients[-1]))
+
+    keys = x.slopes.keys() | rate.slopes.keys()
+    slopes = {k: longer(x.slopes.get(k, none), rate.slopes.get(k, none)) for k in sorted(keys)}
+    return Dual(longer(x.value, rate.value), slopes)

@@ -1,0 +1,298 @@
+"""That what a realised core leaves follows from a plant: integrals, derivatives, known answers, and forged numbers."""
+
+import copy
+import json
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from forger import sealed
+from scipy.linalg import expm
+
+import hgogen as hg
+from hgogen.check import Verdict
+from hgogen.recheck.box import NotShown
+from hgogen.recheck.core_integral import core_integral
+from hgogen.recheck.left_by_core import _LEAVES, AtCore, _demand_chain
+from hgogen.recheck.matrix import unit
+from hgogen.recheck.plant_derivatives import Derivative, demand_derivatives
+from hgogen.recheck.plant_motion import PlantMotion
+from hgogen.recheck.stages import REALISED, TAKEN
+from hgogen.recheck.text import expression
+from hgogen.recheck.verification import recheck
+
+BILINEAR, EXPONENTIAL = _LEAVES
+
+
+def exactly(rows: Sequence[Sequence[float]]) -> list[list[Fraction]]:
+    return [[Fraction(x) for x in row] for row in rows]
+
+
+# --- the integral -----------------------------------------------------------------------------------------------------
+
+CORES: Mapping[str, Any] = {
+    "one pole": ([[-20]], 0.02),
+    "slow": ([[-0.5]], 0.25),
+    "fast": ([[-30]], 1),
+    "a chain": ([[-2, 1, 0], [-3, 0, 1], [-1, 0, 0]], 1),
+    "turning": ([[0, 5], [-5, 0]], 1),
+    "in uneven units": ([[-1, 1e6], [-1e-6, -1]], 1),
+    "growing": ([[1, 2], [0, 3]], 0.5),
+}
+
+
+@pytest.mark.parametrize("name", CORES)
+def test_the_integral_is_from_above_and_not_far(name: str) -> None:
+    rows, h = CORES[name]
+    L, own = exactly(rows), unit(len(rows))
+    known, core = core_integral(L, Fraction(h), own), np.array(rows, dtype=float)
+    s = np.linspace(0, h, 4001)
+    sizes = np.abs(expm(s[:, None, None] * core)) * (s * (h - s) / 2)[:, None, None]
+    whole = np.trapezoid(sizes, s, axis=0)
+    assert (whole * (1 - 1e-5) <= np.array(known, dtype=float)).all()
+    assert (np.array(known, dtype=float) <= 1.02 * whole + 1e-5).all()
+
+
+def test_of_no_core_it_is_a_twelfth() -> None:
+    ((one,),) = core_integral([[Fraction(0)]], Fraction(2), [[Fraction(-3)]])
+    assert float(one) == pytest.approx(2, rel=1e-15)
+
+
+def test_a_core_that_turns_too_far_is_not_shown() -> None:
+    with pytest.raises(NotShown, match="too fast"):
+        core_integral([[Fraction(-65)]], Fraction(1), [[Fraction(1)]])
+
+
+# --- sizes by hand ----------------------------------------------------------------------------------------------------
+
+
+def at_core(method: str, slope: int, **beside: Any) -> AtCore:
+    """A step of length 1 of one field, L = -2 by the bilinear rule and 0 by the exponential."""
+    L = [[Fraction(-2 if method == BILINEAR else 0)]]
+    parts: Any = SimpleNamespace(L=L, M=[[L[0][0] + slope]], G=[[Fraction(2)]], H=[[Fraction(-1)]])
+    return AtCore(
+        parts, Fraction(1), REALISED[method](L), exactly([[-1]]), exactly([[5]]), exactly([[12]])[0], **beside
+    )
+
+
+def test_the_bilinear_rule_by_hand() -> None:
+    """phi_1 = 1/2, phi_2 = 1/4: alpha = 12/24; a is beside by alpha + 8/4, and slopes of 1 + 2 make of it 3 of that."""
+    step = at_core(BILINEAR, -1, rest=exactly([[8]]))
+    alpha = _LEAVES[BILINEAR].alpha(step)
+    assert alpha == [[Fraction(1, 2)]]
+    assert step.total(alpha) == [Fraction(1, 2) + Fraction(3, 4) * (Fraction(1, 2) + 2)]
+
+
+def test_the_matrix_exponential_by_hand() -> None:
+    """A twelfth of 5 * 12 + 24, and what the program's polynomials leave."""
+    step = at_core(EXPONENTIAL, 0, rest=exactly([[8], [24]]))
+    ((alpha,),) = _LEAVES[EXPONENTIAL].alpha(step)
+    assert 7 + 12 * TAKEN <= alpha < 7 + 12 * TAKEN + Fraction(1, 2**60)
+    assert float(step.total([[alpha]])[0]) == pytest.approx(7 + 2 / 2 * (7 + 8 / 2))
+
+
+def test_the_exponential_counts_what_its_polynomials_may_be_beside_it() -> None:
+    step = at_core(EXPONENTIAL, 0, rest=exactly([[8], [0]]))
+    assert step.total([[Fraction(0)]])[0] > 4
+
+
+def test_a_core_that_is_not_the_plants_chain_is_not_shown() -> None:
+    """L s + B C = s A of s = 1, A = 0, where B C = 2."""
+    number: Any = SimpleNamespace(value=lambda entry: SimpleNamespace(number=entry))
+    number.form = SimpleNamespace(A=[[Fraction(0)]])
+    one, two = exactly([[1]]), exactly([[2]])
+
+    def parts(L: int) -> Any:
+        return SimpleNamespace(L=exactly([[L]]))
+
+    _demand_chain(number, parts(-2), one, two)
+    with pytest.raises(NotShown, match="is not the plant's chain"):
+        _demand_chain(number, parts(-3), one, two)
+    number.form.A = [[None]]
+    with pytest.raises(NotShown, match="moves"):
+        _demand_chain(number, parts(-2), one, two)
+
+
+# --- derivatives ------------------------------------------------------------------------------------------------------
+
+
+def motion(flow: Mapping[str, str], box: Mapping[str, tuple[int, int]], **rates: int) -> PlantMotion:
+    rows = tuple(expression(text, box) for text in flow.values())
+    ends = {name: (Fraction(low), Fraction(high)) for name, (low, high) in box.items()}
+    context: Any = SimpleNamespace(
+        rates=rows, z=tuple(flow), form=SimpleNamespace(box=ends), file=SimpleNamespace(inputs=tuple(rates))
+    )
+    return PlantMotion(context, Fraction(1), [Fraction(rate) for rate in rates.values()], [])
+
+
+SWING = motion({"q": "w", "w": "u - 3*sin(q)"}, {"q": (-1, 1), "w": (-2, 2), "u": (-1, 1), "p": (3, 3)}, u=5)
+AT = np.linspace(0, 1, 10**5)
+# w' = u - 3 sin q, w'' = u' - 3 w cos q, w''' = 3 w^2 sin q - 3 cos q (u - 3 sin q)
+LARGEST = {
+    ("q", 1): 2,
+    ("u - 3*sin(q)", 0): 1 + 3 * np.sin(1),
+    ("u - 3*sin(q)", 1): 5 + 6,
+    ("p*u", 1): 15,
+    ("-(u**2)", 2): 50,
+    ("q*w", 1): 4 + np.max(AT - 3 * AT * np.sin(AT)),  # w^2 + q (u - 3 sin q)
+    ("sin(q)", 2): np.sin(1) * 4 + np.cos(1) * (1 + 3 * np.sin(1)),
+    ("Max(w - 9, q)", 1): 2,
+    ("Abs(q + 2)", 1): 2,
+}
+
+
+@pytest.mark.parametrize(("text", "order"), LARGEST)
+def test_the_largest_derivative_is_shown_and_no_less(text: str, order: int) -> None:
+    row, most = expression(text, SWING.context.form.box), Fraction(LARGEST[text, order])
+    demand_derivatives(SWING, [Derivative(row, order, most * Fraction(101, 100))])
+    with pytest.raises(NotShown):
+        demand_derivatives(SWING, [Derivative(row, order, most * Fraction(99, 100))])
+
+
+def test_the_third_derivative_of_a_swing_is_its_largest_anywhere() -> None:
+    rng = np.random.default_rng(0)
+    q, w, u = rng.uniform(-1, 1, 10**6), rng.uniform(-2, 2, 10**6), rng.uniform(-1, 1, 10**6)
+    most = float(np.abs(3 * w**2 * np.sin(q) - 3 * np.cos(q) * (u - 3 * np.sin(q))).max())
+    row = SWING.context.rates[1]
+    demand_derivatives(SWING, [Derivative(row, 2, Fraction(most * 1.01))])
+    with pytest.raises(NotShown):
+        demand_derivatives(SWING, [Derivative(row, 2, Fraction(most * 0.98))])
+
+
+def test_of_a_kink_there_is_none() -> None:
+    with pytest.raises(NotShown):
+        demand_derivatives(SWING, [Derivative(expression("Abs(q)", {"q"}), 1, Fraction(100))])
+
+
+# --- in a certificate -------------------------------------------------------------------------------------------------
+
+Content = dict[str, Any]
+METHODS = ("bilinear", "exponential")
+
+
+@cache
+def _certified(method: str, tuning: str) -> str:
+    """Of two states, half the first of which is measured, and of two chains for the circle criterion; u moves at up to
+    5."""
+    x1, x2, u = (hg.Signal(name, low=-most, high=most) for name, most in (("x1", 1), ("x2", 2), ("u", 1)))
+    flow, output = [x2, u - sp.sin(3 * x1) - x2 / 4], [x1 / 2]
+    plant = hg.System("plant", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=output)
+    form = hg.forms.triangular(plant)
+    poles = {} if tuning == "peaking_free" else {"poles": (-1, -1)}
+    observer = getattr(hg.observers, tuning)(form, theta=12, **poles)
+    known = hg.error_bound(hg.sample(observer, getattr(hg.methods, method), dt=0.01), noise={"y": 1e-3}, rates={"u": 5})
+    assert known.check.verdict is Verdict.PROVED, known
+    return json.dumps(hg.certificate(form, (*observer.checks, known.check), tuning))
+
+
+def certified(method: str, tuning: str = "high_gain") -> Content:
+    content: Content = json.loads(_certified(method, tuning))
+    return content
+
+
+def method_share(content: Content) -> Any:
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
+    (share,) = (each for each in claim["evidence"]["shares"] if each["inputs"] == "method")
+    return share
+
+
+def row(content: Content) -> Any:
+    (one,) = (each for each in recheck(sealed(content)).rows if each.id.endswith(".error"))
+    return one
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("tuning", ["high_gain", "circle_criterion", "peaking_free"])
+def test_what_a_realised_core_leaves_is_verified_again(method: str, tuning: str) -> None:
+    one = row(certified(method, tuning))
+    assert one.found == "verified", one.sentence
+    assert "what the method leaves as u moves at up to 5 move" in one.sentence
+    assert "which it states" not in one.sentence
+    assert "while the plant keeps clear of the ends of its ranges by 0.0200001 in z1, 0.02" in one.sentence
+
+
+LIES = (
+    *((("fields", i), "9/10") for i in (0, 1)),
+    *((("follows", "speeds", i), "99/100") for i in (0, 1)),
+    *((("follows", key, 0), "-1") for key in ("rates", "speeds", "flow")),
+    *((("follows", "flow", i), factor) for i, factor in ((0, "98/100"), (1, "98/100"), (0, "3/2"))),
+    *((("follows", "rest", 0, 1), factor) for factor in ("98/100", "10")),
+    (("follows", "rates", 0), "6"),
+)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("path", "factor"), LIES)
+def test_a_forged_number_of_the_share_fails(path: Sequence[Any], factor: str, method: str) -> None:
+    content = certified(method)
+    _forge(method_share(content), path, factor)
+    assert row(content).found == "fails"
+
+
+@pytest.mark.parametrize(
+    ("method", "key", "place"),
+    [("exponential", "rest", (1, 1)), ("bilinear", "flow", (1,)), ("exponential", "flow", (0,))],
+)
+@pytest.mark.parametrize("factor", ["98/100", "10"])
+def test_a_forged_derivative_of_the_method_fails(method: str, key: str, place: tuple[int, ...], factor: str) -> None:
+    content = certified(method)
+    _forge(method_share(content), ("follows", key, *place), factor)
+    assert row(content).found == "fails"
+
+
+def _forge(holder: Any, path: Sequence[Any], factor: str) -> None:
+    for key in path[:-1]:
+        holder = holder[key]
+    assert Fraction(holder[path[-1]]) > 0
+    holder[path[-1]] = str(Fraction(holder[path[-1]]) * Fraction(factor))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_smaller_share_and_what_it_follows_from_fail_together(method: str) -> None:
+    content = certified(method)
+    share = method_share(content)
+    follows = share["follows"]
+    for rows in (share["fields"], follows["flow"], *follows["rest"]):
+        rows[:] = [str(Fraction(x) * Fraction(97, 100)) for x in rows]
+    assert row(content).found == "fails"
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("key", ["rates", "speeds", "flow", "rest"])
+def test_what_is_left_out_fails(method: str, key: str) -> None:
+    content = certified(method)
+    del method_share(content)["follows"][key]
+    assert row(content).found == "fails"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_share_that_follows_from_nothing_fails(method: str) -> None:
+    content = certified(method)
+    method_share(content)["follows"] = {}
+    assert row(content).found == "fails"
+
+
+def test_one_method_does_not_pass_for_the_other() -> None:
+    content, other = certified("exponential"), copy.deepcopy(method_share(certified("bilinear")))
+    method_share(content)["follows"] = other["follows"]
+    assert row(content).found == "fails"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_with_a_table_it_is_stated(method: str) -> None:
+    x1, x2, u = (hg.Signal(name, low=-most, high=most) for name, most in (("x1", 1), ("x2", 2), ("u", 1)))
+    flow = [x2, u - hg.table(x1, [-5, 5], [-1, 1])]
+    plant = hg.System("plant", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=12, poles=(-1, -1))
+    step = hg.sample(observer, getattr(hg.methods, method), dt=0.01)
+    known = hg.error_bound(step, noise={"y": 1e-3}, rates={"u": 5})
+    content = hg.certificate(observer.form, (*observer.checks, known.check), "high_gain")
+    assert method_share(content)["follows"] == {}
+    assert ", which it states" in row(content).sentence
+    method_share(content)["follows"] = method_share(certified(method))["follows"]
+    assert row(content).found == "fails"
