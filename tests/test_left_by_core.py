@@ -3,6 +3,7 @@
 import copy
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from types import SimpleNamespace
@@ -162,6 +163,16 @@ def test_the_third_derivative_of_a_swing_is_its_largest_anywhere() -> None:
     demand_derivatives(SWING, [Derivative(row, 2, Fraction(most * 1.01))])
     with pytest.raises(NotShown):
         demand_derivatives(SWING, [Derivative(row, 2, Fraction(most * 0.98))])
+
+
+def test_an_input_moves_at_up_to_its_rate_both_ways() -> None:
+    """(x - u)' = 1 - u' is 6 at u' = -5, and (x + u)' at 5."""
+    plain = motion({"x": "u + 1 - u"}, {"x": (0, 1), "u": (0, 1)}, u=5)
+    for text in ("x - u", "x + u"):
+        one = Derivative(expression(text, {"x", "u"}), 1, Fraction("6.01"))
+        demand_derivatives(plain, [one])
+        with pytest.raises(NotShown):
+            demand_derivatives(plain, [replace(one, most=Fraction("5.99"))])
 
 
 def test_of_a_kink_there_is_none() -> None:
