@@ -272,9 +272,9 @@ def test_ranges_that_the_limits_of_an_estimate_do_not_hold_have_no_set_of_starts
 
 
 def test_a_flow_whose_series_divide_by_balls_that_hold_zero_has_no_remainder() -> None:
-    """A tanh that turns sixty times in its range."""
+    """The square of a wide ball holds numbers below 0, and so does what is divided by."""
     x, v = hg.Signal("x", low=-300, high=300), hg.Signal("v", low=-300, high=300)
-    flow = [v, -sp.tanh(v / 5) - v]
+    flow = [v, -5 * v / (25 + v**2) - v]
     plant = hg.System("steep", states=(x, v), outputs=(hg.Signal("y"),), flow=flow, output=[x])
     observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=[-1, -1])
     known = hg.error_bound(hg.sample(observer, hg.methods.rk4, dt=0.01), noise={"y": 0.1})
