@@ -15,6 +15,7 @@ from forger import sealed
 from oracle.circle_criterion import circle_criterion as oracle
 from oracle.sampled import run
 from plants import model
+from scipy.integrate import trapezoid
 from test_cli import as_json, hgogen
 
 import hgogen as hg
@@ -209,7 +210,7 @@ def moved(M: np.ndarray, B: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eig(M)
     t = np.linspace(0, 12 / -values.real.max(), 20000)
     rows = vectors @ (np.exp(np.outer(values, t)) * np.linalg.solve(vectors, B.astype(complex))[:, None])
-    return np.trapezoid(np.abs(rows.real), t, axis=1)
+    return trapezoid(np.abs(rows.real), t, axis=1)
 
 
 # --- certificates -----------------------------------------------------------------------------------------------------
