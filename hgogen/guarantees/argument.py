@@ -11,7 +11,7 @@ Source: Arcak, Kokotovic, "Nonlinear observers: a circle criterion design and ro
 (2001).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -20,23 +20,23 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.points import exact
-from hgogen.chains.columns import Column, as_matrix, columns
+from hgogen.chains.columns import as_matrix, columns
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.slope_of_error import Slope
-from hgogen.sentence import Reason, because
+from hgogen.guarantees.slope_of_error import Slope, of_field
+from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import chains, fixed
 from hgogen.structure.spare import entering, weighted
 
 
-def no_argument(form: Form) -> Reason | None:
-    """Why the b of a form takes no output error into its argument."""
+def no_argument(form: Form) -> Reason:
+    """Why the b of a form takes no output error into its argument, or `NONE`."""
     if form.jacobian is not None:
         return because("it works in chains, and this form keeps the plant's coordinates")
     if any(a.free_symbols & {*form.system.inputs} for chain in form.gains for a in chain):
         return because("it is for a_i that do not move with an input")
-    return None
+    return NONE
 
 
 def sample_in_place(form: Form) -> tuple[sp.Expr, ...]:
@@ -57,7 +57,8 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
     read = _by_field(form, error, as_matrix(form, entries))
     if isinstance(read, Reason):
         return Nothing(read)
-    scaled = [_number(error.scale[at.row] * entry, form) for at, entry in _placed(form, entries)]
+    placed = zip(columns(form, len(entries)), entries, strict=True)
+    scaled = [_number(error.scale[at.row] * entry, form) for at, entry in placed]
     known = [value for value in scaled if value is not None]
     if len(known) < len(scaled) or not error.B.size:
         error, samples = error.deaf, np.zeros((form.n, 0))
@@ -76,13 +77,9 @@ def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
     return Nothing(because(pattern, i=i + 1, z=form.states[j]))
 
 
-def _placed(form: Form, entries: Sequence[sp.Expr]) -> Iterator[tuple[Column, sp.Expr]]:
-    return zip(columns(form, len(entries)), entries, strict=True)
-
-
 def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction]] | Reason:
     """What stands in the place of the error of each field (n, n): of it and of the first states of the chains."""
-    rows = [[Fraction(int(i == j)) for j in range(form.n)] for i in range(form.n)]
+    rows = [list(of_field(i, form.n)) for i in range(form.n)]
     for k, chain in ((k, chains(form)[k]) for k in form.leads):
         head = form.heads[k]
         for j, row in enumerate(rows):

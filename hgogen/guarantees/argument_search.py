@@ -52,8 +52,8 @@ def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
     return entries(minimize(worth, simplex[0], method="Nelder-Mead", options=most).x)
 
 
-def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float], theta: float = 1.0) -> Search:
-    """The search with these entries of N, whose task is that of the error with them."""
+def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) -> Search:
+    """The search with these entries of N, whose task is that of the error with them, written at theta = 1."""
     open_ = plain(form, sizes, argument=argument)
     assert not isinstance(open_, Reason)
-    return Search(form, replace(task, open=open_), sizes, theta, tuple(argument))
+    return Search(form, replace(task, open=open_), sizes, 1.0, tuple(argument))

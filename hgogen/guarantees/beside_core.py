@@ -81,7 +81,7 @@ class BesideCore:
         flow, rest = self.plant.flow, self.plant.rest
         return {
             "rates": self.plant.moving,
-            "speeds": tuple(map(loose, flow, self.plant.speeds)),
+            "speeds": self.plant.stated_speeds,
             "flow": self._derivatives(leaves.flow, flow),
             "rest": tuple(self._derivatives(order, rest) for order in range(1, leaves.rest + 1)),
         }

@@ -53,7 +53,7 @@ class BesideStages:
 
         Raises: `Unbounded`.
         """
-        (a, _, _), moving = self._coefficients, (*self._fast, *self.plant.moving)
+        (a, _, _), moving = self._coefficients, (*self.plant.stated_speeds, *self.plant.moving)
         bend = sum((x * most for x, most in zip(self._bent[output], moving, strict=True)), _NONE)
         away = [sum(map(abs, row), _NONE) for row in a]  # of a stage from the start, over h sup|F|
         shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _NONE) for row in self._bends]
@@ -71,7 +71,12 @@ class BesideStages:
         if self.plant.reads_tables:
             return {}
         flow, step = self._left
-        known = {"rates": self.plant.moving, "speeds": self._fast, "slopes": self._bent, "lines": self._lines}
+        known = {
+            "rates": self.plant.moving,
+            "speeds": self.plant.stated_speeds,
+            "slopes": self._bent,
+            "lines": self._lines,
+        }
         return {**known, "flow": flow, "step": step}
 
     @cached_property
@@ -87,11 +92,6 @@ class BesideStages:
     def _used(self) -> Mapping[int, int]:
         """The outputs that are injected."""
         return heads(self.plant.form)
-
-    @cached_property
-    def _fast(self) -> tuple[Fraction, ...]:
-        """sup|F_i| (n)."""
-        return tuple(map(loose, self.plant.flow, self.plant.speeds))
 
     @cached_property
     def _bends(self) -> Rows:

@@ -9,7 +9,7 @@ the bound of each state by a norm of its own.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive
 from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, by_name
-from hgogen.sentence import Reason, Sentence, because
+from hgogen.sentence import NONE, Reason, Sentence, because
 
 _FORM = "a form: hg.forms.triangular(plant)"
 _FASTEST = 10  # times the number of states and the pace of rate and slopes
@@ -133,7 +133,7 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
     """The entries of N that are tried, of one that is searched none first. Raises: `NoSolver`, `BadGain`."""
     if argument is None or argument is False:
         return ((),)
-    moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else None
+    moving = because("its {a} moves in a range", a=form.gain_names[0][0]) if task.open.D.any() else NONE
     if why := no_argument(form) or moving:
         raise BadGain("argument", f"is not designed for {form.system.name}: {why}; leave it out")
     if argument is True:
@@ -146,7 +146,8 @@ def _best(
     form: Form, task: Task, sizes: np.ndarray, entries: Sequence[float], levels: Sequence[float]
 ) -> Candidate | None:
     """The best gain with these entries of N, with the most accurate of the values of theta. Raises: `NoSolver`."""
-    return min((searched(form, task, sizes, entries, each) for each in levels), key=Search.promise).best()
+    one = searched(form, task, sizes, entries)
+    return min((replace(one, theta=each) for each in levels), key=Search.promise).best()
 
 
 def _levels(pace: float) -> tuple[float, ...]:

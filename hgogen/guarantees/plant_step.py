@@ -63,6 +63,11 @@ class PlantStep:
         """sup|F_i| (n). Raises: `Unbounded`."""
         return tuple(self.largest(row) for row in self.flow)
 
+    @cached_property
+    def stated_speeds(self) -> tuple[Fraction, ...]:
+        """The same as a certificate has them, a little larger where they are no numbers of the plant's."""
+        return tuple(map(loose, self.flow, self.speeds))
+
     @property
     def margins(self) -> tuple[Fraction, ...]:
         """By how much the plant keeps clear of the ends of the ranges (n). Raises: `Unbounded`."""

@@ -14,11 +14,11 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import sympy as sp
 
 from hgogen.chains.columns import columns
+from hgogen.chains.injected import injected_chains
 from hgogen.chains.scaled_gain import ScaledGain
 from hgogen.form import Form
 from hgogen.graph import Graph
@@ -134,23 +134,12 @@ def _argument(form: Form, entries: Sequence[sp.Expr]) -> ScaledGain:
 
 def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:
     """z' = A z + K (y - C z - offset), and b at z + N (y - C z - offset)."""
-    form = dynamics.form
-    n, still = dynamics.n, ca.SX.zeros(len(form.system.inputs))
-    A, C, weights = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still), weighted(form, None)
-
-    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
-        return {"z": A @ values["z"] + K.onto(mean(form, weights, y - C @ values["z"], valid), n)}
+    form, weights = dynamics.form, weighted(dynamics.form, None)
 
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
         e = mean(form, weights, y - dynamics.output(z, u), valid)
-        return {"z": dynamics.nonlinear(z + N.onto(e, n), u)}
+        return {"z": dynamics.nonlinear(z + N.onto(e, dynamics.n), u)}
 
-    return Ode(
-        (z,),
-        rest,
-        linear,
-        lambda u: dynamics.output(ca.SX.zeros(n), u),
-        derived=(K.field, N.field),
-        tune=(K.tuned(form), N.tuned(form)),
-    )
+    part = injected_chains(dynamics, K, weights, rest)
+    return replace(part, fields=(z,), derived=(K.field, N.field), tune=(K.tuned(form), N.tuned(form)))

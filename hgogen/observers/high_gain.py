@@ -21,6 +21,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.chains.injected import injected_chains
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
@@ -167,16 +168,11 @@ def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float |
 
 def _in_chains(dynamics: Dynamics, chosen: ConstantGain, weights: Sequence[float]) -> Ode:
     """z' = A z + K (y - C z - offset), and b."""
-    n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
-    A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
-
-    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
-        return {"z": A @ values["z"] + chosen.K.onto(mean(dynamics.form, weights, y - C @ values["z"], valid), n)}
 
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": dynamics.nonlinear(values["z"], u)}
 
-    return Ode((), rest, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))
+    return injected_chains(dynamics, chosen.K, weights, rest)
 
 
 def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float, weights: Sequence[float]) -> Ode:

@@ -90,6 +90,7 @@ def noise(context: Context, claim: Claim) -> Shown:
     if not (theta > 0 and h > 0):
         raise NotShown("theta and dt are not positive")
     error, method = error_inclusion(context, observer, evidence), method_of(evidence)
+    parts = error.at(theta)
     said: dict[tuple[int, int], str] = {}
     for one in part(evidence, "bounds", list):
         if not isinstance(one, dict) or set(one) != {"state", "output", "alpha", "P", "S", "bound"}:
@@ -104,7 +105,6 @@ def noise(context: Context, claim: Claim) -> Shown:
         lambdas = column({"S": S[-2:]}, "S", 2)
         if not (0 < alpha * h < 1 and bound > 0 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
             raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
-        parts = error.at(theta)
         form = form_of(parts, method, h, one, ends(method, parts, output))
         demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
         within(one, error.picks[state], error.scales(context, theta), bound)
@@ -129,9 +129,9 @@ def start(context: Context, claim: Claim) -> Shown:
     clear, peaks = part(evidence, "clear", dict), entries(evidence, "peaks", n)
     if any(not isinstance(one, dict) for one in peaks):
         raise NotShown("a peak is no object")
-    begins = []
+    begins, parts = list[Fraction](), error.at(theta)
     for one in (clear, *peaks):
-        demand_negative("its inequality", form_of(error.at(theta), method, h, one))
+        demand_negative("its inequality", form_of(parts, method, h, one))
         begins.append(_largest(error, scales, first, matrix(one, "P", len(scales), len(scales))))
     multiple, limits = above_zero(clear, "multiple"), _limits(clear, error)
     for k, limit in limits.items():

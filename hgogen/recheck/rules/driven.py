@@ -39,7 +39,7 @@ def error(context: Context, claim: Claim) -> Shown:
     if not (theta > 0 and h > 0):
         raise NotShown("theta and dt are not positive")
     inclusion, method = error_inclusion(context, observer, evidence), method_of(evidence)
-    scales, shares = inclusion.scales(context, theta), part(evidence, "shares", list)
+    parts, scales, shares = inclusion.at(theta), inclusion.scales(context, theta), part(evidence, "shares", list)
     if not inclusion.measured:
         raise NotShown("its gains are no numbers in these coordinates")
     if not shares:
@@ -62,7 +62,7 @@ def error(context: Context, claim: Claim) -> Shown:
             lambdas = column({"S": part(one, "S", list)[-len(inputs) :]}, "S", len(inputs))
             if not (0 < alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
                 raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
-            form = form_of(inclusion.at(theta), method, h, one, inputs)
+            form = form_of(parts, method, h, one, inputs)
             demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
             within(one, k, scales, bound / size)
             totals[k] += bound
