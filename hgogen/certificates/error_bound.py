@@ -221,8 +221,7 @@ def _bounded(
     if real:
         if start is None or multiple is None:
             raise Unbounded(because("how much is rounded is not known, as the estimate may meet its limits"))
-        moves = _moves(plant, shares)
-        rounding = rounding_share(step, real, steps, proof, shares, start, multiple, samples, shown, moves)
+        rounding = rounding_share(step, real, steps, proof, shares, start, multiple, samples, shown, plant)
         early, calls, decayed = {k: without[k] + rounding.early[k] for k in fields}, rounding.calls, rounding.left
         shares.append(rounding.share)
         multiple = _multiple(steps, proof, start, early)
@@ -243,12 +242,6 @@ def _bounded(
         inside=stated.inside,
     )
     return replace(stated, signed=own)
-
-
-def _moves(plant: PlantStep, shares: Sequence[Share]) -> list[Fraction]:
-    """How far the plant goes in a call, by row of its form. Raises: `Unbounded`."""
-    beside = [share.sizes.beside for share in shares if share.sizes.beside]
-    return [plant.h * (speed + sum((each[i] for each in beside), Fraction(0))) for i, speed in enumerate(plant.speeds)]
 
 
 def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fraction]:

@@ -21,13 +21,15 @@ import sympy as sp
 
 from hgogen.algebra.balls import between, magnitude
 from hgogen.algebra.definite import root
+from hgogen.certificates.listing import listed
 from hgogen.certificates.rounded_step import rounding_errors
 from hgogen.certificates.start_set import Start
+from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.confined import reached
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.entering import Heads, Sizes
 from hgogen.guarantees.inclusion import of_state
-from hgogen.guarantees.plant_step import Unbounded
+from hgogen.guarantees.plant_step import SUMMED, PlantStep, Unbounded
 from hgogen.guarantees.quadratic import extent, rational
 from hgogen.guarantees.step_evidence import Share
 from hgogen.guarantees.under_inputs import InputBound, of_step
@@ -69,10 +71,10 @@ def rounding_share(
     multiple: Fraction,
     samples: Sequence[Fraction],
     shown: Heads,
-    moves: Sequence[Fraction],
+    plant: PlantStep,
 ) -> Rounding:
     """The share of a program in a working precision, beside the others, from first errors of `multiple` times what the
-    ranges allow, of samples that err by at most `samples` (p), beside a plant that `moves` (n) at most in a call.
+    ranges allow, of samples that err by at most `samples` (p), beside a `plant`.
 
     Raises: `Unbounded`, `NoSolver`.
     """
@@ -80,7 +82,8 @@ def rounding_share(
     parts = [_of_share(share.unit, share.proofs, scales) for share in shares]
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
     begins = reached(rational(proof.weights.P), start.corners, {k: of_state(scales, k) for k in every})
-    sizes, taken = _Sizing(step, real, steps, start, samples, shown, moves), min(multiple, Fraction(1))
+    taken, speeds = min(multiple, Fraction(1)), plant.stated_speeds
+    sizes = _Sizing(step, real, steps, start, samples, shown, _moves(plant.h, speeds, shares), speeds)
 
     def moved(what: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
         """The proofs of what such sizes do, over the largest, and what they say of each field."""
@@ -97,12 +100,20 @@ def rounding_share(
     _, bounds = moved(first)
     most = _kept_to(lambda r: _times(sizes.beside({k: wide[k] + r * bounds[k] for k in every}), first))
     early = {k: most * bounds[k] for k in every}
-    later = sizes.beside({k: _ROOM * others[k] + (1 + CLOSE) * early[k] for k in every})
+    within = {k: _ROOM * others[k] + (1 + CLOSE) * early[k] for k in every}
+    later = sizes.beside(within)
     proofs, bounds = moved(later)
     left = {k: CLOSE * (others[k] + min(bounds[k], early[k])) for k in every}
     falls = min(one.alpha for one in proofs.values()) * proof.h
     calls = _calls(float(most * _times(first, later)), float(falls))
-    return Rounding(Share("rounding", later, later.largest, proofs), early, left, calls)
+    share = Share("rounding", later, later.largest, proofs, sizes.follows([within[k] for k in every]))
+    return Rounding(share, early, left, calls)
+
+
+def _moves(h: Fraction, speeds: Sequence[Fraction], shares: Sequence[Share]) -> list[Fraction]:
+    """How far a plant of these speeds goes in a call, by row of its form."""
+    beside = [share.sizes.beside for share in shares if share.sizes.beside]
+    return [h * (speed + sum((each[i] for each in beside), Fraction(0))) for i, speed in enumerate(speeds)]
 
 
 def _times(more: Sizes, less: Sizes) -> Fraction:
@@ -150,12 +161,31 @@ class _Sizing:
     samples: Sequence[Fraction]
     shown: Heads
     moves: Sequence[Fraction]
+    speeds: Sequence[Fraction]
 
     def beside(self, errors: Sized) -> Sizes:
         """Raises: `Unbounded`."""
         rounded = [self._on(ranges, errors) for ranges in self._pieces]
         each = zip(zip(*rounded, strict=True), self._remembered, strict=True)
-        return Sizes(fields=tuple(max(rhos) * e / Fraction(self.step.dt) for rhos, e in each))
+        return Sizes(fields=tuple(max(rhos) * e * SUMMED / Fraction(self.step.dt) for rhos, e in each))
+
+    def follows(self, within: Sequence[Fraction]) -> Evidence:
+        """Of what the sizes follow where the error of each field (N) is within its bound, as a certificate has it;
+        empty where it cannot list the program."""
+        listing = listed(self.step, self.steps.error)
+        if listing is None:
+            return {}
+        return {
+            "between": self.step.between,
+            "parameters": list(self.step.observer.form.system.nominal.values()),
+            "precision": self.real,
+            "speeds": self.speeds,
+            "within": within,
+            "program": listing.statements,
+            "stages": listing.stages,
+            "rates": listing.rates,
+            "after": listing.after,
+        }
 
     def _on(self, ranges: Sequence[Side], errors: Sized) -> list[Fraction]:
         """By field, on a piece. Raises: `Unbounded`."""

@@ -23,7 +23,8 @@ Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")
 _NOTHING, _ONE = arb(0), arb(1)
 _ULPS = 2  # times those that are measured
-_FOLDED = 8  # roundings of a double in a constant that is no whole number, as it was computed before it was written
+FOLDED = 8  # roundings of a double in a constant that is no whole number, as it was computed before it was written
+_BESIDE = 2  # more, by which a certificate's constant may be beside what its plant and its gains make it
 _WHOLE = 2**24  # whole numbers up to this are exact in every precision
 
 
@@ -88,12 +89,20 @@ class Rounding:
         """Below the largest number."""
         return arb(2) ** (127 if self.real == "float" else 1023)
 
+    def held(self, number: float) -> Computed:
+        """A number that a program is given, as one that stands in it."""
+        return self.constant(number)
+
+    def call(self, function: Any, columns: Any, body: Callable[[Any], Any]) -> Any:
+        """What a function of the program gives: calling it rounds nothing."""
+        return body(columns)
+
     def constant(self, number: float) -> Computed:
         """A number of a graph, and what holding it costs."""
         value = arb(number)
         if not math.isfinite(number) or (abs(number) <= _WHOLE and number.is_integer()):
             return Computed(value)
-        folded = _FOLDED * abs(value) * arb(2) ** -53
+        folded = (FOLDED + _BESIDE) * abs(value) * arb(2) ** -53
         return Computed(value + arb(0, folded.upper()), (abs(value) * self.unit + folded + self.tiny).upper())
 
     def apply(self, op: int, values: list[Computed]) -> Computed:

@@ -5,7 +5,7 @@ exp becomes a product. What is shown to be zero is zero wherever both sides are 
 itself zero after these relations; what is not shown may still be.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
@@ -246,6 +246,9 @@ class Algebra:
             return self._exp(args[0])
         if not args:
             return self._kernel(_Kernel(name, ()))
+        known = [each.number for each in args if each.number is not None]
+        if name in _EXTREME and len(known) == len(args):
+            return self.number(_EXTREME[name](known))
         if args[0].number == 0 and name in ("sin", "sinh", "tanh", "asin", "asinh", "atan", "atanh"):
             return self.number(Fraction(0))
         if args[0].number == 0 and name in ("cos", "cosh"):
@@ -298,6 +301,30 @@ class Algebra:
             ):
                 return index
         return None
+
+    def value(self, x: Quotient, letters: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
+        """What a quotient is in another arithmetic, where its names have these values. Raises: `Undefined`."""
+
+        def of(letter: int) -> Any:
+            kind = self.letters[letter]
+            if isinstance(kind, str):
+                return letters[kind]
+            args = tuple(self.value(each, letters, arithmetic) for each in kind.args)
+            return (
+                arithmetic.root(args[0], Fraction(1, kind.degree))
+                if kind.degree
+                else arithmetic.function(kind.name, args)
+            )
+
+        def polynomial(terms: Polynomial) -> Any:
+            total = arithmetic.number(Fraction(0))
+            for monomial, coefficient in terms.items():
+                powers = (arithmetic.power(of(letter), exponent) for letter, exponent in monomial)
+                total = total + reduce(lambda a, b: a * b, powers, arithmetic.number(coefficient))
+            return total
+
+        factors = (arithmetic.power(polynomial(factor), power) for factor, power in x.bottom)
+        return reduce(lambda a, b: a / b, factors, polynomial(x.top))
 
     def is_zero(self, x: Quotient) -> bool:
         """Whether x is shown to be zero wherever it is defined, over a denominator that is not shown to be zero."""
@@ -353,5 +380,6 @@ class Algebra:
         return reduce(lambda a, b: a + b, terms).top
 
 
+_EXTREME: Mapping[str, Callable[[Iterable[Fraction]], Fraction]] = {"Min": min, "Max": max}
 _ODD = frozenset(("sin", "sinh", "tanh", "asin", "asinh", "atan", "atanh"))
 _EVEN = frozenset(("cos", "cosh", "Abs"))

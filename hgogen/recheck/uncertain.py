@@ -63,7 +63,8 @@ class Slope:
 class ErrorInclusion:
     """N and the slopes, with how many boxes they were shown; `measured` (N, p), by what the samples enter at theta = 1.
     The error of the field k is theta^-power scale_i times that of z_i, i = `index`(k), which it estimates where it is
-    `fed`; b reads z_i from the field that it `picks`."""
+    `fed`; b reads z_i from the field that it `picks`, and `takes` (n, p) of the samples' errors at theta = 1. Of fields
+    of a chain of integrators `units` (n) are the errors where theirs are 1; empty of fields of the form's states."""
 
     N: Matrix
     slopes: list[Slope]
@@ -75,6 +76,8 @@ class ErrorInclusion:
     power: list[int]
     scale: list[Expression]
     late: list[int]
+    takes: Matrix = field(default_factory=list)
+    units: list[Fraction] = field(default_factory=list)
 
     def scales(self, context: Context, theta: Fraction) -> list[Fraction]:
         """By field (N), its error where that of its state of the form is 1. Raises: `NotShown` where a scale holds
@@ -131,10 +134,9 @@ def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         moved = [x * t[k] / t[of] for k, x in enumerate(onto)]
         slopes.append(Slope(of_field(of, len(t)), moved, Fraction(0), Fraction(1), -1))
     measured = [[x * unit] for x, unit in zip(core.measured, t, strict=True)]
-    N, boxes = similar(t, core.vertices[-1]), boxes + scale.boxes
-    return ErrorInclusion(
-        N, slopes, boxes, measured, core.index, core.fed, core.picks, core.power, scale.expressions, [0]
-    )
+    N, boxes, late = similar(t, core.vertices[-1]), boxes + scale.boxes, [0]
+    where = (core.index, core.fed, core.picks, core.power)
+    return ErrorInclusion(N, slopes, boxes, measured, *where, scale.expressions, late, units=scale.units)
 
 
 def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
@@ -159,7 +161,8 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
         slopes = slopes + moving
     measured, each = _by_chain(context, observer, scale) if argument.heard else [], [*range(n)]
     late = [shift[context.heads.index(z)] if z else 0 for z in context.seen]
-    return ErrorInclusion(N, slopes, boxes + more + seen, measured, each, [True] * n, each, powers, scale, late)
+    where = (each, [True] * n, each, powers)
+    return ErrorInclusion(N, slopes, boxes + more + seen, measured, *where, scale, late, argument.takes)
 
 
 def _taken(slope: Slope, argument: Argument) -> Slope:

@@ -8,7 +8,8 @@ form, over h, which the sample at the end of the call shows, and what comes to a
 is of inputs in one unit.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -16,18 +17,21 @@ from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
 from ..cores import CONSTANT, OF_A_GAIN
+from ..equation import Equation
 from ..falling import demand_negative
 from ..file import Claim, part
 from ..follows import demand_followed
 from ..left_by_core import demand_left_by_core
-from ..matrix import above_zero, column, entries, plus, scalar, unit
+from ..matrix import above_zero, column, entries, inverse, matrix, plus, scalar, unit
 from ..remainder import demand_remainder, derivable
+from ..rounding import demand_rounding, parameters_of
 from ..stages import Input, Method, corner, ends, form_of, method_of, place, tableau_of, within
 from ..structure import on_chains
 from ..text import number
 from ..uncertain import ErrorInclusion, error_inclusion
 
 _KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding")
+_FINE = 2**200  # parts of a root
 _CLEAR, _BESIDE = "while the plant keeps clear of the ends of its ranges", "beside what the method leaves"
 _SHARE = {"inputs", "follows", "samples", "stages", "beside", "fields", "unit", "bounds"}
 
@@ -81,11 +85,18 @@ def _followed(
     shares: Mapping[str, Mapping[str, Any]],
 ) -> tuple[list[str], str, int]:
     """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
-    h, left = scalar(evidence, "dt"), shares.get("method") if derivable(context) else None
-    others = {kind: share for kind, share in shares.items() if share is not left}
+    h, left, rounding = scalar(evidence, "dt"), shares.get("method"), shares.get("rounding")
+    left = left if derivable(context) else None
+    rounding = rounding if rounding and rounding["follows"] else None
+    others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
     stated = dict.fromkeys(("method", "rounding"), ", which it states")
     sizes = [f"{kind} of {', '.join(_all(share))}{stated.get(kind, '')}" for kind, share in others.items()]
     boxes = demand_followed(context, h, others)
+    if rounding:
+        equation = Equation(context, error, theta, parameters_of(context, rounding["follows"]))
+        totals = [_reached(shares.values(), k, equation.scales) for k in range(len(error.fed))]
+        said, more = demand_rounding(equation, tableau_of(evidence), h, rounding, shares, totals)
+        sizes, boxes = [*sizes, said], boxes + more
     if left is None:
         return sizes, _CLEAR if "method" in shares else _BESIDE, boxes
     if method_of(evidence).degree:
@@ -93,6 +104,25 @@ def _followed(
     else:
         motion, more = demand_left_by_core(context, error, theta, evidence, left)
     return [*sizes, motion.said], f"{_CLEAR} by {motion.clear}", boxes + more
+
+
+def _reached(shares: Iterable[Mapping[str, Any]], field: int, scales: Sequence[Fraction]) -> Fraction:
+    """At least how far all shares move the error of a field: by its bounds, where it has none by the norms in which the
+    inputs of a share keep e within 1."""
+    total, N = Fraction(0), len(scales)
+    for share in shares:
+        own = [scalar(one, "bound") for one in share["bounds"] if scalar(one, "field") == field + 1]
+        if own:
+            total += own[0]
+        else:
+            least = min(inverse(matrix(one, "P", N, N))[field][field] for one in share["bounds"])
+            total += scalar(share, "unit") * _root(least) / abs(scales[field])
+    return total
+
+
+def _root(value: Fraction) -> Fraction:
+    """A number at least the square root, and hardly above."""
+    return Fraction(math.isqrt(value.numerator * _FINE**2 // value.denominator) + 1, _FINE)
 
 
 def _field(one: Any, count: int) -> int:

@@ -1,0 +1,195 @@
+"""A call's program as a certificate lists it: one operation a statement, of names, numbers and statements before it.
+
+    x1, ..   the elements of the fields      y1_last, y1, ..   samples, of the last call and of this one
+    v1, ..   the statements                  u1_last, u1, ..   inputs alike
+
+A constant stands as the number of which a few roundings of a double make it: a gain of the observer, the end of a range
+in the unit of a field, else the simplest quotient, else as it is printed. What leaves a number as it is, a product with
+1 or a sum with 0, is no statement.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from numbers import Rational
+from typing import Any
+
+import casadi as ca
+
+from hgogen.certificates.one_call import Columns, after_call
+from hgogen.form import Form
+from hgogen.graph import Graph
+from hgogen.guarantees.inclusion import Inclusion
+from hgogen.intervals.box import box
+from hgogen.intervals.computed import FOLDED, Unsure
+from hgogen.step import Step
+
+_SIMPLE = 10**6  # the largest denominator of a simple quotient, far from those of doubles
+_RATE = "rate"  # the function of a program that is the observer's equation
+
+
+@dataclass(frozen=True)
+class Operand:
+    """What a statement takes: by its `text`, and its value where it is a number."""
+
+    text: str
+    number: Fraction | None = None
+
+
+@dataclass(frozen=True)
+class Listing:
+    """The statements; the elements of the fields (N) at which each stage has the observer's equation, what that gives
+    there, and the fields after the call."""
+
+    statements: tuple[str, ...]
+    stages: tuple[tuple[str, ...], ...]
+    rates: tuple[tuple[str, ...], ...]
+    after: tuple[str, ...]
+
+
+def listed(step: Step, error: Inclusion) -> Listing | None:
+    """The program of a step whose observer has this error; None where a certificate cannot list it: of tables, loops
+    over matrices, and tests that are not of numbers."""
+    gains = (Fraction(x) for x in _flat(error.numbers.values()) if isinstance(x, float | Rational))
+    writer = _Writer((*gains, *_ends(step.observer.form, error)))
+    fields = [Operand(f"x{k + 1}") for k in range(len(error.N))]
+    samples = [_named("y", end, len(step.observer.form.output)) for end in ("_last", "")]
+    inputs = [_named("u", end, len(step.inputs)) for end in ("_last", "")]
+    try:
+        after = after_call(writer, step, fields, samples, inputs)
+    except Unsure:
+        return None
+    stages, rates = (tuple(map(_texts, rows)) for rows in (writer.stages, writer.rates))
+    return Listing(tuple(writer.statements), stages, rates, _texts(after))
+
+
+def _named(name: str, end: str, count: int) -> list[Operand]:
+    return [Operand(f"{name}{j + 1}{end}") for j in range(count)]
+
+
+def _ends(form: Form, error: Inclusion) -> Iterable[Fraction]:
+    """The ends of the ranges of states in the units of their fields."""
+    scales, units = error.scales(Fraction(1)), error.remembered(Fraction(1))
+    for i, scale, unit in zip(error.layout.index, scales or (), units or (), strict=False):
+        declared = box((form.states[i],))[form.states[i]]
+        yield from (end * scale / unit for end in declared if isinstance(end, Fraction))
+
+
+def _flat(values: Iterable[Any]) -> Iterable[Any]:
+    """The numbers in lists of lists."""
+    for value in values:
+        yield from _flat(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
+
+
+def _texts(row: Iterable[Operand]) -> tuple[str, ...]:
+    return tuple(each.text for each in row)
+
+
+@dataclass
+class _Writer:
+    """An arithmetic whose values are operands: what it computes it writes."""
+
+    known: Sequence[Fraction]
+    statements: dict[str, Operand] = field(default_factory=dict)
+    stages: list[list[Operand]] = field(default_factory=list)
+    rates: list[list[Operand]] = field(default_factory=list)
+
+    def held(self, number: float) -> Operand:
+        return _number(Fraction(repr(number)))
+
+    def constant(self, number: float) -> Operand:
+        if not math.isfinite(number):
+            raise Unsure("a constant that is no number")
+        value = Fraction(number)
+        candidates = (*self.known, value.limit_denominator(_SIMPLE), Fraction(repr(number)))
+        return _number(next(x for x in candidates if abs(x - value) <= abs(value) * Fraction(FOLDED, 2**53)))
+
+    def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
+        results = body(columns)
+        if function.name() == _RATE:
+            rates = [each for column in results for each in column]
+            self.stages.append([each for column in columns for each in column][: len(rates)])
+            self.rates.append(rates)
+        return results
+
+    def apply(self, op: int, values: list[Operand]) -> Operand:
+        same = _unchanged(op, values)
+        if same:
+            return same
+        if op not in _WORDS or (op in _POWERS and not _whole(values[1])):
+            raise Unsure("an operation that is not listed")
+        word, order = _WORDS[op]
+        text = " ".join((word, *(each.text for each in order(values))))
+        return self.statements.setdefault(text, Operand(f"v{len(self.statements) + 1}"))
+
+
+def _whole(exponent: Operand) -> bool:
+    return exponent.number is not None and exponent.number.denominator == 1
+
+
+def _number(value: Fraction) -> Operand:
+    return Operand(str(value), value)
+
+
+def _unchanged(op: int, values: list[Operand]) -> Operand | None:
+    """What an operation leaves as it is, or makes of numbers without rounding."""
+    known = [each.number for each in values]
+    if op in _TESTS and None not in known:
+        return _number(Fraction(_TESTS[op](*known)))
+    if op == ca.OP_IF_ELSE_ZERO and known[0] is not None:
+        return values[1] if known[0] else values[0]
+    for one, other in ((0, -1), (-1, 0)):
+        if op == ca.OP_ADD and known[one] == 0:
+            return values[other]
+        if op == ca.OP_MUL and known[one] in (0, 1):
+            return values[other] if known[one] else values[one]
+    return None
+
+
+_TESTS: Mapping[int, Callable[..., Any]] = {
+    ca.OP_NEG: lambda a: -a,
+    ca.OP_LT: lambda a, b: a < b,
+    ca.OP_LE: lambda a, b: a <= b,
+    ca.OP_NOT: lambda a: not a,
+    ca.OP_AND: lambda a, b: a and b,
+    ca.OP_OR: lambda a, b: a or b,
+}
+_POWERS = (ca.OP_POW, ca.OP_CONSTPOW)
+Order = Callable[[list[Operand]], list[Operand]]
+
+
+def _as_is(values: list[Operand]) -> list[Operand]:
+    return values
+
+
+def _sorted(values: list[Operand]) -> list[Operand]:
+    """Numbers at the end, where the order is none of the operation's."""
+    return sorted(values, key=lambda each: each.number is not None)
+
+
+def _after(number: int) -> Order:
+    """The values after a number."""
+    return lambda values: [_number(Fraction(number)), *values]
+
+
+_WORDS: Mapping[int, tuple[str, Order]] = {
+    ca.OP_ADD: ("add", _as_is),
+    ca.OP_SUB: ("sub", _as_is),
+    ca.OP_MUL: ("mul", _as_is),
+    ca.OP_DIV: ("div", _as_is),
+    ca.OP_NEG: ("neg", _as_is),
+    ca.OP_SQ: ("square", _as_is),
+    ca.OP_TWICE: ("mul", _after(2)),
+    ca.OP_INV: ("div", _after(1)),
+    ca.OP_FABS: ("Abs", _as_is),
+    ca.OP_FMIN: ("Min", _sorted),
+    ca.OP_FMAX: ("Max", _sorted),
+    ca.OP_SQRT: ("sqrt", _as_is),
+    **dict.fromkeys(_POWERS, ("pow", _as_is)),
+    **{
+        getattr(ca, f"OP_{name.upper()}"): (name, _as_is)
+        for name in ("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
+    },
+    **{getattr(ca, f"OP_{name.upper()}"): (name, _as_is) for name in ("asinh", "acosh", "atanh")},
+}

@@ -1,0 +1,118 @@
+"""One call of a step's program, walked in any arithmetic: statement by statement, in the order of every language.
+
+What guards do beside is left out: every sample is there, that of the last call as well.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
+from itertools import islice
+from typing import Any, Protocol
+
+import casadi as ca
+
+from hgogen.algebra.lookup import Lookup, called, instructions
+from hgogen.graph import Graph
+from hgogen.intervals.computed import Unsure
+from hgogen.part import Clock, Ode
+from hgogen.program import Block, Place, Program, Repeat, Statement
+from hgogen.step import Step
+
+Columns = list[list[Any]]
+SAMPLES, INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and at this one
+
+
+class Arithmetic(Protocol):
+    """What a walk asks of its values."""
+
+    def held(self, number: float) -> Any:
+        """A gain or a parameter of the program."""
+
+    def constant(self, number: float) -> Any:
+        """A number that stands in the program."""
+
+    def apply(self, op: int, values: list[Any]) -> Any:
+        """One operation, by CasADi's number of it. Raises: `Unsure`."""
+
+    def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
+        """The columns that a function of the program gives, by its `body`. Raises: `Unsure`."""
+
+
+def after_call(
+    arithmetic: Arithmetic,
+    step: Step,
+    fields: Sequence[Any],
+    samples: Sequence[Sequence[Any]],
+    inputs: Sequence[Sequence[Any]],
+) -> list[Any]:
+    """The elements of the observer's fields (N) after a call: of `fields` (N) before it, of the `samples` (2, p) and
+    the `inputs` (2, m) of the last call and of this one.
+
+    Raises: `Unsure`.
+    """
+    (part,) = step.observer.parts
+    p = len(samples[0])
+    if not isinstance(part, Ode) or step.periods != (step.dt,) * p or step.observer.delays:
+        raise Unsure("an observer that is more than one differential equation, or samples that are not of every call")
+    clock = Clock(step.dt, step.between, len(inputs[0]), p, (), step.guards == "all", step.prefer)
+    pieces, rest = step.method.ode(part, clock), iter(fields)
+    memory: dict[Place, list[Any]] = {Place("state", x.name): list(islice(rest, x.size)) for x in part.fields}
+    memory |= {Place("work", name): list(y) for name, y in zip(SAMPLES, samples, strict=True)}
+    memory |= {Place(struct, "u"): list(u) for struct, u in zip(INPUTS, inputs, strict=True)}
+    memory[Place("work", "valid")] = [arithmetic.constant(1.0)] * p
+    for struct, numbers in (("plant", step.plant), ("gain", step.gains)):
+        memory |= {Place(struct, each.name): list(map(arithmetic.held, each.initial)) for each in numbers}
+    for statement in _plain((*pieces.tune, *pieces.predict)):
+        if not isinstance(statement, Block):
+            raise Unsure("a loop or a matrix operation")
+        arguments = [memory[place] for place, _ in statement.reads]
+        memory |= zip(statement.writes, _outputs(arithmetic, statement.graph, arguments), strict=False)
+    return [each for field in part.fields for each in memory[Place("state", field.name)]]
+
+
+def _plain(program: Program | Iterable[Statement]) -> Iterable[Statement]:
+    """The statements one after the other."""
+    for statement in program:
+        yield from _plain(statement.unrolled) if isinstance(statement, Repeat) else (statement,)
+
+
+def _outputs(arithmetic: Arithmetic, graph: Graph, arguments: Sequence[Sequence[Any]]) -> Columns:
+    """The outputs of an SX function. Raises: `Unsure`."""
+    slots: dict[int, Any] = {}
+    outputs = [[arithmetic.constant(0.0)] * graph.nnz_out(i) for i in range(graph.n_out())]
+    for op, take, give, more in _instructions(graph):
+        if op == ca.OP_INPUT:
+            slots[give[0]] = arguments[take[0]][take[1]]
+        elif op == ca.OP_OUTPUT:
+            outputs[give[0]][give[1]] = slots[take[0]]
+        elif op == ca.OP_CONST:
+            slots[give[0]] = arithmetic.constant(more)
+        elif op == ca.OP_CALL:
+            slots |= zip(give, _called(arithmetic, more, [slots[i] for i in take]), strict=True)
+        else:
+            slots[give[0]] = arithmetic.apply(op, [slots[i] for i in take])
+    return outputs
+
+
+def _called(arithmetic: Arithmetic, function: Graph, values: Sequence[Any]) -> list[Any]:
+    """Raises: `Unsure`."""
+    if isinstance(function, Lookup):
+        raise Unsure("a table")
+    rest = iter(values)
+    columns = [list(islice(rest, function.nnz_in(k))) for k in range(function.n_in())]
+    results = arithmetic.call(function, columns, lambda arguments: _outputs(arithmetic, function, arguments))
+    return [value for column in results for value in column]
+
+
+@lru_cache(maxsize=256)
+def _instructions(graph: Graph) -> list[tuple[int, list[int], list[int], Any]]:
+    """(operation, what it takes, what it gives, its constant or what it calls) of each instruction."""
+    rows, texts = [], instructions(graph)
+    more: Mapping[int, Callable[[int], Any]] = {
+        ca.OP_CONST: lambda k: float(graph.instruction_constant(k)),
+        ca.OP_CALL: lambda k: called(texts[k]),
+    }
+    for k in range(graph.n_instructions()):
+        op = graph.instruction_id(k)
+        extra = more[op](k) if op in more else None
+        rows.append((op, list(graph.instruction_input(k)), list(graph.instruction_output(k)), extra))
+    return rows

@@ -1,0 +1,143 @@
+"""A call's program as a certificate lists it, read and walked in any arithmetic.
+
+    x1, ..   the elements of the fields      y1_last, y1, ..   samples, of the last call and of this one
+    v1, ..   the statements                  u1_last, u1, ..   inputs alike
+
+A statement is an operation and what it takes, which is a name, a number, or a statement before it.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from .arithmetic import Arithmetic
+from .box import NotShown
+from .file import part
+from .matrix import entries
+from .text import ONE_ARGUMENT, Unreadable, number
+
+_LONGEST = 20_000  # statements
+_STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Listed:
+    """The `statements`, each an operation and its operands; by stage the operands that are the fields there (N) and
+    their rates, and the fields `after` the call."""
+
+    statements: list[tuple[str, list[str]]]
+    stages: list[list[str]]
+    rates: list[list[str]]
+    after: list[str]
+
+
+class Walk:
+    """The values of a program in an arithmetic, from those of its names; statements are computed as they are read."""
+
+    def __init__(
+        self,
+        program: Listed,
+        values: Mapping[str, Any],
+        arithmetic: Arithmetic,
+        beside: Mapping[str, Callable[["Walk", Any], Any]] | None = None,
+    ) -> None:
+        """`beside`: of statements, what stands for their value."""
+        self.values, self.arithmetic, self.beside = dict(values), arithmetic, beside or {}
+        self.computed = dict[str, Any]()  # of statements that are named otherwise
+        self.rest: Iterator[tuple[int, tuple[str, list[str]]]] = enumerate(program.statements, 1)
+        self.count = 0
+
+    def value(self, operand: str) -> Any:
+        """Of a name, a number or a statement. Raises: `NotShown`, and what the arithmetic raises."""
+        if _STATEMENT.match(operand):
+            while int(operand[1:]) > self.count:
+                self._next()
+        if operand in self.values:
+            return self.values[operand]
+        try:
+            return self.arithmetic.number(number(operand))
+        except Unreadable:
+            raise NotShown(f"its program reads {operand!r}, which it has not") from None
+
+    def as_computed(self, operand: str) -> Any:
+        """The value that a statement had before it was called otherwise. Raises: as `value`."""
+        value = self.value(operand)
+        return self.computed.get(operand, value)
+
+    def rename(self, operand: str, value: Any) -> None:
+        """Has a statement another value from now on, the first time; a name or a number keeps its own."""
+        if _STATEMENT.match(operand) and operand not in self.computed:
+            self.computed[operand] = self.values[operand]
+            self.values[operand] = value
+
+    def _next(self) -> None:
+        try:
+            at, (word, operands) = next(self.rest)
+        except StopIteration:
+            raise NotShown("its program reads a statement that it has not") from None
+        if any(_STATEMENT.match(each) and int(each[1:]) >= at for each in operands):
+            raise NotShown(f"statement {at} reads one that is not before it")
+        name, value = f"v{at}", self._applied(word, operands)
+        self.count = at
+        self.values[name] = self.beside[name](self, value) if name in self.beside else value
+
+    def _applied(self, word: str, operands: list[str]) -> Any:
+        if word == "pow" and len(operands) == 2:
+            return self.arithmetic.power(self.value(operands[0]), _whole(operands[1]))
+        return _applied(word, [self.value(each) for each in operands], self.arithmetic)
+
+
+def listed(holder: Mapping[str, Any], fields: int, stages: int) -> Listed:
+    """The program of a share. Raises: `NotShown`."""
+    texts = part(holder, "program", list)
+    if len(texts) > _LONGEST or not all(isinstance(text, str) for text in texts):
+        raise NotShown(f"its program is no list of at most {_LONGEST} statements")
+    statements = [(word, operands) for word, *operands in map(str.split, texts)]
+    rows = {key: [_operands({key: row}, key, fields) for row in entries(holder, key, stages)] for key in _STAGES}
+    return Listed(statements, rows["stages"], rows["rates"], _operands(holder, "after", fields))
+
+
+_STAGES = ("stages", "rates")
+
+
+def _operands(holder: Mapping[str, Any], key: str, count: int) -> list[str]:
+    texts = entries(holder, key, count)
+    if not all(isinstance(text, str) for text in texts):
+        raise NotShown(f"its {key} are no operands")
+    return texts
+
+
+def _whole(text: str) -> int:
+    """A whole exponent. Raises: `NotShown`."""
+    if not re.fullmatch("-?[0-9]{1,3}", text, re.ASCII):
+        raise NotShown(f"its program has the power {text!r}, which is not whole")
+    return int(text)
+
+
+def _applied(word: str, values: Sequence[Any], arithmetic: Arithmetic) -> Any:
+    """Raises: `NotShown` of an operation that is none."""
+    if word in _OPERATIONS:
+        count, operation = _OPERATIONS[word]
+    elif word in ONE_ARGUMENT:
+        count, operation = 1, lambda x: arithmetic.function(word, (x,))
+    elif word in ("Min", "Max"):
+        count, operation = 2, lambda x, y: arithmetic.function(word, (x, y))
+    elif word == "sqrt":
+        count, operation = 1, lambda x: arithmetic.root(x, Fraction(1, 2))
+    else:
+        raise NotShown(f"its program has the operation {word!r}, whose rounding is not known")
+    if len(values) != count:
+        raise NotShown(f"its program takes {word!r} of {len(values)} values")
+    return operation(*values)
+
+
+_OPERATIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
+    "add": (2, lambda a, b: a + b),
+    "sub": (2, lambda a, b: a - b),
+    "mul": (2, lambda a, b: a * b),
+    "div": (2, lambda a, b: a / b),
+    "neg": (1, lambda a: -a),
+    "square": (1, lambda a: a * a),
+}
