@@ -21,7 +21,7 @@ import sympy as sp
 
 from hgogen.algebra.balls import between, magnitude
 from hgogen.algebra.definite import root
-from hgogen.certificates.listing import listed
+from hgogen.certificates.listed_program import listed
 from hgogen.certificates.rounded_step import rounding_errors
 from hgogen.certificates.start_set import Start
 from hgogen.evidence.grounds import Evidence

@@ -7,7 +7,7 @@
     parameters    the same of m = |dF/dp| q, of parameters that are beside the program's by q
 
 z' = F, z = T(x); each |.| is at most what the certificate says of it, shown by bisection. What a method leaves follows
-in `remainder` and `left_by_core`; sizes of what a program rounds are only stated.
+in `remainder` and `left_by_core`, what a program rounds in `rounding`.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -33,6 +33,11 @@ class Listed:
     after: list[str]
 
 
+def is_statement(operand: str) -> bool:
+    """Whether an operand is one, not a name or a number."""
+    return bool(_STATEMENT.match(operand))
+
+
 class Walk:
     """The values of a program in an arithmetic, from those of its names; statements are computed as they are read."""
 
@@ -51,7 +56,7 @@ class Walk:
 
     def value(self, operand: str) -> Any:
         """Of a name, a number or a statement. Raises: `NotShown`, and what the arithmetic raises."""
-        if _STATEMENT.match(operand):
+        if is_statement(operand):
             while int(operand[1:]) > self.count:
                 self._next()
         if operand in self.values:
@@ -68,7 +73,7 @@ class Walk:
 
     def rename(self, operand: str, value: Any) -> None:
         """Has a statement another value from now on, the first time; a name or a number keeps its own."""
-        if _STATEMENT.match(operand) and operand not in self.computed:
+        if is_statement(operand) and operand not in self.computed:
             self.computed[operand] = self.values[operand]
             self.values[operand] = value
 
@@ -77,7 +82,7 @@ class Walk:
             at, (word, operands) = next(self.rest)
         except StopIteration:
             raise NotShown("its program reads a statement that it has not") from None
-        if any(_STATEMENT.match(each) and int(each[1:]) >= at for each in operands):
+        if any(is_statement(each) and int(each[1:]) >= at for each in operands):
             raise NotShown(f"statement {at} reads one that is not before it")
         name, value = f"v{at}", self._applied(word, operands)
         self.count = at

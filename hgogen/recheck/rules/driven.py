@@ -87,9 +87,8 @@ def _followed(
     """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
     h, left, rounding = scalar(evidence, "dt"), shares.get("method"), shares.get("rounding")
     left = left if derivable(context) else None
-    rounding = rounding if rounding and rounding["follows"] else None
     others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
-    stated = dict.fromkeys(("method", "rounding"), ", which it states")
+    stated = {"method": ", which it states"}
     sizes = [f"{kind} of {', '.join(_all(share))}{stated.get(kind, '')}" for kind, share in others.items()]
     boxes = demand_followed(context, h, others)
     if rounding:

@@ -86,7 +86,7 @@ def _texts(row: Iterable[Operand]) -> tuple[str, ...]:
     return tuple(each.text for each in row)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Writer:
     """An arithmetic whose values are operands: what it computes it writes."""
 
