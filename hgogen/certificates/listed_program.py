@@ -60,8 +60,25 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
         after = after_call(writer, step, fields, samples, inputs)
     except Unsure:
         return None
-    stages, rates = (tuple(map(_texts, rows)) for rows in (writer.stages, writer.rates))
-    return Listing(tuple(writer.statements), stages, rates, _texts(after))
+    return _pruned(writer, after)
+
+
+def _pruned(writer: "_Writer", after: Sequence[Operand]) -> Listing:
+    """Without statements that nothing reads, in their numbers."""
+    wanted = {each.text for row in (*writer.stages, *writer.rates, after) for each in row}
+    statements = {operand.text: text for text, operand in writer.statements.items()}
+    for name in reversed(statements):
+        wanted |= {*statements[name].split()} if name in wanted else set()
+    names = {name: f"v{i}" for i, name in enumerate((name for name in statements if name in wanted), 1)}
+
+    def renamed(texts: Iterable[str]) -> tuple[str, ...]:
+        return tuple(names.get(text, text) for text in texts)
+
+    listed = (" ".join(renamed(statements[name].split())) for name in names)
+    stages, rates = (
+        tuple(renamed(each.text for each in row) for row in rows) for rows in (writer.stages, writer.rates)
+    )
+    return Listing(tuple(listed), stages, rates, renamed(each.text for each in after))
 
 
 def _named(name: str, end: str, count: int) -> list[Operand]:
@@ -80,10 +97,6 @@ def _flat(values: Iterable[Any]) -> Iterable[Any]:
     """The numbers in lists of lists."""
     for value in values:
         yield from _flat(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
-
-
-def _texts(row: Iterable[Operand]) -> tuple[str, ...]:
-    return tuple(each.text for each in row)
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ class Walk:
 def listed(holder: Mapping[str, Any], fields: int, stages: int) -> Listed:
     """The program of a share. Raises: `NotShown`."""
     texts = part(holder, "program", list)
-    if len(texts) > _LONGEST or not all(isinstance(text, str) for text in texts):
+    if len(texts) > _LONGEST or not all(isinstance(text, str) and text.split() for text in texts):
         raise NotShown(f"its program is no list of at most {_LONGEST} statements")
     statements = [(word, operands) for word, *operands in map(str.split, texts)]
     rows = {key: [_operands({key: row}, key, fields) for row in entries(holder, key, stages)] for key in _STAGES}

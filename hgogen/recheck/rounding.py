@@ -54,7 +54,7 @@ class Rounded:
                 raise NotShown(f"how far its program rounds is not known: {error}") from None
             for beside_step, size, unit in zip(errors, sizes, self.step.equation.units, strict=True):
                 if not (point(abs(unit)) * beside_step).at_most(size * self.step.h):
-                    raise NotShown("a size of its rounding is less than what its program rounds")
+                    raise NotShown("a size of its rounding is less than how far its program is from the step")
         return len(pieces)
 
     @property
