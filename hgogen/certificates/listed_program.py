@@ -130,15 +130,11 @@ class _Writer:
         same = _unchanged(op, values)
         if same:
             return same
-        if op not in _WORDS or (op in _POWERS and not _whole(values[1])):
+        if op not in _WORDS or (op in _POWERS and values[1].number is None):
             raise Unsure("an operation that is not listed")
         word, order = _WORDS[op]
         text = " ".join((word, *(each.text for each in order(values))))
         return self.statements.setdefault(text, Operand(f"v{len(self.statements) + 1}"))
-
-
-def _whole(exponent: Operand) -> bool:
-    return exponent.number is not None and exponent.number.denominator == 1
 
 
 def _number(value: Fraction) -> Operand:

@@ -31,7 +31,7 @@ UNITS: Mapping[str, Fraction] = {  # u by which a function may err, twice its me
     "tan": Fraction(16),
     "sinh": Fraction(10),
 }
-_POWER = Fraction(6), Fraction(8)  # the same of x^k: so many, and so many for each k |log x|
+POWER = Fraction(6), Fraction(8)  # the same of x^k: so many, and so many for each k |log x|
 PRECISIONS = tuple(_BITS)
 
 
@@ -57,10 +57,10 @@ class Computed:
     def __add__(self, other: "Computed") -> "Computed":
         if self.number == 0 or other.number == 0:
             return other if self.number == 0 else self
-        return self._rounded(self.value + other.value, self.error + other.error)
+        return self.rounded(self.value + other.value, self.error + other.error)
 
     def __sub__(self, other: "Computed") -> "Computed":
-        return self._rounded(self.value - other.value, self.error + other.error)
+        return self.rounded(self.value - other.value, self.error + other.error)
 
     def __neg__(self) -> "Computed":
         return Computed(self.real, -self.value, self.error, None if self.number is None else -self.number)
@@ -71,19 +71,20 @@ class Computed:
                 return Computed(self.real, factor.value * one.value, factor.value * one.error)
         a, b = _size(self.value), _size(other.value)
         value = intervals.power(self.value, 2) if self is other else self.value * other.value
-        return self._rounded(value, a * other.error + b * self.error + self.error * other.error)
+        return self.rounded(value, a * other.error + b * self.error + self.error * other.error)
 
     def __truediv__(self, other: "Computed") -> "Computed":
         value = self.value / other.value
-        return self._rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
+        return self.rounded(value, (self.error + _size(value) * other.error) / _size(other.around))
 
-    def _rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
+    def rounded(self, value: Interval, inherited: Interval, units: Fraction = Fraction(1)) -> "Computed":
+        """The result of an operation on it, which errs by so many u itself. Raises: `Undefined`."""
         return Computed(self.real, value, _more(self.real, value, inherited, units))
 
     def through(self, name: str, units: Fraction) -> "Computed":
         """A function of it that is no operation."""
         slope = dual(intervals).function(name, (Dual(self.around, {0: _ONE}),)).slopes[0]
-        return self._rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
+        return self.rounded(intervals.function(name, (self.value,)), _size(slope) * self.error, units)
 
 
 def _more(real: str, value: Interval, inherited: Interval, units: Fraction) -> Interval:
@@ -102,6 +103,16 @@ def _size(value: Interval) -> Interval:
     return size
 
 
+def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
+    """The u by which x^exponent may err. Raises: `Undefined` where it is not bounded."""
+    least, each = map(point, POWER)
+    steep = least + each * point(Fraction(abs(exponent))) * _size(intervals.function("log", (x,)))
+    high = steep.exactly[1]
+    if not isinstance(high, Fraction):
+        raise Undefined("a power whose error has no bound")
+    return high
+
+
 def _both(error: Interval) -> Interval:
     """From -e to e."""
     return hull(-error, error)
@@ -118,18 +129,14 @@ def precision(real: str) -> Arithmetic:
         return Computed(real, point(value), point(error))
 
     def power(x: Computed, exponent: int) -> Computed:
-        size, k = _size(x.around), point(Fraction(abs(exponent)))
-        slope = k * intervals.power(size, exponent - 1)
-        steep = k * _size(intervals.function("log", (size,)))
-        least, each = map(point, _POWER)
-        units = Fraction(_upper(least + each * steep))
-        return x._rounded(intervals.power(x.value, exponent), slope * x.error, units)
+        size = _size(x.around)
+        slope = intervals.power(size, exponent - 1) * point(Fraction(abs(exponent)))
+        return x.rounded(intervals.power(x.value, exponent), slope * x.error, _by_power(size, exponent))
 
     def root(x: Computed, exponent: Fraction) -> Computed:
-        if exponent != Fraction(1, 2):
-            raise Undefined("a root other than the square root")
-        slope = _size(intervals.root(x.around, -exponent)) * point(exponent)
-        return x._rounded(intervals.root(x.value, exponent), slope * x.error, UNITS["sqrt"])
+        units = UNITS["sqrt"] if exponent == Fraction(1, 2) else _by_power(x.around, exponent)
+        slope = intervals.root(x.around, exponent - 1) * point(abs(exponent))
+        return x.rounded(intervals.root(x.value, exponent), slope * x.error, units)
 
     def function(name: str, args: tuple[Computed, ...]) -> Computed:
         if name in ("Min", "Max"):
@@ -154,7 +161,3 @@ def precision(real: str) -> Arithmetic:
 def within(real: str, low: Fraction, high: Fraction) -> Computed:
     """A number of the precision in a range, which the program has exactly."""
     return Computed(real, between(low, high))
-
-
-def _upper(value: Interval) -> Fraction | float:
-    return value.exactly[1]

@@ -16,7 +16,7 @@ from .arithmetic import Arithmetic
 from .box import NotShown
 from .file import part
 from .matrix import entries
-from .text import ONE_ARGUMENT, Unreadable, number
+from .text import HIGHEST, ONE_ARGUMENT, Unreadable, number
 
 _LONGEST = 20_000  # statements
 _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
@@ -90,7 +90,9 @@ class Walk:
 
     def _applied(self, word: str, operands: list[str]) -> Any:
         if word == "pow" and len(operands) == 2:
-            return self.arithmetic.power(self.value(operands[0]), _whole(operands[1]))
+            x, exponent = self.value(operands[0]), _exponent(operands[1])
+            whole = exponent.denominator == 1
+            return self.arithmetic.power(x, int(exponent)) if whole else self.arithmetic.root(x, exponent)
         return _applied(word, [self.value(each) for each in operands], self.arithmetic)
 
 
@@ -114,11 +116,15 @@ def _operands(holder: Mapping[str, Any], key: str, count: int) -> list[str]:
     return texts
 
 
-def _whole(text: str) -> int:
-    """A whole exponent. Raises: `NotShown`."""
-    if not re.fullmatch("-?[0-9]{1,3}", text, re.ASCII):
-        raise NotShown(f"its program has the power {text!r}, which is not whole")
-    return int(text)
+def _exponent(text: str) -> Fraction:
+    """An exponent other than 1/2, which is a square root. Raises: `NotShown`."""
+    try:
+        exponent = number(text)
+    except Unreadable:
+        raise NotShown(f"its program has the power {text!r}, which is no number") from None
+    if abs(exponent) > HIGHEST or exponent == Fraction(1, 2):
+        raise NotShown(f"its program has the power {text!r}, which is a square root or too large")
+    return exponent
 
 
 def _applied(word: str, values: Sequence[Any], arithmetic: Arithmetic) -> Any:

@@ -13,7 +13,7 @@ from typing import Any
 
 from .arithmetic import Undefined, evaluate
 from .box import End, NotShown, covered, ranged
-from .computed import PRECISIONS, UNITS, Computed, precision
+from .computed import POWER, PRECISIONS, UNITS, Computed, precision
 from .context import Context, narrowed
 from .equation import Equation
 from .file import part
@@ -104,8 +104,6 @@ def demand_rounding(
     """That the sizes of a share are those of its program, beside all `shares` which come to `totals` (N) in the units
     of the fields' states; what it assumes, in words, and with how many boxes. Raises: `NotShown`."""
     follows, context, boxes = share["follows"], equation.context, 0
-    if set(follows) != {*_KEYS}:
-        raise NotShown(f"the sizes of its rounding do not follow from {', '.join(_KEYS)}")
     n, count, p = len(context.z), len(totals), len(context.form.output)
     errors, speeds = column(follows, "within", count), column(follows, "speeds", n)
     if any(error < total for error, total in zip(errors, totals, strict=True)):
@@ -125,6 +123,7 @@ def demand_rounding(
 
 def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
     """The plant's parameters as the program has them, each in its range. Raises: `NotShown`."""
+    _demand_keys(follows)
     names = context.file.parameters
     values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))
     for name, value in values.items():
@@ -134,10 +133,17 @@ def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fra
     return values
 
 
+def _demand_keys(follows: Mapping[str, Any]) -> None:
+    """That a program and what belongs to it are there, and nothing else. Raises: `NotShown`."""
+    if set(follows) != {*_KEYS}:
+        raise NotShown(f"the sizes of its rounding do not follow from {', '.join(_KEYS)}")
+
+
 def _said(rounded: Rounded) -> str:
     """What it is of, in words."""
     words = {word for word, _ in rounded.step.program.statements}
-    functions = [f"{name} within {units / 2} ulps" for name, units in UNITS.items() if name in words]
+    functions = [f"{name} errs by at most {units / 2} ulps" for name, units in UNITS.items() if name in words]
+    functions += [f"x^k by {POWER[0] / 2} and {POWER[1] / 2} more for each |k log x|"] if "pow" in words else []
     taken = f", where {', '.join(functions)}" if functions else ""
     return f"what {len(rounded.step.program.statements)} operations in {rounded.precision} round{taken}"
 
