@@ -106,7 +106,7 @@ def _size(value: Interval) -> Interval:
 def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
     """The u by which x^exponent may err. Raises: `Undefined` where it is not bounded."""
     least, each = map(point, POWER)
-    steep = least + each * point(Fraction(abs(exponent))) * _size(intervals.function("log", (x,)))
+    steep = least + each * point(abs(Fraction(exponent))) * _size(intervals.function("log", (x,)))
     high = steep.exactly[1]
     if not isinstance(high, Fraction):
         raise Undefined("a power whose error has no bound")
@@ -130,7 +130,7 @@ def precision(real: str) -> Arithmetic:
 
     def power(x: Computed, exponent: int) -> Computed:
         size = _size(x.around)
-        slope = intervals.power(size, exponent - 1) * point(Fraction(abs(exponent)))
+        slope = intervals.power(size, exponent - 1) * point(abs(Fraction(exponent)))
         return x.rounded(intervals.power(x.value, exponent), slope * x.error, _by_power(size, exponent))
 
     def root(x: Computed, exponent: Fraction) -> Computed:
