@@ -10,6 +10,7 @@ s = b with s in cones, without a language for models, which would take longer th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -173,7 +174,7 @@ def together(form: Quadratic, q: int, most: float) -> Limits:
 def holding(form: Quadratic, points: Array) -> Limits:
     """That |x|_P <= 1 at the `points` x (r, n)."""
     n, k = points.shape[1], len(form.Q)
-    j, i = np.tril_indices(n)
+    i, j = _places(n)
     squares = points[:, i] * points[:, j] * np.where(i == j, 1.0, 2.0)
     return np.hstack([squares, np.zeros((len(points), k))]), np.ones(len(points))
 
@@ -221,7 +222,7 @@ def _entries(form: Quadratic, groups: Sequence[Group]) -> Array:
     """What each entry of P on and above the diagonal, each of S, and each T brings into the form: (p + k + t, N, N)."""
     halves: Any = sum(np.einsum("ia,jb->ijab", X, Y) for X, Y in form.pairs)
     whole = halves + halves.transpose(0, 1, 3, 2)
-    j, i = np.tril_indices(len(whole))
+    i, j = _places(len(whole))
     both = whole[i, j] + whole[j, i]
     of_P = both / np.where(i == j, 2.0, 1.0)[:, None, None]
     of_S = np.einsum("ka,kb->kab", form.Q, form.Q) - np.einsum("ka,kb->kab", form.Z, form.Z)
@@ -231,6 +232,7 @@ def _entries(form: Quadratic, groups: Sequence[Group]) -> Array:
     return np.concatenate([of_P, of_S, of_T])
 
 
+@cache
 def _basis(n: int) -> Array:
     """The symmetric matrix of each entry on and above the diagonal: (p, n, n)."""
     return np.array([_matrix(row, n) for row in np.eye(n * (n + 1) // 2)])
@@ -238,7 +240,7 @@ def _basis(n: int) -> Array:
 
 def _short(matrices: Array) -> Array:
     """Symmetric matrices (q, N, N) as the columns of their entries on and above the diagonal, column by column."""
-    j, i = np.tril_indices(matrices.shape[-1])
+    i, j = _places(matrices.shape[-1])
     return np.asarray(matrices[:, i, j].T)
 
 
@@ -247,13 +249,21 @@ def _packed(matrices: Array) -> Array:
     return np.asarray(_short(matrices) * _weights(matrices.shape[-1])[:, None])
 
 
+@cache
 def _weights(size: int) -> Array:
-    j, i = np.tril_indices(size)
+    i, j = _places(size)
     return np.where(i == j, 1.0, np.sqrt(2.0))
 
 
-def _matrix(entries: Array, size: int) -> Array:
+@cache
+def _places(size: int) -> tuple[Array, Array]:
+    """The rows and the columns of the entries on and above the diagonal, column by column."""
     j, i = np.tril_indices(size)
+    return i, j
+
+
+def _matrix(entries: Array, size: int) -> Array:
+    i, j = _places(size)
     matrix = np.zeros((size, size))
     matrix[i, j] = matrix[j, i] = entries
     return matrix
