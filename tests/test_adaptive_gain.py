@@ -61,6 +61,16 @@ def test_signs_are_those_of_the_eigenvalues(rows: list[list[int]]) -> None:
         assert positive(sum_) == (values.min() > 0) == nonnegative(sum_)
 
 
+@pytest.mark.parametrize("first", range(2, 9))
+def test_a_sign_that_floats_do_not_see_is_proved(first: int) -> None:
+    """v v' + w w' of three numbers is singular; of four of seven such matrices floats make a Cholesky factor."""
+    v, w = ([Fraction(1, first + k + j * k) for k in range(3)] for j in (0, 1))
+    singular = [[v[i] * v[j] + w[i] * w[j] for j in range(3)] for i in range(3)]
+    for little in (Fraction(1, 2**200), Fraction(0), Fraction(-1, 2**200)):
+        M = [[x + little * (i == j) for j, x in enumerate(row)] for i, row in enumerate(singular)]
+        assert positive(exact(M)) == (little > 0)
+
+
 @given(square)
 @settings(deadline=None, max_examples=60)
 def test_an_eigenvalue_lies_in_its_enclosure(rows: list[list[int]]) -> None:

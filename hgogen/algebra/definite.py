@@ -11,7 +11,7 @@ from math import isqrt
 from typing import Any
 
 import numpy as np
-from flint import arb, fmpq, fmpq_mat
+from flint import arb, fmpq, fmpq_mat, fmpz_mat
 
 Matrix = tuple[tuple[Fraction, ...], ...]
 
@@ -58,11 +58,29 @@ def unit(n: int) -> Any:
 
 
 def positive(M: Any) -> bool:
-    """Whether a symmetric matrix of FLINT's is positive definite: proved either way, by its leading minors, which are
-    the pivots of an elimination without fractions that leaves the rows in their order."""
+    """Whether a symmetric matrix of FLINT's is positive definite: proved either way, by a congruence that brings it
+    near the unit matrix, else by its leading minors, which are the pivots of an elimination without fractions that
+    leaves the rows in their order."""
     whole, _ = M.numer_denom()
+    if _near_unit(whole):
+        return True
     order, _, _, pivots = whole.fflu()
     return bool(order.is_one()) and all(pivots[k, k] > 0 for k in range(pivots.nrows()))
+
+
+def _near_unit(M: Any) -> bool:
+    """Whether the diagonal of R M R' dominates its rows, so that it is positive definite (Gershgorin), and so is M, of
+    whole numbers: exactly, R the inverse of a Cholesky factor in floats, rounded."""
+    rows = [[int(value) for value in row] for row in M.tolist()]
+    units = [row[k].bit_length() // 2 for k, row in enumerate(rows)]
+    try:
+        near = [[x / (1 << i + j) for x, j in zip(row, units, strict=True)] for row, i in zip(rows, units, strict=True)]
+        inverse = np.linalg.inv(np.linalg.cholesky(near)).tolist()
+        R = fmpz_mat([[int(x * 2**40) << max(units) - j for x, j in zip(row, units, strict=True)] for row in inverse])
+    except (ValueError, OverflowError):  # without a factor, or beyond a float
+        return False
+    seen = (R * M * R.transpose()).tolist()
+    return all(2 * row[k] > sum(map(abs, row)) for k, row in enumerate(seen))
 
 
 def definite(M: np.ndarray) -> bool:
