@@ -163,11 +163,18 @@ def _small(x: Interval) -> bool:
 
 
 def _sin(x: Interval) -> Interval:
-    return _UNIT if not _small(x) else Interval(libmp.mpi_sin(x.ends, PRECISION))
+    return _UNIT if not _small(x) else Interval(_turned(x.ends)[1])
 
 
 def _cos(x: Interval) -> Interval:
-    return _UNIT if not _small(x) else Interval(libmp.mpi_cos(x.ends, PRECISION))
+    return _UNIT if not _small(x) else Interval(_turned(x.ends)[0])
+
+
+@lru_cache(maxsize=1 << 10)  # the slope of one is the other, so that both are asked of an angle, and again
+def _turned(angle: Ends) -> tuple[Ends, Ends]:
+    """Its cosine and its sine."""
+    cosine, sine = libmp.mpi_cos_sin(angle, PRECISION)
+    return cosine, sine
 
 
 def _tan(x: Interval) -> Interval:

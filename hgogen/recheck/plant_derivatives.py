@@ -33,14 +33,11 @@ class Derivative:
     order: int
     most: Fraction
 
-    def of(self, series: Series) -> Dual:
-        """What it is in intervals, with its slopes. Raises: `Undefined`."""
-        value: Dual = evaluate(self.row, _begin(series, self.order + 1), dual(taylor(self.order + 1)))
-        share = point(Fraction(factorial(self.order)))
-        return Dual(
-            share * value.value.coefficients[-1],
-            {k: share * slope.coefficients[-1] for k, slope in value.slopes.items()},
-        )
+    def of(self, series: Dual) -> Dual:
+        """What it is in intervals, with its slopes, by the series of its row."""
+        share, k = point(Fraction(factorial(self.order))), self.order
+        slopes = {name: share * slope.coefficients[k] for name, slope in series.slopes.items()}
+        return Dual(share * series.value.coefficients[k], slopes)
 
     def holds(self, value: Interval) -> bool:
         """Whether it is at most that."""
@@ -49,14 +46,15 @@ class Derivative:
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
     """That derivatives of rows of the plant are at most what is said; with how many boxes. Raises: `NotShown`."""
-    context, order = motion.context, max(one.order for one in each)
+    context, orders = motion.context, {one.row: one.order for one in sorted(each, key=lambda one: one.order)}
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
     moving = {u: _rate_of(u) for u, rate in rates.items() if rate}
     box = {**narrowed(whole, motion.read), **{moving[u]: (-rates[u], rates[u]) for u in moving}}
 
     def on(here: Box) -> list[Dual]:
-        series = _along(context.rates, context.z, _started(here, whole, moving), order)
-        return [one.of(series) for one in each]
+        series = _along(context.rates, context.z, _started(here, whole, moving), max(orders.values()))
+        rows = {row: evaluate(row, _begin(series, order + 1), dual(taylor(order + 1))) for row, order in orders.items()}
+        return [one.of(rows[one.row]) for one in each]
 
     def attempt(here: Box) -> Try:
         try:
@@ -79,8 +77,10 @@ def _rate_of(u: str) -> str:
 
 
 def _started(here: Box, whole: Box, moving: Mapping[str, str]) -> Series:
-    """What is known of all names at first, with slopes in those of a box, `moving` the names of inputs' rates."""
-    places, ranges = {name: k for k, name in enumerate(here)}, sides({**whole, **here})
+    """What is known of all names at first, with slopes in those that a box leaves room, `moving` the names of inputs'
+    rates."""
+    places = {name: k for k, (name, (low, high)) in enumerate(here.items()) if low < high}
+    ranges = sides({**whole, **here})
 
     def series(*names: str) -> Dual:
         each = range(len(names))
