@@ -74,8 +74,10 @@ def _near_unit(M: Any) -> bool:
     rows = [[int(value) for value in row] for row in M.tolist()]
     units = [row[k].bit_length() // 2 for k, row in enumerate(rows)]
     try:
-        near = [[x / (1 << i + j) for x, j in zip(row, units, strict=True)] for row, i in zip(rows, units, strict=True)]
-        inverse = np.linalg.inv(np.linalg.cholesky(near)).tolist()
+        scaled = [
+            [x / (1 << i + j) for x, j in zip(row, units, strict=True)] for row, i in zip(rows, units, strict=True)
+        ]
+        inverse = np.linalg.inv(np.linalg.cholesky(scaled)).tolist()
         R = fmpz_mat([[int(x * 2**40) << max(units) - j for x, j in zip(row, units, strict=True)] for row in inverse])
     except (ValueError, OverflowError):  # without a factor, or beyond a float
         return False
