@@ -10,7 +10,7 @@ s = b with s in cones, without a language for models, which would take longer th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -194,19 +194,30 @@ def solved(goal: Array, rows: Sequence[Rows], close: float, what: str) -> tuple[
     """The variables with the least <goal, x>, and the prices of the rows; None where the solver finds none.
 
     Raises: `NoSolver`."""
-    solver, sparse = cones(what)
-    sizes = [len(A) for A, _, _ in rows]
-    kinds = [
+    cones(what)
+    matrix = np.vstack([A for A, _, _ in rows], dtype=float)
+    ends = np.concatenate([b for _, b, _ in rows], dtype=float)
+    kinds = tuple((len(A), of_matrices) for A, _, of_matrices in rows if len(A))
+    return _solution(goal.astype(float).tobytes(), matrix.tobytes(), ends.tobytes(), kinds, close)
+
+
+@lru_cache(maxsize=1 << 12)  # searches meet at a point, and who designs, shows and verifies begins alike
+def _solution(
+    costs: bytes, matrix: bytes, ends: bytes, kinds: tuple[tuple[int, bool], ...], close: float
+) -> tuple[Array, Array] | None:
+    """The same, of numbers as they lie in memory, and of the cones by their sizes."""
+    solver, sparse = cones("a cone program")
+    goal, b = np.frombuffer(costs), np.frombuffer(ends)
+    A = sparse.csc_matrix(np.frombuffer(matrix).reshape(len(b), len(goal)))
+    of_each = [
         solver.PSDTriangleConeT(int(np.sqrt(2 * size))) if of_matrices else solver.NonnegativeConeT(size)
-        for size, (_, _, of_matrices) in zip(sizes, rows, strict=True)
-        if size
+        for size, of_matrices in kinds
     ]
-    A, b = sparse.csc_matrix(np.vstack([A for A, _, _ in rows])), np.concatenate([b for _, b, _ in rows])
     settings = solver.DefaultSettings()
     settings.verbose, settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = False, close, close, close
     settings.equilibrate_enable = False  # by which it takes for solved what is far from the least
     with one_thread():
-        solution = solver.DefaultSolver(sparse.csc_matrix((len(goal),) * 2), goal, A, b, kinds, settings).solve()
+        solution = solver.DefaultSolver(sparse.csc_matrix((len(goal),) * 2), goal, A, b, of_each, settings).solve()
     x, prices = np.array(solution.x), np.array(solution.z)
     usable = str(solution.status) in _USABLE and np.isfinite(x).all() and np.isfinite(prices).all()
     return (x, prices) if usable else None
