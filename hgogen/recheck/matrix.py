@@ -72,12 +72,18 @@ def zeros(rows: int, columns: int) -> Matrix:
 
 def scaled(factor: Fraction, M: Matrix) -> Matrix:
     """factor M."""
-    return [[factor * value for value in row] for row in M]
+    return [[factor * value if value else _ZERO for value in row] for row in M]
 
 
 def plus(*terms: Matrix) -> Matrix:
     """The sum."""
-    return [[reduce(add, values) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+    return [[_sum(values) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+
+
+def _sum(values: Sequence[Fraction]) -> Fraction:
+    """What is 0, as most entries are, costs nothing."""
+    there = [value for value in values if value]
+    return reduce(add, there) if there else _ZERO
 
 
 def minus(first: Matrix, *others: Matrix) -> Matrix:
