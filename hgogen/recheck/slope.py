@@ -8,11 +8,12 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
 from .arithmetic import Dual, Undefined, dual, evaluate
-from .box import Box, NotShown, Slopes, Try, centre_of, covered, sides
+from .box import Box, End, NotShown, Slopes, Try, centre_of, covered, sides
 from .context import Context, cut, narrowed
 from .interval import Interval, intersection, intervals, point
 from .matrix import Matrix
@@ -20,6 +21,8 @@ from .tables import is_table, jumps, table_of
 from .text import Expression
 
 _duals = dual(intervals)
+Rows = tuple[Expression, ...]
+Side = tuple[End, End]
 Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, however it lies in intervals, is within
 
 
@@ -165,9 +168,7 @@ def _scaled(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
 ) -> list[list[Interval]]:
     """S J S^-1 on a box; J where there is no scale."""
-    J = [row[1:] for row in _jacobian(rows, names, box)]
-    S = [evaluate(factor, sides(box), intervals) for factor in scale]
-    return _similar(S, J) if S else J
+    return _scaled_on(tuple(rows), tuple(names), tuple(box.items()), tuple(scale))
 
 
 def _second(
@@ -176,17 +177,35 @@ def _second(
     """S J S^-1 with the slopes of its entries in all of the box's names, by their places; None where there are none."""
     if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
         return None
-    one, zero = point(Fraction(1)), Dual(point(Fraction(0)), {})
-    inner = {name: Dual(side, {k: one}) for k, (name, side) in enumerate(sides(box).items())}
-    places = {name: k for k, name in enumerate(names)}
-    values = {name: Dual(x, {places[name]: Dual(one, {})} if name in places else {}) for name, x in inner.items()}
     try:
-        slopes = [evaluate(row, values, dual(_duals)).slopes for row in rows]
-        S = [evaluate(factor, inner, _duals) for factor in scale]
-        J = [[row.get(k, zero) for k in range(len(names))] for row in slopes]
-        return _similar(S, J) if S else J
+        return _second_on(tuple(rows), tuple(names), tuple(box.items()), tuple(scale))
     except Undefined:
         return None
+
+
+# What is known of each entry of a Jacobian, and of its norm, is shown by itself, of the same boxes.
+
+
+@lru_cache(maxsize=1 << 10)
+def _scaled_on(
+    rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows
+) -> list[list[Interval]]:
+    box = dict(ends)
+    J = [row[1:] for row in _jacobian(rows, names, box)]
+    S = [evaluate(factor, sides(box), intervals) for factor in scale]
+    return _similar(S, J) if S else J
+
+
+@lru_cache(maxsize=1 << 9)
+def _second_on(rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows) -> list[list[Dual]]:
+    one, zero = point(Fraction(1)), Dual(point(Fraction(0)), {})
+    inner = {name: Dual(side, {k: one}) for k, (name, side) in enumerate(sides(dict(ends)).items())}
+    places = {name: k for k, name in enumerate(names)}
+    values = {name: Dual(x, {places[name]: Dual(one, {})} if name in places else {}) for name, x in inner.items()}
+    slopes = [evaluate(row, values, dual(_duals)).slopes for row in rows]
+    S = [evaluate(factor, inner, _duals) for factor in scale]
+    J = [[row.get(k, zero) for k in range(len(names))] for row in slopes]
+    return _similar(S, J) if S else J
 
 
 def _similar(S: Sequence[Any], J: list[list[Any]]) -> list[list[Any]]:

@@ -72,6 +72,9 @@ class Expression:
     result: int
     names: frozenset[str]
 
+    def __hash__(self) -> int:
+        return hash((self.text, self.result))  # as quick as a text's, which is remembered
+
 
 def number(text: object) -> Fraction:
     """The exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
