@@ -5,7 +5,7 @@ import json
 import random
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from functools import cache
 from itertools import product
@@ -352,9 +352,8 @@ def _converges(content: dict[str, Any], o: Numbers, evidence: dict[str, Any]) ->
 
 def _steep(content: dict[str, Any], evidence: dict[str, Any]) -> str:
     """A slope outside of its range, in the coordinates scale z."""
-    parsed = [as_sympy(text) for text in evidence["scale"]]
     for at, _, _, J in samples(content):
-        S = np.array([float(entry.subs(at)) for entry in parsed])
+        S = values(evidence["scale"], at)
         within = np.zeros((2, *J.shape))
         for one in evidence["slopes"]:
             place = int(one["row"]) - 1, int(one["column"]) - 1
@@ -566,6 +565,16 @@ def samples(content: dict[str, Any]) -> list[tuple[dict[str, float], np.ndarray,
     return sampled(json.dumps([content["form"], plant["inputs"] + plant["parameters"]]))
 
 
+@cache  # a forger changes one text of many
+def value_of(text: str, at: tuple[tuple[str, float], ...]) -> float:
+    return float(as_sympy(text).subs(dict(at)))
+
+
+def values(texts: Sequence[str], at: dict[str, float]) -> np.ndarray:
+    """What expressions are at a point."""
+    return np.array([value_of(text, tuple(at.items())) for text in texts])
+
+
 def slopes(content: dict[str, Any]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """dc/dw in the coordinates of integrators, and their scale a_1 .. a_i from z, at sample points."""
     for _, A, C, J in samples(content):
@@ -583,9 +592,8 @@ def _constant(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], the
         [[float(i == k) for i in range(len(blocks))] for k, size in enumerate(blocks) for _ in range(size)]
     )
     P, alpha, draw = floats(evidence["P"]), floats(evidence.get("alpha", "0")), np.random.default_rng(5)
-    parsed = [[as_sympy(text) for text in texts] for texts in (content["observer"]["gains"], evidence["scale"])]
     for at, A, C, J in samples(content):
-        K, S = (np.array([float(entry.subs(at)) for entry in entries]) for entries in parsed)
+        K, S = (values(texts, at) for texts in (content["observer"]["gains"], evidence["scale"]))
         T = S * theta ** -power_of_error.astype(float)
         for share in (1.0, shares(draw, len(J))):
             M = A - (theta**power * K)[:, None] * (chain @ C) + J * share
