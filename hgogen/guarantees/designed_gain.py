@@ -24,7 +24,7 @@ from hgogen.guarantees.noise_in_time import Bounds, bounds, named
 from hgogen.guarantees.rate_search import Candidate, Search, plain
 from hgogen.guarantees.unreached_rate import unreached
 from hgogen.intervals.digits import Down, Up, same
-from hgogen.reading.door import Misfit
+from hgogen.reading.door import Misfit, remembers
 from hgogen.reading.given import BadGain, positive
 from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, by_name
@@ -86,6 +86,7 @@ class Gain:
         )
 
 
+@remembers
 @np.errstate(all="ignore")
 def gain(
     form: Form,

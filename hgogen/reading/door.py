@@ -40,21 +40,21 @@ def asks_a_plant(question: Asked) -> Asked:
 
 
 def remembers(question: Asked) -> Asked:
-    """The function of a plant with its last answers, which do not change: a survey, the observers that are tried and
-    each command ask the same of one plant. What cannot be compared is asked anew."""
+    """The function with its last answers, which do not change: a survey, the observers that are tried and each command
+    ask the same of one plant, and of one form. What cannot be compared is asked anew."""
 
     @lru_cache(maxsize=_ANSWERS)
-    def once(plant: System, args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
-        return question(plant, *args, **dict(options))
+    def once(args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
+        return question(*args, **dict(options))
 
     @wraps(question)
-    def remembered(plant: System, *args: Any, **options: Any) -> Any:
+    def remembered(*args: Any, **options: Any) -> Any:
         pairs = tuple(options.items())
         try:
             hash((args, pairs))
         except TypeError:
-            return question(plant, *args, **options)
-        return once(plant, args, pairs)
+            return question(*args, **options)
+        return once(args, pairs)
 
     return cast(Asked, remembered)
 
