@@ -14,7 +14,7 @@ from typing import Any
 from .arithmetic import Undefined, evaluate
 from .box import End, NotShown, covered, ranged
 from .computed import POWER, PRECISIONS, UNITS, Computed, precision
-from .context import Context, narrowed
+from .context import Context, narrowed, short
 from .equation import Equation
 from .file import part
 from .interval import Interval, between, intervals, point
@@ -145,7 +145,10 @@ def _said(rounded: Rounded) -> str:
     functions = [f"{name} errs by at most {units / 2} ulps" for name, units in UNITS.items() if name in words]
     functions += [f"x^k by {POWER[0] / 2} and {POWER[1] / 2} more for each |k log x|"] if "pow" in words else []
     taken = f", where {', '.join(functions)}" if functions else ""
-    return f"what {len(rounded.step.program.statements)} operations in {rounded.precision} round{taken}"
+    equation, count = rounded.step.equation, len(rounded.step.program.statements)
+    each = zip(equation.context.z, equation.error.picks, strict=True)
+    errs = ", ".join(f"{short(rounded.within[k], -1)} in {z}" for z, k in each)
+    return f"what {count} operations in {rounded.precision} round while the estimate errs by at most {errs}{taken}"
 
 
 def _one_of(follows: Mapping[str, Any], key: str, known: Sequence[str]) -> str:
