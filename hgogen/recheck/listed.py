@@ -66,11 +66,6 @@ class Walk:
         except Unreadable:
             raise NotShown(f"its program reads {operand!r}, which it has not") from None
 
-    def as_computed(self, operand: str) -> Any:
-        """The value that a statement had before it was called otherwise. Raises: as `value`."""
-        value = self.value(operand)
-        return self.computed.get(operand, value)
-
     def rename(self, operand: str, value: Any) -> None:
         """Has a statement another value from now on, the first time; a name or a number keeps its own."""
         if is_statement(operand) and operand not in self.computed:

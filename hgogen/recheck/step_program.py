@@ -103,14 +103,19 @@ class Besides:
     def take(self, operands: Sequence[str], wanted: Sequence[Quotient], letters: str = "") -> list[Quotient]:
         """The values of operands that stand for what is wanted. Raises: `NotShown`, and as the arithmetic."""
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
-            off = self.walk.as_computed(operand) - value
-            if not any(map(self.algebra.is_zero, (self.walk.value(operand) - value, off))):
+            off = self.walk.value(operand) - value
+            if not (self.algebra.is_zero(off) or self._computed(operand, value)):
                 if not is_statement(operand) or operand in self.walk.computed:
                     raise NotShown(f"{operand} of its program is not what the step has")
                 self.beside[operand] = off
             if letters:
                 self.walk.rename(operand, self.algebra.letter(f"{letters} {k}"))
         return [self.walk.value(operand) for operand in operands]
+
+    def _computed(self, operand: str, value: Quotient) -> bool:
+        """Whether a statement that stands for something else, exactly, was computed as this value."""
+        exact = operand in self.walk.computed and operand not in self.beside
+        return exact and self.algebra.is_zero(self.walk.computed[operand] - value)
 
     @property
     def statements(self) -> dict[str, Callable[[Walk, Computed], Computed]]:
