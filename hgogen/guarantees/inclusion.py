@@ -235,7 +235,7 @@ def inclusion(
     are; `measured` (N, p): by what the samples enter there; `others`: what varies in the core, in those fields;
     `endless`: whether slopes of b may have one end alone.
     """
-    slopes = slopes_of(form, layout, scale, endless)
+    slopes = slopes_of(form, layout, tuple(scale), endless)
     if isinstance(slopes, Reason):
         return Nothing(slopes)
     t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]

@@ -1,9 +1,9 @@
 """What the errors of fields bring into the rates of others through the slopes of b, and where the fields lie."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from itertools import product
 
 import sympy as sp
@@ -62,7 +62,8 @@ def of_field(field: int, count: int) -> tuple[Fraction, ...]:
     return tuple(Fraction(int(k == field)) for k in range(count))
 
 
-def slopes_of(form: Form, layout: Layout, scale: Sequence[sp.Expr], endless: bool) -> tuple[Slope, ...] | Reason:
+@lru_cache(maxsize=32)  # a search asks it of each gain
+def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
     """Those of b, with 0 in each range; `endless`: whether one may have one end alone."""
     slopes, powers, J = [], exponents(form), jacobian(form)
     jumps = sorted(map(str, (part for row in form.b for part in row.atoms(*JUMPS) if part.has(*form.states))))

@@ -11,6 +11,7 @@ several outputs Delta is that of their chains' alignment (`scaling`), and rows r
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 
 import sympy as sp
 
@@ -37,6 +38,7 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     return Nothing(steepness) if isinstance(steepness, Reason) else steepness
 
 
+@lru_cache(maxsize=32)  # a search asks it of each gain
 def obstacle(form: Form, endless: bool = False) -> Reason:
     """Why the theorem does not apply as it stands, or `NONE`; `endless`: whether b need not be Lipschitz."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
