@@ -4,8 +4,8 @@
     v1, ..   the statements                  u1_last, u1, ..   inputs alike
 
 A constant stands as the number of which a few roundings of a double make it: a gain of the observer, the end of a range
-in the unit of a field, else the simplest quotient, else as it is printed. What leaves a number as it is, a product with
-1 or a sum with 0, is no statement.
+in the unit of a field, a number of the plant, else the simplest quotient, else as it is printed. What leaves a number
+as it is, a product with 1 or a sum with 0, is no statement.
 """
 
 import math
@@ -16,7 +16,9 @@ from numbers import Rational
 from typing import Any
 
 import casadi as ca
+import sympy as sp
 
+from hgogen.algebra.points import exact
 from hgogen.certificates.one_call import Columns, after_call
 from hgogen.form import Form
 from hgogen.graph import Graph
@@ -52,7 +54,7 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
     """The program of a step whose observer has this error; None where a certificate cannot list it: of tables, loops
     over matrices, and tests that are not of numbers."""
     gains = (Fraction(x) for x in _flat(error.numbers.values()) if isinstance(x, float | Rational))
-    writer = _Writer((*gains, *_ends(step.observer.form, error)))
+    writer = _Writer((*gains, *_ends(step.observer.form, error), *_constants(step.observer.form)))
     fields = [Operand(f"x{k + 1}") for k in range(len(error.N))]
     samples = [_named("y", end, len(step.observer.form.output)) for end in ("_last", "")]
     inputs = [_named("u", end, len(step.inputs)) for end in ("_last", "")]
@@ -91,6 +93,12 @@ def _ends(form: Form, error: Inclusion) -> Iterable[Fraction]:
     for i, scale, unit in zip(error.layout.index, scales or (), units or (), strict=False):
         declared = box((form.states[i],))[form.states[i]]
         yield from (end * scale / unit for end in declared if isinstance(end, Fraction))
+
+
+def _constants(form: Form) -> Iterable[Fraction]:
+    """The numbers that stand in the plant."""
+    numbers = {number for row in (*form.A, *form.b, *form.output) for number in exact(row).atoms(sp.Rational)}
+    return sorted(map(Fraction, numbers))
 
 
 def _flat(values: Iterable[Any]) -> Iterable[Any]:
