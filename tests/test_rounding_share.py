@@ -2,6 +2,7 @@
 
 import copy
 import math
+import re
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -13,6 +14,7 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
+import sympy as sp
 from flint import arb
 from forger import sealed
 from hypothesis import given, settings
@@ -543,6 +545,77 @@ def test_a_forged_number_fails(lie: str) -> None:
         changed["bounds"] += share["bounds"][1:]
     share |= changed
     assert verdict(content) == "fails"
+
+
+def larger(share: dict[str, Any], by: int = 100) -> None:
+    """The share with more rounding than there is, by which its proofs hold as before."""
+    for holder, key in ((share, "unit"), *((one, "bound") for one in share["bounds"])):
+        holder[key] = less(holder[key], Fraction(by))
+    for holder, key in ((share, "fields"), (share["follows"], "within")):
+        holder[key] = [less(each, Fraction(by)) for each in holder[key]]
+
+
+def run_on(follows: dict[str, Any], *texts: str, field: int = 1) -> None:
+    """Statements of what is after the call in a field, "v", each of the one before: its program as it goes on."""
+    for text in texts:
+        follows["program"].append(re.sub(r"\bv\b", follows["after"][field], text))
+        follows["after"][field] = f"v{len(follows['program'])}"
+
+
+def one_for_both(follows: dict[str, Any]) -> None:
+    run_on(follows, "mul v 1000000001/1000000000")
+    follows["after"][0] = follows["after"][1]
+
+
+def infinite(follows: dict[str, Any]) -> None:
+    follows["program"].append(f"div {10**200} {10**200}")
+    run_on(follows, f"mul v v{len(follows['program'])}")
+
+
+def held(follows: dict[str, Any]) -> None:
+    follows["between"] = "hold"
+    follows["program"] = [text.replace("u1_last", "u1") for text in follows["program"]]
+
+
+OTHER_PROGRAMS: dict[str, Callable[[dict[str, Any]], None]] = {
+    "one statement after both fields": one_for_both,
+    "doublings that overflow": lambda follows: run_on(follows, *["mul 2 v"] * 130, f"div v {2**100}", f"div v {2**30}"),
+    "numbers that overflow": infinite,
+    "inputs that move and are held": held,
+    "a statement of nothing": lambda follows: follows["program"].append(""),
+    "functions in each other": lambda follows: run_on(follows, *["sin v"] * 300),
+    "functions that are read twice": lambda follows: run_on(follows, *["add v 1", "square v", "tanh v"] * 60),
+    "too many functions": lambda follows: follows["program"].extend(["sin x1"] * 5000),
+}
+
+
+@pytest.mark.parametrize("program", [None, *OTHER_PROGRAMS])
+def test_another_program_fails_however_much_it_may_round(program: str | None) -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    larger(rounded(content))
+    if program:
+        OTHER_PROGRAMS[program](rounded(content)["follows"])
+    assert verdict(content) == ("fails" if program else "verified")
+
+
+@pytest.mark.parametrize("kind", ["rounding", "method"])
+@pytest.mark.parametrize("follows", [None, [], "program", 7])
+def test_what_sizes_follow_from_is_an_object(kind: str, follows: Any) -> None:
+    content = copy.deepcopy(certified("high_gain"))
+    (one,) = (each["evidence"] for each in content["claims"] if each["id"].endswith(".error"))
+    (share,) = (each for each in one["shares"] if each["inputs"] == kind)
+    share["follows"] = follows
+    assert verdict(content) == "fails"
+
+
+def test_a_number_of_the_plant_is_listed_as_it_stands_there() -> None:
+    """x/1.3, whose 0.7692307692307692 is also almost 10/13."""
+    x, v = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2)
+    plant = hg.System("scaled", states=(x, v), outputs=(hg.Signal("y"),), flow=[v, -sp.sin(x / 1.3)], output=[x])
+    form = hg.forms.triangular(plant)
+    made = hg.observers.high_gain(form, theta=7.3, poles=(-1.37, -0.61))
+    known = hg.error_bound(hg.sample(made, hg.methods.euler, dt=0.0123), real="float")
+    assert verdict(hg.certificate(form, (*made.checks, known.check), made.name)) == "verified"
 
 
 # --- how it is asked for

@@ -8,7 +8,7 @@ itself zero after these relations; what is not shown may still be.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import cache, reduce
 from typing import Any
 
 from .arithmetic import Arithmetic, Undefined
@@ -305,16 +305,15 @@ class Algebra:
     def value(self, x: Quotient, letters: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
         """What a quotient is in another arithmetic, where its names have these values. Raises: `Undefined`."""
 
+        @cache
         def of(letter: int) -> Any:
             kind = self.letters[letter]
             if isinstance(kind, str):
                 return letters[kind]
-            args = tuple(self.value(each, letters, arithmetic) for each in kind.args)
-            return (
-                arithmetic.root(args[0], Fraction(1, kind.degree))
-                if kind.degree
-                else arithmetic.function(kind.name, args)
-            )
+            args = tuple(map(quotient, kind.args))
+            if kind.degree:
+                return arithmetic.root(args[0], Fraction(1, kind.degree))
+            return arithmetic.function(kind.name, args)
 
         def polynomial(terms: Polynomial) -> Any:
             total = arithmetic.number(Fraction(0))
@@ -323,8 +322,11 @@ class Algebra:
                 total = total + reduce(lambda a, b: a * b, powers, arithmetic.number(coefficient))
             return total
 
-        factors = (arithmetic.power(polynomial(factor), power) for factor, power in x.bottom)
-        return reduce(lambda a, b: a / b, factors, polynomial(x.top))
+        def quotient(x: Quotient) -> Any:
+            factors = (arithmetic.power(polynomial(factor), power) for factor, power in x.bottom)
+            return reduce(lambda a, b: a / b, factors, polynomial(x.top))
+
+        return quotient(x)
 
     def is_zero(self, x: Quotient) -> bool:
         """Whether x is shown to be zero wherever it is defined, over a denominator that is not shown to be zero."""

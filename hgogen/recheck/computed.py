@@ -68,7 +68,7 @@ class Computed:
     def __mul__(self, other: "Computed") -> "Computed":
         for one, factor in ((self, other), (other, self)):
             if factor.number in (1, 2):
-                return Computed(self.real, factor.value * one.value, factor.value * one.error)
+                return self.rounded(factor.value * one.value, factor.value * one.error, Fraction(0))
         a, b = _size(self.value), _size(other.value)
         value = intervals.power(self.value, 2) if self is other else self.value * other.value
         return self.rounded(value, a * other.error + b * self.error + self.error * other.error)
@@ -124,9 +124,7 @@ def precision(real: str) -> Arithmetic:
     def number(value: Fraction) -> Computed:
         if value.denominator == 1 and abs(value) <= _WHOLE:
             return Computed(real, point(value), number=value)
-        bits, normal = _BITS[real]
-        error = abs(value) * (_FOLDED + Fraction(1, 2**bits) * (1 + _FOLDED)) + Fraction(1, 2**normal)
-        return Computed(real, point(value), point(error))
+        return Computed(real, point(value)).rounded(point(value), point(abs(value) * _FOLDED))
 
     def power(x: Computed, exponent: int) -> Computed:
         size = _size(x.around)

@@ -19,6 +19,7 @@ from .matrix import entries
 from .text import HIGHEST, ONE_ARGUMENT, Unreadable, number
 
 _LONGEST = 20_000  # statements
+_FUNCTIONS = 1_000  # of these: each is compared with those before it
 _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
 
 
@@ -97,6 +98,8 @@ def listed(holder: Mapping[str, Any], fields: int, stages: int) -> Listed:
     if len(texts) > _LONGEST or not all(isinstance(text, str) and text.split() for text in texts):
         raise NotShown(f"its program is no list of at most {_LONGEST} statements")
     statements = [(word, operands) for word, *operands in map(str.split, texts)]
+    if sum(word not in _OPERATIONS for word, _ in statements) > _FUNCTIONS:
+        raise NotShown(f"its program has more than {_FUNCTIONS} functions")
     rows = {key: [_operands({key: row}, key, fields) for row in entries(holder, key, stages)] for key in _STAGES}
     return Listed(statements, rows["stages"], rows["rates"], _operands(holder, "after", fields))
 

@@ -50,7 +50,7 @@ class Rounded:
             try:
                 walk = Walk(self.step.program, self._values(ranges), precision(self.precision), beside)
                 errors = [walk.value(operand).error for operand in self.step.program.after]
-            except Undefined as error:
+            except (Undefined, RecursionError) as error:
                 raise NotShown(f"how far its program rounds is not known: {error}") from None
             for beside_step, size, unit in zip(errors, sizes, self.step.equation.units, strict=True):
                 if not (point(abs(unit)) * beside_step).at_most(size * self.step.h):
@@ -114,8 +114,8 @@ def demand_rounding(
     moves = [h * (speed + sum(each, _NONE)) for speed, *each in zip(speeds, *beside, strict=True)]
     noisy = [column(each, "samples", p) for each in shares.values() if each["samples"] != []]
     samples = [sum(each, _NONE) for each in zip(*noisy, strict=True)] or [_NONE] * p
-    program, on = listed(follows, count, len(tableau.weights)), _one_of(follows, "between", _BETWEEN)
-    step = StepProgram(equation, tableau, h, program, on)
+    program = listed(follows, count, len(tableau.weights))
+    step = StepProgram(equation, tableau, h, program, _between(context, follows, shares))
     rounded = Rounded(step, _one_of(follows, "precision", PRECISIONS), samples, errors, moves)
     boxes += rounded.demand_sizes(column(share, "fields", count))
     return _said(rounded), boxes
@@ -137,6 +137,15 @@ def _demand_keys(follows: Mapping[str, Any]) -> None:
     """That a program and what belongs to it are there, and nothing else. Raises: `NotShown`."""
     if set(follows) != {*_KEYS}:
         raise NotShown(f"the sizes of its rounding do not follow from {', '.join(_KEYS)}")
+
+
+def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:
+    """How its program has inputs between two samples: held where none moves. Raises: `NotShown`."""
+    between, motion = _one_of(follows, "between", _BETWEEN), shares.get("method", {}).get("follows", {})
+    rates = column(motion, "rates", len(context.file.inputs)) if "rates" in motion else []
+    if between == "hold" and any(rates):
+        raise NotShown("its program holds inputs that move")
+    return between
 
 
 def _said(rounded: Rounded) -> str:

@@ -40,7 +40,7 @@ class StepProgram:
             return self._besides()
         except Undefined as error:
             raise NotShown(f"its program has no value: {error}") from None
-        except TooLarge:
+        except (TooLarge, RecursionError):
             raise NotShown("its program is too large to verify") from None
 
     def _besides(self) -> "Besides":
@@ -105,7 +105,7 @@ class Besides:
         for k, (operand, value) in enumerate(zip(operands, wanted, strict=True)):
             off = self.walk.value(operand) - value
             if not (self.algebra.is_zero(off) or self._computed(operand, value)):
-                if not is_statement(operand) or operand in self.walk.computed:
+                if not is_statement(operand) or operand in {*self.walk.computed, *self.beside}:
                     raise NotShown(f"{operand} of its program is not what the step has")
                 self.beside[operand] = off
             if letters:

@@ -53,7 +53,7 @@ def error(context: Context, claim: Claim) -> Shown:
     for share in shares:
         if not isinstance(share, dict) or set(share) != _SHARE:
             raise NotShown(f"a share is no object of {', '.join(sorted(_SHARE))}")
-        kind = part(share, "inputs", str)
+        kind, _ = part(share, "inputs", str), part(share, "follows", dict)
         if kind not in _KINDS or kind in by_kind:
             raise NotShown(f"its inputs are none of {', '.join(_KINDS)}, each once")
         size, inputs = above_zero(share, "unit"), _inputs(context, inclusion, method, h, theta, share)
