@@ -143,6 +143,13 @@ def test_what_has_no_bound_is_not_bounded(op: int, held: tuple[Any, ...]) -> Non
         Rounding("float").apply(op, [exactly(each) for each in held])
 
 
+def test_a_square_of_numbers_about_zero_is_bounded_and_keeps_its_sign() -> None:
+    square = Rounding("float").apply(ca.OP_SQ, [exactly(ball(-1, 1))])
+    assert -1e-6 < square.value.lower() <= 0
+    assert 1 <= square.value.upper() < 1 + 1e-6
+    assert square.error < 2.0**-23
+
+
 def test_a_division_by_what_rounding_may_make_zero_is_not_bounded() -> None:
     divisor = Computed(ball(0.5, 1), arb(0.75))
     with pytest.raises(Unsure):

@@ -277,7 +277,8 @@ def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
 
 
 def _square(a: Computed) -> tuple[Any, Any]:
-    return a.value**2, (2 * abs(a.value) + a.error) * a.error
+    low, high = a.value.abs_lower(), a.value.abs_upper()  # Arb has no power of a ball whose middle is 0
+    return _between(low * low, high * high), (2 * abs(a.value) + a.error) * a.error
 
 
 _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
