@@ -19,7 +19,7 @@ from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
 from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.plant_step import PlantStep
-from hgogen.recheck.arithmetic import Undefined, evaluate
+from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.interval import Interval, between, point
 from hgogen.recheck.plant_series import PlantSeries
 from hgogen.recheck.stages import Tableau, tableau_of
@@ -90,6 +90,69 @@ def test_series_of_functions_hold_those_of_mpmath(name: str) -> None:
 def test_where_there_may_be_no_series_there_is_none(text: str) -> None:
     with pytest.raises(Undefined):
         coefficients(text, between(0, 1))
+
+
+CURVE = "0, 0, 1, 1, 2, 4"  # with slopes of 0, 3/2 and 4 by Fritsch and Butland
+GRID = "3, -2, 0, 2, -3, -1, 1, 5, 5, 1, 1, 2, 1, 3, 6, 1"  # 1, 2, 3, 6 from 0 to 2 and from -3 to -1
+PIECES = {
+    "a line": ("Linear(x, 0, 0, 7, 1, 2, 3, 3)", "2 + (x - 1)/2", (1, 3)),
+    "the slope of a line": ("Linear(x, 1, 0, 7, 1, 2, 3, 3)", "1/2 + 0*x", (1, 3)),
+    "before a line": ("Linear(x, 0, 2, 7, 3, 9)", "7 + 0*x", (0, 2)),
+    "beyond a cubic": (f"Monotone(x, 0, {CURVE})", "4 + 0*x", (2, 4)),
+    "the first cubic": (f"Monotone(x, 0, {CURVE})", "x**2*3/2 - x**3/2", (0, 1)),
+    "the last cubic": (f"Monotone(x, 0, {CURVE})", "1 + (x - 1)*3/2 + (x - 1)**2*2 - (x - 1)**3/2", (1, 2)),
+    "the slope of a cubic": (f"Monotone(x, 1, {CURVE})", "3*x - x**2*3/2", (0, 1)),
+    "a map": (f"Bilinear(x, 2*x - 3, 0, 0, {GRID})", "1 + 2*x + x**2", (0, 1)),
+    "the slope of a map along x": (f"Bilinear(x, 2*x - 3, 1, 0, {GRID})", "1 + x", (0, 1)),
+    "the slope of a map along y": (f"Bilinear(x, 2*x - 3, 0, 1, {GRID})", "1/2 + x/2", (0, 1)),
+    "beside a map": (f"Bilinear(x, x/4 + 1, 0, 0, {GRID})", "1 + 0*x", (0, 1)),
+}
+MOVES = tuple(map(point, (Fraction(3, 4), Fraction(1, 20), Fraction(-1, 50), Fraction(0), Fraction(1, 7))))
+
+
+def along(text: str, start: Interval) -> Dual:
+    """That of x = start + 3 s/4 + .., with its slope in x."""
+    x = Dual(Taylor((start, *MOVES)), {0: taylor(ORDER).number(Fraction(1))})
+    value: Dual = evaluate(expression(text, {"x"}), {"x": x}, dual(taylor(ORDER)))
+    return value
+
+
+@pytest.mark.parametrize("name", PIECES)
+def test_a_table_on_one_piece_has_the_series_of_its_polynomial(name: str) -> None:
+    """At points of the piece, and in intervals that hold these."""
+    table, polynomial, (low, high) = PIECES[name]
+    first, *between_them, last = (low + (high - low) * Fraction(share, 8) for share in (1, 3, 7))
+    wide = along(table, between(first, last))
+    for at in (first, *between_them, last):
+        own, wanted = along(table, point(at)), along(polynomial, point(at))
+        pairs = [*zip(own.value.coefficients, wanted.value.coefficients, wide.value.coefficients, strict=True)]
+        pairs += zip(*(x.slopes[0].coefficients for x in (own, wanted, wide)), strict=True)
+        for each in pairs:
+            (value, _), (exact, _), (least, most) = (x.exactly for x in each)
+            assert float(value) == pytest.approx(float(exact), rel=1e-15, abs=1e-20)
+            assert least <= value <= most
+
+
+EDGES = {
+    "Linear": ("Linear(t, {0}, 0, 0, 1, 1, 3, 0)", 1),
+    "Monotone": (f"Monotone(t, {{0}}, {CURVE})", 1),
+    "the end of Monotone": (f"Monotone(t, {{0}}, {CURVE})", 2),
+    "along x": (f"Bilinear(t, 0, {{0}}, 0, {GRID})", 2),
+    "along y": (f"Bilinear(-1, t, 0, {{0}}, {GRID})", -1),
+}
+
+
+@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize("name", EDGES)
+def test_a_table_that_may_be_at_one_of_its_points_has_no_series(name: str, order: int) -> None:
+    """Not on one side of it either, where a bisection may end: a jump there would be on neither box."""
+    text, at = EDGES[name]
+    text, little = text.format(order), Fraction(1, 10**9)
+    for below, above in ((0, 1), (-1, 0), (0, 0), (-1, 1)):
+        with pytest.raises(Undefined):
+            coefficients(text, between(at + below * little, at + above * little))
+    for below, above in ((1, 2), (-2, -1)):
+        assert all(x.finite for x in coefficients(text, between(at + below * little, at + above * little)))
 
 
 def test_an_even_power_of_what_may_be_zero_is_not_negative() -> None:

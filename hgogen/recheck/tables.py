@@ -47,6 +47,7 @@ class Grid:
 
     axes: tuple[tuple[Fraction, ...], ...]
     values: tuple[Any, ...]
+    degree = 1  # along an axis
 
     @cached_property
     def jumps(self) -> tuple[Order, ...]:
@@ -126,6 +127,7 @@ class Curve:
     between, beyond."""
 
     points: tuple[tuple[Fraction, Fraction], ...]
+    degree = 3
 
     @cached_property
     def axes(self) -> tuple[tuple[Fraction, ...]]:
@@ -290,6 +292,12 @@ def jumps(name: str) -> bool:
         return False
     table, order = table_of(name)
     return any(min(along) <= m for along, m in zip(table.jumps, order, strict=True))
+
+
+def in_one_piece(name: str, box: Sequence[Side]) -> bool:
+    """Whether a box is in one piece along each axis; a breakpoint is in both beside it."""
+    axes = table_of(name)[0].axes
+    return all(bisect_left(axis, low) == bisect_right(axis, high) for axis, (low, high) in zip(axes, box, strict=True))
 
 
 def value_at(name: str, at: Sequence[Fraction]) -> Fraction | None:

@@ -8,6 +8,7 @@ from operator import add
 
 from .arithmetic import Arithmetic, Undefined
 from .interval import Interval, hull, intervals, point
+from .tables import in_one_piece, is_table, next_of, table_of
 
 _NONE = point(Fraction(0))
 
@@ -62,6 +63,8 @@ def taylor(order: int) -> Arithmetic:
     def function(name: str, args: tuple[Taylor, ...]) -> Taylor:
         if not args:
             return Taylor((intervals.function(name, ()), *[_NONE] * (order - 1)))
+        if is_table(name):
+            return _table(name, args)
         if name in _RATIOS:
             return _integrated(name, args[0], _RATIOS[name](number(Fraction(1)), power(args[0], 2)))
         if name not in _FUNCTIONS:
@@ -72,6 +75,28 @@ def taylor(order: int) -> Arithmetic:
         return Taylor(tuple(hull(*pair) for pair in zip(a.coefficients, b.coefficients, strict=True)))
 
     return Arithmetic(number, power, _root, function, both)
+
+
+def _table(name: str, args: tuple[Taylor, ...]) -> Taylor:
+    """By the derivatives on the one piece in which all arguments begin, without its ends: a derivative that jumps where
+    a bisection cuts would else be on neither side of it."""
+    if not in_one_piece(name, [x.coefficients[0].exactly for x in args]):
+        raise Undefined("no series where a table may be at one of its points")
+    return _expanded(name, args, 0)
+
+
+def _expanded(name: str, args: tuple[Taylor, ...], k: int) -> Taylor:
+    """T + d (T' + d/2 (T'' + ..)) of d = x - x_0 from argument k on, whose derivatives T are series in those after."""
+    if k == len(args):
+        value = intervals.function(name, tuple(x.coefficients[0] for x in args))
+        return Taylor((value, *[_NONE] * (len(args[0].coefficients) - 1)))
+    d, derivatives = Taylor((_NONE, *args[k].coefficients[1:])), [name]
+    for _ in range(table_of(name)[0].degree):
+        derivatives.append(next_of(derivatives[-1], k))
+    *each, total = (_expanded(one, args, k + 1) for one in derivatives)
+    for i, value in reversed([*enumerate(each, 1)]):
+        total = value + d * Taylor(tuple(_product(_share(1, i), c) for c in total.coefficients))
+    return total
 
 
 def _root(x: Taylor, exponent: Fraction) -> Taylor:
