@@ -66,8 +66,10 @@ class BesideCore:
     theta: Fraction
 
     def enters(self, realisation: realised.Realisation, leaves: "Leaves") -> Entering:
-        """What comes to each field of an estimate that begins at the plant's own state, and of what that follows; of
-        tables nothing. Raises: `Unbounded`."""
+        """What comes to each field of an estimate that begins at the plant's own state, and of what that follows.
+
+        Raises: `Unbounded`.
+        """
         self._demand_chain()
         self._demand_smooth()
         with ctx.workprec(BALLS):
@@ -75,7 +77,7 @@ class BesideCore:
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.rest) * self.h
             total = alpha + weight @ _slopes(self.obeyed) @ ahead
             sizes = Sizes(fields=tuple(map(self._over_h, total)))
-        return Entering(sizes, {} if self.plant.reads_tables else self._follows(leaves))
+        return Entering(sizes, self._follows(leaves))
 
     def _follows(self, leaves: "Leaves") -> Evidence:
         flow, rest = self.plant.flow, self.plant.rest

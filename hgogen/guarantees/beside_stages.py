@@ -43,7 +43,7 @@ class BesideStages:
 
     @property
     def entering(self) -> Entering:
-        """What enters the error of it, and of what that follows; of tables nothing. Raises: `Unbounded`."""
+        """What enters the error of it, and of what that follows. Raises: `Unbounded`."""
         outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
         stages = tuple(self.line(output) if output in self._used else still for output in outputs)
         return Entering(Sizes(stages=stages, beside=self.remainder()), self._follows)
@@ -68,8 +68,6 @@ class BesideStages:
 
     @property
     def _follows(self) -> dict[str, Any]:
-        if self.plant.reads_tables:
-            return {}
         flow, step = self._left
         known = {
             "rates": self.plant.moving,

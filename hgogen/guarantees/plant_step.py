@@ -176,11 +176,6 @@ class PlantStep:
         rows = evaluate(self._tape, balls, values, order, 1)
         return [balls.coefficients(value, order) for value, _ in rows]
 
-    @property
-    def reads_tables(self) -> bool:
-        """Whether F does."""
-        return any(step.op == "table" for step in self._tape.tape.instructions)
-
     @cached_property
     def _tape(self) -> Plant:
         return Plant(tape(self.flow, signals(self.form)), 0, 0, 0)

@@ -26,6 +26,7 @@ from typing import Any
 from .box import NotShown
 from .context import Context
 from .core_integral import core_integral
+from .file import part
 from .matrix import Matrix, column, matrix, minus, plus, scalar, scaled, sizes, times, unit, zeros
 from .plant_derivatives import Derivative, demand_derivatives
 from .plant_motion import PlantMotion, demand_keys, motion_of
@@ -93,7 +94,7 @@ def demand_left_by_core(
     context: Context, error: ErrorInclusion, theta: Fraction, evidence: Mapping[str, Any], share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
     """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `NotShown`."""
-    follows, n, name = share["follows"], len(context.z), evidence["method"]
+    follows, n, name = part(share, "follows", dict), len(context.z), evidence["method"]
     demand_keys(follows, _KEYS)
     leaves, parts, h = _LEAVES[name], error.at(theta), scalar(evidence, "dt")
     motion = motion_of(context, h, follows)

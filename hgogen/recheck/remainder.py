@@ -19,23 +19,18 @@ from typing import Any
 from .arithmetic import Undefined
 from .box import Box, NotShown, Try, covered
 from .context import Context, narrowed
+from .file import part
 from .interval import point
 from .matrix import Matrix, column, matrix
 from .plant_motion import PlantMotion, demand_keys, motion_of
 from .plant_series import PlantSeries
 from .slope import no_steeper
 from .stages import Tableau
-from .tables import is_table
 
 _KEYS = ("rates", "speeds", "slopes", "lines", "flow", "step")
 _THIRD = 3  # the coefficient of a line
 _MORE = 100  # boxes on which coefficients are taken
 _ZERO = Fraction(0)
-
-
-def derivable(context: Context) -> bool:
-    """Whether the rows have series: of tables there are none."""
-    return not any(is_table(step.op) for row in context.rates for step in row.instructions)
 
 
 @dataclass(frozen=True)
@@ -105,7 +100,7 @@ def demand_remainder(
     context: Context, tableau: Tableau, h: Fraction, share: Mapping[str, Any]
 ) -> tuple[PlantMotion, int]:
     """How the plant moves, from which the sizes of the share follow, with how many boxes. Raises: `NotShown`."""
-    follows, p, n, m = share["follows"], len(context.form.output), len(context.z), len(context.file.inputs)
+    follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
     slopes, lines = matrix(follows, "slopes", p, n + m), matrix(follows, "lines", p, len(tableau.cubic))

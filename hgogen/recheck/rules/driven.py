@@ -23,7 +23,7 @@ from ..file import Claim, part
 from ..follows import demand_followed
 from ..left_by_core import demand_left_by_core
 from ..matrix import above_zero, column, entries, inverse, matrix, plus, scalar, unit
-from ..remainder import demand_remainder, derivable
+from ..remainder import demand_remainder
 from ..rounding import demand_rounding, parameters_of
 from ..stages import Input, Method, corner, ends, form_of, method_of, place, tableau_of, within
 from ..structure import on_chains
@@ -86,18 +86,16 @@ def _followed(
 ) -> tuple[list[str], str, int]:
     """That the sizes follow: what they are, under what, and with how many boxes. Raises: `NotShown`."""
     h, left, rounding = scalar(evidence, "dt"), shares.get("method"), shares.get("rounding")
-    left = left if derivable(context) else None
     others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
-    stated = {"method": ", which it states"}
-    sizes = [f"{kind} of {', '.join(_all(share))}{stated.get(kind, '')}" for kind, share in others.items()]
     boxes = demand_followed(context, h, others)
+    sizes = [f"{kind} of {', '.join(_all(share))}" for kind, share in others.items()]
     if rounding:
         equation = Equation(context, error, theta, parameters_of(context, rounding["follows"]))
         totals = [_reached(shares.values(), k, equation.scales) for k in range(len(error.fed))]
         said, more = demand_rounding(equation, tableau_of(evidence), h, rounding, shares, totals)
         sizes, boxes = [*sizes, said], boxes + more
     if left is None:
-        return sizes, _CLEAR if "method" in shares else _BESIDE, boxes
+        return sizes, _BESIDE, boxes
     if method_of(evidence).degree:
         motion, more = demand_remainder(context, tableau_of(evidence), h, left)
     else:
@@ -165,11 +163,8 @@ def _inputs(
 
 
 def _all(share: Mapping[str, Any]) -> list[str]:
-    """The sizes of a share that are not 0, of one whose sizes follow those from which they do, in words."""
-    follows = part(share, "follows", dict)
-    stated = [*share["samples"], *(size for row in share["stages"] for size in row), *share["beside"], *share["fields"]]
-    flat = part(follows, "sizes", list) if follows else stated
-    return [short(size, -1) for size in map(number, flat) if size]
+    """Those that are not 0 of the sizes from which those of a share follow, in words."""
+    return [short(size, -1) for size in map(number, share["follows"]["sizes"]) if size]
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
