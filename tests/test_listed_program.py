@@ -252,7 +252,7 @@ LIES: dict[str, tuple[dict[str, Any], str]] = {
     "errors that shares exceed": ({"within": ["1/1000000", "1/1000000"]}, "less than what all shares come to"),
     "a plant that stands still": ({"speeds": ["0", "0"]}, "it does not hold at"),
     "another precision": ({"precision": "half"}, "its precision is none of float, double"),
-    "inputs that are held": ({"between": "hold"}, "less than how far its program is from the step"),
+    "inputs that are held": ({"between": "hold"}, "its program holds inputs that move"),
     "other inputs": ({"between": "curve"}, "its between is none of line, hold"),
     "another parameter": ({"parameters": ["2", "1/10"]}, "its parameters has not 0 entries"),
     "rates that are fields": ({"rates": [["x2", "x1"]]}, "x2 of its program is not what the step has"),
