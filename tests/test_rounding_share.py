@@ -3,7 +3,7 @@
 import copy
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache
 from itertools import pairwise
@@ -615,14 +615,25 @@ def test_what_sizes_follow_from_is_an_object(kind: str, follows: Any) -> None:
     assert verdict(content) == "fails"
 
 
+def verdict_of(states: Sequence[hg.Signal], flow: Sequence[Any], output: Any, observer: str, **gains: Any) -> str:
+    """Of a step of Euler's method in floats."""
+    plant = hg.System("own", states=states, outputs=(hg.Signal("y"),), flow=flow, output=[output])
+    form = hg.forms.triangular(plant)
+    made = getattr(hg.observers, observer)(form, theta=7.3, **gains)
+    known = hg.error_bound(hg.sample(made, hg.methods.euler, dt=0.0123), real="float")
+    return verdict(hg.certificate(form, (*made.checks, known.check), made.name))
+
+
 def test_a_number_of_the_plant_is_listed_as_it_stands_there() -> None:
     """x/1.3, whose 0.7692307692307692 is also almost 10/13."""
     x, v = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2)
-    plant = hg.System("scaled", states=(x, v), outputs=(hg.Signal("y"),), flow=[v, -sp.sin(x / 1.3)], output=[x])
-    form = hg.forms.triangular(plant)
-    made = hg.observers.high_gain(form, theta=7.3, poles=(-1.37, -0.61))
-    known = hg.error_bound(hg.sample(made, hg.methods.euler, dt=0.0123), real="float")
-    assert verdict(hg.certificate(form, (*made.checks, known.check), made.name)) == "verified"
+    assert verdict_of((x, v), [v, -sp.sin(x / 1.3)], x, "high_gain", poles=(-1.37, -0.61)) == "verified"
+
+
+def test_of_two_numbers_that_are_all_but_the_same_the_nearest_is_listed() -> None:
+    """The ends of the ranges are 1 and 0.9999999999999998 in the units of the fields."""
+    x, v = hg.Signal("x", low=-0.7, high=0.7), hg.Signal("v", low=-2.0999999999999996, high=2.0999999999999996)
+    assert verdict_of((x, v), [v / 3, -sp.sin(x) / 10], x * sp.Rational(10, 7), "peaking_free") == "verified"
 
 
 # --- how it is asked for

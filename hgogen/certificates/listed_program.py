@@ -123,7 +123,8 @@ class _Writer:
         if not math.isfinite(number):
             raise Unsure("a constant that is no number")
         value = Fraction(number)
-        candidates = (*self.known, value.limit_denominator(_SIMPLE), Fraction(repr(number)))
+        nearest = min(self.known, key=lambda known: abs(known - value), default=value)
+        candidates = nearest, value.limit_denominator(_SIMPLE), Fraction(repr(number))
         return _number(next(x for x in candidates if abs(x - value) <= abs(value) * Fraction(FOLDED, 2**53)))
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
