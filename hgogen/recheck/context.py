@@ -68,7 +68,7 @@ class Context:
             return str(error)
         except Undefined as error:
             return f"an expression has no value: {error}"
-        except TooLarge:
+        except (TooLarge, RecursionError):
             return "its identity is too large to verify"
         return ""
 

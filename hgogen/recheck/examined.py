@@ -73,7 +73,7 @@ def _unshown(context: Context) -> str:
         return str(error)
     except Undefined:
         return "an expression of it has no value"
-    except TooLarge:
+    except (TooLarge, RecursionError):
         return "its identity is too large to verify"
     return ""
 

@@ -50,7 +50,7 @@ class Rounded:
             try:
                 walk = Walk(self.step.program, self._values(ranges), precision(self.precision), beside)
                 errors = [walk.value(operand).error for operand in self.step.program.after]
-            except (Undefined, RecursionError) as error:
+            except Undefined as error:
                 raise NotShown(f"how far its program rounds is not known: {error}") from None
             for beside_step, size, unit in zip(errors, sizes, self.step.equation.units, strict=True):
                 if not (point(abs(unit)) * beside_step).at_most(size * self.step.h):

@@ -40,7 +40,7 @@ class StepProgram:
             return self._besides()
         except Undefined as error:
             raise NotShown(f"its program has no value: {error}") from None
-        except (TooLarge, RecursionError):
+        except TooLarge:
             raise NotShown("its program is too large to verify") from None
 
     def _besides(self) -> "Besides":

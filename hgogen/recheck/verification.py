@@ -252,7 +252,7 @@ def _row(context: Context, claim: Claim) -> Row:
         return Row(claim.id, verdict, "fails", str(error))
     except Undefined as error:
         return Row(claim.id, verdict, "fails", f"an expression has no value: {error}")
-    except TooLarge:
+    except (TooLarge, RecursionError):
         return Row(claim.id, verdict, "fails", "its identity is too large to verify")
     except NoCertificate as error:
         return Row(claim.id, verdict, "fails", error.reason)
