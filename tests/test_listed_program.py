@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import cache
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -21,10 +22,16 @@ import hgogen as hg
 from hgogen.certificates.listed_program import Listing, listed
 from hgogen.emit.exact import evaluate, machine
 from hgogen.program import Place
+from hgogen.recheck.algebra import Algebra, Quotient
 from hgogen.recheck.arithmetic import Undefined
+from hgogen.recheck.box import NotShown
 from hgogen.recheck.computed import Computed, precision
-from hgogen.recheck.interval import between
+from hgogen.recheck.interval import between, intervals, point
 from hgogen.recheck.listed import Listed, Walk
+from hgogen.recheck.rounding import Rounded
+from hgogen.recheck.rules.driven import _root
+from hgogen.recheck.step_program import Besides
+from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 
 Step = Any
@@ -71,13 +78,16 @@ CASES: dict[str, tuple[hg.System, str, dict[str, Any]]] = {
     "a cube": (CUBIC, "high_gain", {"theta": 20, "poles": (-1, -1)}),
     "two sensors": (SENSORS, "high_gain", BOTH),
     "two chains": (CHAINS, "high_gain", {"theta": 10, "poles": ((-1, -1), (-1,))}),
+    "chains that end together": (CHAINS, "high_gain", {"theta": 10, "poles": ((-1, -1), (-1,))}),
 }
+ALIGNED = {"chains that end together": "end"}
 
 
 @cache
 def step_of(case: str, method: str, between: str = "line") -> Step:
     system, name, gains = CASES[case]
-    form = (hg.forms.triangular if len(system.outputs) == 1 else hg.forms.block_triangular)(system)
+    several = len(system.outputs) > 1
+    form = hg.forms.block_triangular(system, align=ALIGNED.get(case)) if several else hg.forms.triangular(system)
     observer = getattr(hg.observers, name)(form, **gains)
     return hg.sample(observer, getattr(hg.methods, method), dt=1e-3, between=between)
 
@@ -177,6 +187,16 @@ def test_it_reads_as_the_step_does() -> None:
     assert (program.stages, program.rates, program.after) == ((("x1", "x2"),), (("v5", "v16"),), ("v18", "v20"))
 
 
+def test_an_end_of_a_range_stands_in_the_unit_of_its_field() -> None:
+    """Of a saturation; no simple quotient would do for this one."""
+    w = hg.Signal("w", low=-3, high=Fraction(30000001, 10**7))
+    system = plant(3 * w, -sp.sin(x / 10) + u, output=(x / 7,), states=(x, w))
+    observer = hg.observers.peaking_free(hg.forms.triangular(system), theta=6)
+    program = listed(hg.sample(observer, hg.methods.euler, dt=1e-3), observer.error)
+    assert program
+    assert "Min v5 90000003/70000000" in program.statements
+
+
 # --- it is tied to the equation of its observer, and what it rounds is computed again
 
 
@@ -250,6 +270,7 @@ def test_no_size_of_it_may_be_smaller(case: str, real: str) -> None:
 
 LIES: dict[str, tuple[dict[str, Any], str]] = {
     "errors that shares exceed": ({"within": ["1/1000000", "1/1000000"]}, "less than what all shares come to"),
+    "one error that shares exceed": ({"within": ["1", "1/1000000"]}, "less than what all shares come to"),
     "a plant that stands still": ({"speeds": ["0", "0"]}, "it does not hold at"),
     "another precision": ({"precision": "half"}, "its precision is none of float, double"),
     "inputs that are held": ({"between": "hold"}, "its program holds inputs that move"),
@@ -283,8 +304,9 @@ def test_a_forged_program_fails(lie: str) -> None:
 def test_a_parameter_of_the_program_is_in_its_range() -> None:
     """And the one that its statements have."""
     content = certified("parameters")
-    for parameters, said in ((["4", "1/10"], "outside the model's range"), (["3", "1/10"], "from the step")):
-        one = row(changed(content, parameters=parameters))
+    outside, beside = "outside the model's range", "from the step"
+    for value, said in (("4", outside), ("0", outside), ("3", beside)):
+        one = row(changed(content, parameters=[value, "1/10"]))
         assert one.found == "fails"
         assert said in one.sentence
 
@@ -401,7 +423,135 @@ def test_angles_beyond_those_that_were_measured_have_no_bound() -> None:
                 content.value("v1")
 
 
-def test_what_may_overflow_has_no_bound() -> None:
-    walk = Walk(Listed([("mul", ["x1", "x1"])], [], [], []), {"x1": of(1e20)}, precision("float"))
+def applied(text: str, at: Computed) -> Computed:
+    """A statement of x1, which is `at`."""
+    word, *operands = text.split()
+    value: Computed = Walk(Listed([(word, operands)], [], [], []), {"x1": at}, precision(at.real)).value("v1")
+    return value
+
+
+@pytest.mark.parametrize(("real", "half"), [("float", 64), ("double", 512)])
+def test_what_may_overflow_has_no_bound(real: str, half: int) -> None:
+    """2^128 is no number of floats, 2^126 is one."""
+    assert applied("mul x1 x1", of(2.0 ** (half - 1), real=real)).error.finite
     with pytest.raises(Undefined, match="may overflow"):
-        walk.value("v1")
+        applied("mul x1 x1", of(2.0**half, real=real))
+
+
+@pytest.mark.parametrize("text", ["mul 2 x1", "mul x1 2", f"Min x1 {10**39}"])
+def test_what_rounds_nothing_may_overflow(text: str) -> None:
+    """Twice a number, and a constant."""
+    with pytest.raises(Undefined, match="may overflow"):
+        applied(text, of(2.0**127))
+
+
+@pytest.mark.parametrize(("real", "least"), [("float", -126), ("double", -1022)])
+def test_what_underflows_may_be_lost(real: str, least: int) -> None:
+    """Wholly, where a machine has no numbers below the smallest normal one."""
+    assert applied("mul x1 x1", of(2.0 ** (least // 2 - 1), real=real)).error.exactly[1] >= Fraction(2) ** least
+
+
+@pytest.mark.parametrize(("at", "exponent"), [(0.25, -2), (2.0, -1), (2.0, 3)])
+def test_a_power_hands_on_its_steepest_slope(at: float, exponent: int) -> None:
+    """That at the end of its base that is nearer to zero where it falls, at the other one where it rises."""
+    end = at + math.copysign(0.125, exponent)
+    steepest = 0.125 * abs(exponent * end ** (exponent - 1))
+    assert steepest <= float(applied(f"pow x1 {exponent}", of(at, 0.125)).error.exactly[1]) <= steepest * 1.001
+
+
+# --- what it is computed on, and what it is tied to
+
+
+@pytest.mark.parametrize(("name", "most"), [("x1", 5), ("y1_last", 7), ("y1", 7)])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_is_rounded_is_that_at_the_far_end_of_all_ranges(name: str, most: int, side: int) -> None:
+    """Of a square, where the state is within 4 on one side, its error 1, its sample's 2, and it moves by 1."""
+    context = SimpleNamespace(
+        z=["z1"],
+        seen=["z1"],
+        file=SimpleNamespace(inputs=()),
+        form=SimpleNamespace(
+            box={"z1": tuple(sorted((Fraction(0), Fraction(4 * side))))}, output=[expression("z1", ["z1"])]
+        ),
+    )
+    equation = SimpleNamespace(context=context, units=[1], scales=[1], error=SimpleNamespace(index=[0], fed=[True]))
+    program = Listed([("square", [name])], [], [], ["v1"])
+    step: Any = SimpleNamespace(equation=equation, program=program, h=1, besides=lambda: SimpleNamespace(statements={}))
+    one, size = Fraction(1), Fraction(most**2, 2**24)
+    rounded = Rounded(step, "float", [2 * one], [one], [one])
+    assert rounded.demand_sizes([size * Fraction("1.000001")]) == 32
+    with pytest.raises(NotShown, match="a size of its rounding is less"):
+        rounded.demand_sizes([size * Fraction("0.999999")])
+
+
+def test_the_plant_moves_at_its_speed_and_by_what_is_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the method leaves something in each row."""
+    content, seen = changed(certified("a swing"), speeds=["5", "7"]), []
+    monkeypatch.setattr("hgogen.recheck.rounding.Rounded", lambda *parts: seen.append(parts[-1]) or Rounded(*parts))
+    assert row(content).found == "fails"
+    (claim,) = (each["evidence"] for each in content["claims"] if each["id"].endswith(".error"))
+    (left,) = (map(Fraction, one["beside"]) for one in claim["shares"] if one["inputs"] == "method")
+    assert seen == [[Fraction(claim["dt"]) * (speed + more) for speed, more in zip((5, 7), left, strict=True)]]
+
+
+def summed() -> tuple[Besides, Quotient, Quotient]:
+    """Statements of a program that adds two names; and these."""
+    algebra = Algebra(["x1", "x2", "field 0", "rate 0"])
+    x1, x2 = (algebra.letter(name) for name in ("x1", "x2"))
+    walk = Walk(Listed([("add", ["x1", "x2"])], [], [], []), {"x1": x1, "x2": x2}, algebra.arithmetic)
+    return Besides(algebra, walk, {"field 0": "v1", "rate 0": "v1"}), x1, x2
+
+
+def test_a_statement_is_beside_one_value_alone() -> None:
+    """How far it is from another would not be known."""
+    stage, x1, x2 = summed()
+    stage.take(["v1"], [x1 + x2], "field")
+    after, *both = summed()
+    for statements, wanted in ((stage, [x1]), (after, both)):
+        with pytest.raises(NotShown, match="v1 of its program is not what the step has"):
+            statements.take(["v1"] * len(wanted), wanted)
+
+
+def test_a_statement_that_stands_for_several_keeps_its_first_letter() -> None:
+    statements, x1, x2 = summed()
+    for letters in ("field", "rate", ""):
+        assert statements.take(["v1"], [x1 + x2], letters) == [statements.algebra.letter("field 0")]
+
+
+@pytest.mark.parametrize("by", [Fraction(-1, 8), Fraction(1, 8)])
+def test_a_statement_errs_by_as_much_as_it_is_beside(by: Fraction) -> None:
+    """Below what the step has as above it."""
+    statements, x1, x2 = summed()
+    statements.take(["v1"], [x1 + x2 + statements.algebra.number(by)])
+    error = statements.statements["v1"](statements.walk, of(5.0)).error
+    assert error.exactly == (Fraction(1, 8), Fraction(1, 8))
+
+
+def test_a_quotient_has_its_denominator_as_often_as_it_is_there() -> None:
+    algebra = Algebra(["x1"])
+    below = algebra.letter("x1") + algebra.number(Fraction(1))
+    quotient = algebra.number(Fraction(1)) / below / below
+    value = algebra.value(quotient, {"x1": point(Fraction(1))}, intervals)
+    assert value.exactly == (Fraction(1, 4), Fraction(1, 4))
+
+
+def test_a_program_has_an_end() -> None:
+    one = row(changed(certified("a swing"), program=["neg x1"] * 20_001))
+    assert "is no list of at most 20000 statements" in one.sentence
+
+
+def test_errors_that_rounding_itself_makes_are_among_all() -> None:
+    """Those within which a program rounds are not those of the other shares alone."""
+    content = certified("a swing")
+    (claim,) = (each["evidence"] for each in content["claims"] if each["id"].endswith(".error"))
+    bounds = [sum(Fraction(one["bounds"][k]["bound"]) for one in claim["shares"]) for k in range(2)]
+    for left, outcome in ((0, "verified"), (Fraction(1, 2), "fails")):
+        rounding = [left * Fraction(one["bound"]) for one in share(content)["bounds"]]
+        within = [str(bound - own) for bound, own in zip(bounds, rounding, strict=True)]
+        assert row(changed(content, within=within)).found == outcome
+
+
+@pytest.mark.parametrize("value", ["2", "4", "1/3"])
+def test_a_root_is_rounded_up(value: str) -> None:
+    root = _root(Fraction(value))
+    assert Fraction(value) < root**2 < Fraction(value) + Fraction(1, 2**190)
