@@ -54,6 +54,7 @@ MOVING = plant((2 + u / 3) * v, -sp.sin(x))
 KNOWN = plant(v, -k * sp.sin(x) - c * v + u, parameters=(k, c))
 MANY = plant(v, -sp.tanh(x) * sp.exp(v / 4) + sp.sqrt(5 + x) - sp.cos(v) / (3 + x))
 ROOTS = plant(v, -((x + 4) ** sp.Rational(1, 3)) - (x + 4) ** sp.Rational(27, 10) / 100 + u)
+TURNING = plant(v, -sp.sin(2 * sp.pi * x / 7) * sp.sqrt(2) + v / sp.pi + u)
 CUBIC = plant(v, -((x + 4) ** 3) / 50 + u)
 SENSORS = plant(v, -sp.sin(x) + u, output=(x, 3 * x))
 CHAINS = plant(v, -sp.sin(x) + z, -z + x / 3, output=(x, 2 * z), states=(x, v, z))
@@ -75,6 +76,7 @@ CASES: dict[str, tuple[hg.System, str, dict[str, Any]]] = {
     "parameters": (KNOWN, "high_gain", {"theta": 20, "poles": (-1, -1)}),
     "functions": (MANY, "high_gain", {"theta": 30, "poles": (-1, -1)}),
     "powers": (ROOTS, "high_gain", {"theta": 20, "poles": (-1, -1)}),
+    "numbers that are no quotients": (TURNING, "high_gain", {"theta": 20, "poles": (-1, -1)}),
     "a cube": (CUBIC, "high_gain", {"theta": 20, "poles": (-1, -1)}),
     "two sensors": (SENSORS, "high_gain", BOTH),
     "two chains": (CHAINS, "high_gain", {"theta": 10, "poles": ((-1, -1), (-1,))}),

@@ -20,6 +20,7 @@ import sympy as sp
 
 from hgogen.algebra.points import exact
 from hgogen.certificates.one_call import Columns, after_call
+from hgogen.evidence.grammar import text
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.inclusion import Inclusion
@@ -28,6 +29,7 @@ from hgogen.intervals.computed import FOLDED, Unsure
 from hgogen.step import Step
 
 _SIMPLE = 10**6  # the largest denominator of a simple quotient, far from those of doubles
+_DIGITS = 40  # of a number that is no quotient
 _RATE = "rate"  # the function of a program that is the observer's equation
 
 
@@ -53,8 +55,11 @@ class Listing:
 def listed(step: Step, error: Inclusion) -> Listing | None:
     """The program of a step whose observer has this error; None where a certificate cannot list it: of tables, loops
     over matrices, and tests that are not of numbers."""
-    gains = (Fraction(x) for x in _flat(error.numbers.values()) if isinstance(x, float | Rational))
-    writer = _Writer((*gains, *_ends(step.observer.form, error), *_constants(step.observer.form)))
+    form, gains = (
+        step.observer.form,
+        (Fraction(x) for x in _flat(error.numbers.values()) if isinstance(x, float | Rational)),
+    )
+    writer = _Writer((*map(_number, gains), *map(_number, _ends(form, error)), *_constants(form)))
     fields = [Operand(f"x{k + 1}") for k in range(len(error.N))]
     samples = [_named("y", end, len(step.observer.form.output)) for end in ("_last", "")]
     inputs = [_named("u", end, len(step.inputs)) for end in ("_last", "")]
@@ -68,13 +73,13 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
 def _pruned(writer: "_Writer", after: Sequence[Operand]) -> Listing:
     """Without statements that nothing reads, in their numbers."""
     wanted = {each.text for row in (*writer.stages, *writer.rates, after) for each in row}
-    statements = {operand.text: text for text, operand in writer.statements.items()}
+    statements = {operand.text: said for said, operand in writer.statements.items()}
     for name in reversed(statements):
         wanted |= {*statements[name].split()} if name in wanted else set()
     names = {name: f"v{i}" for i, name in enumerate((name for name in statements if name in wanted), 1)}
 
-    def renamed(texts: Iterable[str]) -> tuple[str, ...]:
-        return tuple(names.get(text, text) for text in texts)
+    def renamed(operands: Iterable[str]) -> tuple[str, ...]:
+        return tuple(names.get(operand, operand) for operand in operands)
 
     listed = (" ".join(renamed(statements[name].split())) for name in names)
     stages, rates = (
@@ -95,10 +100,17 @@ def _ends(form: Form, error: Inclusion) -> Iterable[Fraction]:
         yield from (end * scale / unit for end in declared if isinstance(end, Fraction))
 
 
-def _constants(form: Form) -> Iterable[Fraction]:
-    """The numbers that stand in the plant."""
-    numbers = {number for row in (*form.A, *form.b, *form.output) for number in exact(row).atoms(sp.Rational)}
-    return sorted(map(Fraction, numbers))
+def _constants(form: Form) -> list[Operand]:
+    """The numbers that stand in the plant, and what is a number of each sum and product: 2 pi of 2 pi f t."""
+    nodes = {node for row in (*form.A, *form.b, *form.output) for node in sp.preorder_traversal(exact(row))}
+    parts = {node.as_independent(*node.free_symbols)[0] for node in nodes if node.is_Add or node.is_Mul}
+    numbers = {x for x in nodes | parts if x.is_number and x.is_real and x.is_finite}
+    return [_known(form, x) for x in sorted(numbers, key=sp.default_sort_key)]
+
+
+def _known(form: Form, x: sp.Expr) -> Operand:
+    value = Fraction(str(x)) if x.is_Rational else Fraction(str(x.evalf(_DIGITS)))
+    return Operand(text(form, x).replace(" ", ""), value)
 
 
 def _flat(values: Iterable[Any]) -> Iterable[Any]:
@@ -111,7 +123,7 @@ def _flat(values: Iterable[Any]) -> Iterable[Any]:
 class _Writer:
     """An arithmetic whose values are operands: what it computes it writes."""
 
-    known: Sequence[Fraction]
+    known: Sequence[Operand]
     statements: dict[str, Operand] = field(default_factory=dict)
     stages: list[list[Operand]] = field(default_factory=list)
     rates: list[list[Operand]] = field(default_factory=list)
@@ -123,9 +135,10 @@ class _Writer:
         if not math.isfinite(number):
             raise Unsure("a constant that is no number")
         value = Fraction(number)
-        nearest = min(self.known, key=lambda known: abs(known - value), default=value)
-        candidates = nearest, value.limit_denominator(_SIMPLE), Fraction(repr(number))
-        return _number(next(x for x in candidates if abs(x - value) <= abs(value) * Fraction(FOLDED, 2**53)))
+        candidates = [_number(value.limit_denominator(_SIMPLE)), _number(Fraction(repr(number)))]
+        nearest = min(self.known, key=lambda known: _off(known, value), default=candidates[0])
+        most = abs(value) * Fraction(FOLDED, 2**53)
+        return next(known for known in (nearest, *candidates) if _off(known, value) <= most)
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
         results = body(columns)
@@ -142,8 +155,13 @@ class _Writer:
         if op not in _WORDS or (op in _POWERS and values[1].number is None):
             raise Unsure("an operation that is not listed")
         word, order = _WORDS[op]
-        text = " ".join((word, *(each.text for each in order(values))))
-        return self.statements.setdefault(text, Operand(f"v{len(self.statements) + 1}"))
+        said = " ".join((word, *(each.text for each in order(values))))
+        return self.statements.setdefault(said, Operand(f"v{len(self.statements) + 1}"))
+
+
+def _off(known: Operand, value: Fraction) -> Fraction:
+    assert known.number is not None
+    return abs(known.number - value)
 
 
 def _number(value: Fraction) -> Operand:

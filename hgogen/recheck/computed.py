@@ -17,8 +17,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from .arithmetic import Arithmetic, Dual, Undefined, dual
+from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
 from .interval import Interval, between, hull, intervals, point
+from .text import Expression
 
 _NONE, _ONE = point(Fraction(0)), point(Fraction(1))
 _WHOLE = 2**24
@@ -116,6 +117,12 @@ def _by_power(x: Interval, exponent: Fraction | int) -> Fraction:
 def _both(error: Interval) -> Interval:
     """From -e to e."""
     return hull(-error, error)
+
+
+def constant(real: str, text: Expression) -> Computed:
+    """A number that an expression without names says, which a program has as one constant. Raises: `Undefined`."""
+    value: Interval = evaluate(text, {}, intervals)
+    return Computed(real, value).rounded(value, _size(value) * point(_FOLDED))
 
 
 def precision(real: str) -> Arithmetic:

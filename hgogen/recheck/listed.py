@@ -3,20 +3,22 @@
     x1, ..   the elements of the fields      y1_last, y1, ..   samples, of the last call and of this one
     v1, ..   the statements                  u1_last, u1, ..   inputs alike
 
-A statement is an operation and what it takes, which is a name, a number, or a statement before it.
+A statement is an operation and what it takes, which is a name, a number, an expression of numbers, or a statement
+before it.
 """
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
-from .arithmetic import Arithmetic
+from .arithmetic import Arithmetic, evaluate
 from .box import NotShown
 from .file import part
 from .matrix import entries
-from .text import HIGHEST, ONE_ARGUMENT, Unreadable, number
+from .text import HIGHEST, ONE_ARGUMENT, Expression, Unreadable, expression, is_number, number
 
 _LONGEST = 20_000  # statements
 _FUNCTIONS = 1_000  # of these: each is compared with those before it
@@ -48,9 +50,12 @@ class Walk:
         values: Mapping[str, Any],
         arithmetic: Arithmetic,
         beside: Mapping[str, Callable[["Walk", Any], Any]] | None = None,
+        constant: Callable[[Expression], Any] | None = None,
     ) -> None:
-        """`beside`: of statements, what stands for their value."""
+        """`beside`: of statements, what stands for their value; `constant`: what an expression without names is, by
+        default what the arithmetic computes of it."""
         self.values, self.arithmetic, self.beside = dict(values), arithmetic, beside or {}
+        self.constant = constant or partial(evaluate, values={}, arithmetic=arithmetic)
         self.computed = dict[str, Any]()  # of statements that are named otherwise
         self.rest: Iterator[tuple[int, tuple[str, list[str]]]] = enumerate(program.statements, 1)
         self.count = 0
@@ -60,10 +65,15 @@ class Walk:
         if is_statement(operand):
             while int(operand[1:]) > self.count:
                 self._next()
-        if operand in self.values:
-            return self.values[operand]
-        try:
+        if operand not in self.values:
+            self.values[operand] = self._constant(operand)
+        return self.values[operand]
+
+    def _constant(self, operand: str) -> Any:
+        if is_number(operand):
             return self.arithmetic.number(number(operand))
+        try:
+            return self.constant(expression(operand, ()))
         except Unreadable:
             raise NotShown(f"its program reads {operand!r}, which it has not") from None
 

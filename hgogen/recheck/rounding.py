@@ -8,12 +8,13 @@ error that inputs alone made never leaves it.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise, product
 from typing import Any
 
 from .arithmetic import Undefined, evaluate
 from .box import End, NotShown, covered, ranged
-from .computed import POWER, PRECISIONS, UNITS, Computed, precision
+from .computed import POWER, PRECISIONS, UNITS, Computed, constant, precision
 from .context import Context, narrowed, short
 from .equation import Equation
 from .file import part
@@ -48,7 +49,8 @@ class Rounded:
         pieces, beside = self._pieces, self.step.besides().statements
         for ranges in pieces:
             try:
-                walk = Walk(self.step.program, self._values(ranges), precision(self.precision), beside)
+                held, known = self._values(ranges), partial(constant, self.precision)
+                walk = Walk(self.step.program, held, precision(self.precision), beside, known)
                 errors = [walk.value(operand).error for operand in self.step.program.after]
             except Undefined as error:
                 raise NotShown(f"how far its program rounds is not known: {error}") from None

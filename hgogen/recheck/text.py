@@ -87,6 +87,11 @@ def number(text: object) -> Fraction:
     raise Unreadable(text, f"a number has more than {LARGEST} digits")
 
 
+def is_number(text: str) -> bool:
+    """Whether a text is a number, not an expression."""
+    return bool(_NUMBER.match(text))
+
+
 def kind_of(value: object) -> str:
     """What a value of JSON that is no text is called."""
     names = {type(None): "null", list: "a list", dict: "an object", bool: "a truth value"}
