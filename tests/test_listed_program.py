@@ -538,8 +538,8 @@ def test_a_quotient_has_its_denominator_as_often_as_it_is_there() -> None:
 
 
 def test_a_program_has_an_end() -> None:
-    one = row(changed(certified("a swing"), program=["neg x1"] * 20_001))
-    assert "is no list of at most 20000 statements" in one.sentence
+    one = row(changed(certified("a swing"), program=["neg x1"] * 5_001))
+    assert "is no list of at most 5000 statements" in one.sentence
 
 
 def test_errors_that_rounding_itself_makes_are_among_all() -> None:

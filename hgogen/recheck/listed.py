@@ -20,7 +20,7 @@ from .file import part
 from .matrix import entries
 from .text import HIGHEST, ONE_ARGUMENT, Expression, Unreadable, expression, is_number, number
 
-_LONGEST = 20_000  # statements
+_LONGEST = 5_000  # statements, of which a call of 8 states has some 500
 _FUNCTIONS = 1_000  # of these: each is compared with those before it
 _STATEMENT = re.compile(r"v[1-9][0-9]{0,5}\Z", re.ASCII)
 
