@@ -14,7 +14,7 @@ from hgogen.chains.sampled import Sampled
 from hgogen.chains.transient import lengths
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.routine import Values, routine
+from hgogen.discretisation.routine import RATE, Values, routine
 from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, rounds
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
@@ -193,7 +193,7 @@ class Explicit:
             at = {**moving, **clock.constants}
             return {f"d{name}": slope for name, slope in part.rhs(at, at["u"], at["y"], at["valid"]).items()}
 
-        rhs = routine("rate", {name: value.numel() for name, value in start.items()} | clock.sizes, equations)
+        rhs = routine(RATE, {name: value.numel() for name, value in start.items()} | clock.sizes, equations)
 
         def rate(values: Mapping[str, Graph], c: float | Graph) -> Mapping[str, Graph]:
             slopes = rhs({**values, **clock.signals(c)})

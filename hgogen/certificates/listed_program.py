@@ -20,6 +20,7 @@ import sympy as sp
 
 from hgogen.algebra.points import exact
 from hgogen.certificates.one_call import Columns, after_call
+from hgogen.discretisation.routine import RATE
 from hgogen.evidence.grammar import text
 from hgogen.form import Form
 from hgogen.graph import Graph
@@ -30,7 +31,6 @@ from hgogen.step import Step
 
 _SIMPLE = 10**6  # the largest denominator of a simple quotient, far from those of doubles
 _DIGITS = 40  # of a number that is no quotient
-_RATE = "rate"  # the function of a program that is the observer's equation
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,11 @@ class Listing:
 def listed(step: Step, error: Inclusion) -> Listing | None:
     """The program of a step whose observer has this error; None where a certificate cannot list it: of tables, loops
     over matrices, and tests that are not of numbers."""
-    form, gains = (
-        step.observer.form,
-        (Fraction(x) for x in _flat(error.numbers.values()) if isinstance(x, float | Rational)),
-    )
-    writer = _Writer((*map(_number, gains), *map(_number, _ends(form, error)), *_constants(form)))
+    form, numbers = step.observer.form, _flat(error.numbers.values())
+    gains = (Fraction(x) for x in numbers if isinstance(x, float | Rational))
+    writer = _Writer((*map(_number, (*gains, *_ends(form, error))), *_constants(form)))
     fields = [Operand(f"x{k + 1}") for k in range(len(error.N))]
-    samples = [_named("y", end, len(step.observer.form.output)) for end in ("_last", "")]
+    samples = [_named("y", end, len(form.output)) for end in ("_last", "")]
     inputs = [_named("u", end, len(step.inputs)) for end in ("_last", "")]
     try:
         after = after_call(writer, step, fields, samples, inputs)
@@ -142,7 +140,7 @@ class _Writer:
 
     def call(self, function: Graph, columns: Columns, body: Callable[[Columns], Columns]) -> Columns:
         results = body(columns)
-        if function.name() == _RATE:
+        if function.name() == RATE:
             rates = [each for column in results for each in column]
             self.stages.append([each for column in columns for each in column][: len(rates)])
             self.rates.append(rates)
@@ -209,6 +207,9 @@ def _after(number: int) -> Order:
     return lambda values: [_number(Fraction(number)), *values]
 
 
+_FUNCTIONS = (
+    *("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+)
 _WORDS: Mapping[int, tuple[str, Order]] = {
     ca.OP_ADD: ("add", _as_is),
     ca.OP_SUB: ("sub", _as_is),
@@ -223,9 +224,5 @@ _WORDS: Mapping[int, tuple[str, Order]] = {
     ca.OP_FMAX: ("Max", _sorted),
     ca.OP_SQRT: ("sqrt", _as_is),
     **dict.fromkeys(_POWERS, ("pow", _as_is)),
-    **{
-        getattr(ca, f"OP_{name.upper()}"): (name, _as_is)
-        for name in ("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
-    },
-    **{getattr(ca, f"OP_{name.upper()}"): (name, _as_is) for name in ("asinh", "acosh", "atanh")},
+    **{getattr(ca, f"OP_{name.upper()}"): (name, _as_is) for name in _FUNCTIONS},
 }

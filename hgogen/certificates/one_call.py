@@ -18,7 +18,7 @@ from hgogen.program import Block, Place, Program, Repeat, Statement
 from hgogen.step import Step
 
 Columns = list[list[Any]]
-SAMPLES, INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and at this one
+_SAMPLES, _INPUTS = ("y_last", "y"), ("state", "work")  # at the last call, and at this one
 
 
 class Arithmetic(Protocol):
@@ -56,8 +56,8 @@ def after_call(
     clock = Clock(step.dt, step.between, len(inputs[0]), p, (), step.guards == "all", step.prefer)
     pieces, rest = step.method.ode(part, clock), iter(fields)
     memory: dict[Place, list[Any]] = {Place("state", x.name): list(islice(rest, x.size)) for x in part.fields}
-    memory |= {Place("work", name): list(y) for name, y in zip(SAMPLES, samples, strict=True)}
-    memory |= {Place(struct, "u"): list(u) for struct, u in zip(INPUTS, inputs, strict=True)}
+    memory |= {Place("work", name): list(y) for name, y in zip(_SAMPLES, samples, strict=True)}
+    memory |= {Place(struct, "u"): list(u) for struct, u in zip(_INPUTS, inputs, strict=True)}
     memory[Place("work", "valid")] = [arithmetic.constant(1.0)] * p
     for struct, numbers in (("plant", step.plant), ("gain", step.gains)):
         memory |= {Place(struct, each.name): list(map(arithmetic.held, each.initial)) for each in numbers}

@@ -14,10 +14,11 @@ import casadi as ca
 from hgogen.graph import Graph
 from hgogen.program import Place, address, column, sym
 
+RATE = "rate"  # the name of the last of these
 MEANINGS = {
     "flow": "the plant's equation x' = f(x, u), in the coordinates of the estimate, but for rows that are constant",
     "jacobian": "the entries of the flow's Jacobian that are not constant, by columns",
-    "rate": "the right-hand side of the observer's differential equation",
+    RATE: "the right-hand side of the observer's differential equation",
 }
 Values = Mapping[str, Graph]
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
-from .interval import Interval, between, hull, intervals, point
+from .interval import Interval, hull, intervals, point
 from .text import Expression
 
 _NONE, _ONE = point(Fraction(0)), point(Fraction(1))
@@ -161,8 +161,3 @@ def precision(real: str) -> Arithmetic:
         raise Undefined("no second slopes of Min and Max")
 
     return Arithmetic(number, power, root, function, no_hull)
-
-
-def within(real: str, low: Fraction, high: Fraction) -> Computed:
-    """A number of the precision in a range, which the program has exactly."""
-    return Computed(real, between(low, high))

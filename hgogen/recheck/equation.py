@@ -68,10 +68,8 @@ class Equation:
     def _of_core(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
         """x' but for b, and what b reads."""
         error, number, nothing = self.error, algebra.number, dict.fromkeys(self.context.z, algebra.number(_NONE))
-        e, v = (
-            [number(r) * each for r, each in zip(self.units, x, strict=True)],
-            self._missed(algebra, {**names, **nothing}, y),
-        )
+        e = [number(r) * each for r, each in zip(self.units, x, strict=True)]
+        v = self._missed(algebra, {**names, **nothing}, y)
         rates = [a + b for a, b in zip(_times(algebra, error.N, e), _times(algebra, error.measured, v), strict=True)]
         for of, onto in self._saturations:
             taken = number(self.units[of]) * (x[of] - self._saturated(algebra, x[of], of))

@@ -1,6 +1,6 @@
 """How fast a plant moves on its ranges, from which sizes of what a method leaves follow."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -24,15 +24,13 @@ class PlantMotion:
         """That the bounds are those of the plant, and that no input is in what outputs show; with how many boxes.
 
         Raises: `NotShown`."""
-        context, boxes = self.context, 0
+        context = self.context
         for j in self.shown:
             only(context.form.output[j].names & set(context.file.inputs), (), "an output")
         for u, rate in zip(context.file.inputs, self.rates, strict=True):
             if rate < 0 or (rate and u not in self.read):
                 raise NotShown("one of its rates is negative, or of an input that the plant does not read")
-        for row, speed in zip(context.rates, self.speeds, strict=True):
-            boxes += covered(narrowed(context.form.box, row.names), ".", ranged(row, -speed, speed))
-        return boxes
+        return demand_speeds(context, self.speeds)
 
     @cached_property
     def read(self) -> frozenset[str]:
@@ -63,6 +61,12 @@ class PlantMotion:
         """By how much the plant keeps clear of the ends of its ranges, in words."""
         each = zip(self.context.z, self.speeds, strict=True)
         return ", ".join(f"{short(self.h * speed, 1)} in {z}" for z, speed in each)
+
+
+def demand_speeds(context: Context, speeds: Sequence[Fraction]) -> int:
+    """That no row of the plant is faster on its ranges; with how many boxes. Raises: `NotShown`."""
+    rows = zip(context.rates, speeds, strict=True)
+    return sum(covered(narrowed(context.form.box, row.names), ".", ranged(row, -most, most)) for row, most in rows)
 
 
 def motion_of(context: Context, h: Fraction, follows: Mapping[str, Any]) -> PlantMotion:

@@ -13,16 +13,18 @@ from itertools import pairwise, product
 from typing import Any
 
 from .arithmetic import Undefined, evaluate
-from .box import End, NotShown, covered, ranged
+from .box import End, NotShown
 from .computed import POWER, PRECISIONS, UNITS, Computed, constant, precision
-from .context import Context, narrowed, short
+from .context import Context, short
 from .equation import Equation
 from .file import part
 from .interval import Interval, between, intervals, point
 from .listed import Walk, listed
 from .matrix import column
+from .plant_motion import demand_speeds
 from .stages import Tableau
 from .step_program import StepProgram
+from .uncertain import ErrorInclusion
 
 _KEYS = ("between", "parameters", "precision", "speeds", "within", "program", "stages", "rates", "after")
 _BETWEEN = ("line", "hold")
@@ -105,13 +107,12 @@ def demand_rounding(
 ) -> tuple[str, int]:
     """That the sizes of a share are those of its program, beside all `shares` which come to `totals` (N) in the units
     of the fields' states; what it assumes, in words, and with how many boxes. Raises: `NotShown`."""
-    follows, context, boxes = share["follows"], equation.context, 0
+    follows, context = share["follows"], equation.context
     n, count, p = len(context.z), len(totals), len(context.form.output)
     errors, speeds = column(follows, "within", count), column(follows, "speeds", n)
     if any(error < total for error, total in zip(errors, totals, strict=True)):
         raise NotShown("the errors within which its program rounds are less than what all shares come to")
-    for row, speed in zip(context.rates, speeds, strict=True):
-        boxes += covered(narrowed(context.form.box, row.names), ".", ranged(row, -speed, speed))
+    boxes = demand_speeds(context, speeds)
     beside = [column(each, "beside", n) for each in shares.values() if each["beside"] != []]
     moves = [h * (speed + sum(each, _NONE)) for speed, *each in zip(speeds, *beside, strict=True)]
     noisy = [column(each, "samples", p) for each in shares.values() if each["samples"] != []]
@@ -123,9 +124,15 @@ def demand_rounding(
     return _said(rounded), boxes
 
 
+def equation_of(context: Context, error: ErrorInclusion, theta: Fraction, follows: Mapping[str, Any]) -> Equation:
+    """The equation of the observer whose program is listed. Raises: `NotShown`."""
+    if set(follows) != {*_KEYS}:
+        raise NotShown(f"the sizes of its rounding do not follow from {', '.join(_KEYS)}")
+    return Equation(context, error, theta, parameters_of(context, follows))
+
+
 def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fraction]:
     """The plant's parameters as the program has them, each in its range. Raises: `NotShown`."""
-    _demand_keys(follows)
     names = context.file.parameters
     values = dict(zip(names, column(follows, "parameters", len(names)), strict=True))
     for name, value in values.items():
@@ -133,12 +140,6 @@ def parameters_of(context: Context, follows: Mapping[str, Any]) -> dict[str, Fra
         if not low <= value <= high:
             raise NotShown(f"its program has {name} = {value}, outside the model's range")
     return values
-
-
-def _demand_keys(follows: Mapping[str, Any]) -> None:
-    """That a program and what belongs to it are there, and nothing else. Raises: `NotShown`."""
-    if set(follows) != {*_KEYS}:
-        raise NotShown(f"the sizes of its rounding do not follow from {', '.join(_KEYS)}")
 
 
 def _between(context: Context, follows: Mapping[str, Any], shares: Mapping[str, Mapping[str, Any]]) -> str:

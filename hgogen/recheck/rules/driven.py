@@ -17,14 +17,13 @@ from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
 from ..cores import CONSTANT, OF_A_GAIN
-from ..equation import Equation
 from ..falling import demand_negative
 from ..file import Claim, part
 from ..follows import demand_followed
 from ..left_by_core import demand_left_by_core
 from ..matrix import above_zero, column, entries, inverse, matrix, plus, scalar, unit
 from ..remainder import demand_remainder
-from ..rounding import demand_rounding, parameters_of
+from ..rounding import demand_rounding, equation_of
 from ..stages import Input, Method, corner, ends, form_of, method_of, place, tableau_of, within
 from ..structure import on_chains
 from ..text import number
@@ -90,8 +89,8 @@ def _followed(
     boxes = demand_followed(context, h, others)
     sizes = [f"{kind} of {', '.join(_all(share))}" for kind, share in others.items()]
     if rounding:
-        equation = Equation(context, error, theta, parameters_of(context, rounding["follows"]))
-        totals = [_reached(shares.values(), k, equation.scales) for k in range(len(error.fed))]
+        equation = equation_of(context, error, theta, rounding["follows"])
+        totals = _reached(shares.values(), equation.scales)
         said, more = demand_rounding(equation, tableau_of(evidence), h, rounding, shares, totals)
         sizes, boxes = [*sizes, said], boxes + more
     if left is None:
@@ -103,18 +102,21 @@ def _followed(
     return [*sizes, motion.said], f"{_CLEAR} by {motion.clear}", boxes + more
 
 
-def _reached(shares: Iterable[Mapping[str, Any]], field: int, scales: Sequence[Fraction]) -> Fraction:
-    """At least how far all shares move the error of a field: by its bounds, where it has none by the norms in which the
-    inputs of a share keep e within 1."""
-    total, N = Fraction(0), len(scales)
-    for share in shares:
-        own = [scalar(one, "bound") for one in share["bounds"] if scalar(one, "field") == field + 1]
-        if own:
-            total += own[0]
-        else:
-            least = min(inverse(matrix(one, "P", N, N))[field][field] for one in share["bounds"])
-            total += scalar(share, "unit") * _root(least) / abs(scales[field])
-    return total
+def _reached(shares: Iterable[Mapping[str, Any]], scales: Sequence[Fraction]) -> list[Fraction]:
+    """By field (N), at least how far all shares move its error."""
+    return [sum(each, Fraction(0)) for each in zip(*(_moved(share, scales) for share in shares), strict=True)]
+
+
+def _moved(share: Mapping[str, Any], scales: Sequence[Fraction]) -> list[Fraction]:
+    """By field (N), at least how far a share moves its error: by its bound, of one without by the norms in which the
+    inputs keep e within 1."""
+    N, unit = len(scales), scalar(share, "unit")
+    moved = {_field(one, N): scalar(one, "bound") for one in share["bounds"]}
+    if len(moved) < N:
+        inverses = [inverse(matrix(one, "P", N, N)) for one in share["bounds"]]
+        for k in set(range(N)) - set(moved):
+            moved[k] = unit * _root(min(M[k][k] for M in inverses)) / abs(scales[k])
+    return [moved[k] for k in range(N)]
 
 
 def _root(value: Fraction) -> Fraction:
