@@ -313,6 +313,14 @@ def test_a_parameter_of_the_program_is_in_its_range() -> None:
         assert said in one.sentence
 
 
+@pytest.mark.parametrize("field", range(4))
+def test_of_each_field_the_errors_are_those_of_all_shares(field: int) -> None:
+    """A filter's as well, which no share bounds by itself."""
+    content = certified("filters", real="double")
+    within = [str(Fraction(x) / (10 if k == field else 1)) for k, x in enumerate(share(content)["follows"]["within"])]
+    assert "less than what all shares come to" in row(changed(content, within=within)).sentence
+
+
 def test_floats_do_not_pass_for_doubles() -> None:
     assert row(changed(certified("a swing", real="double"), precision="float")).found == "fails"
 
