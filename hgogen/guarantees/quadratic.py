@@ -12,6 +12,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
+from math import lcm
+from operator import add, mul
 from typing import Any
 
 import numpy as np
@@ -42,9 +45,22 @@ class Quadratic:
 
     def value(self, P: Array, S: Array) -> Array:
         """The matrix (N, N) of P (n, n) and S (k)."""
+        if P.dtype == object and not any(isinstance(value, arb) for value in self.pairs[0][1].flat):
+            return self._of_rationals(P, S)
         halves = [X.T @ P @ Y for X, Y in self.pairs]
         squares = self.Q.T @ (S[:, None] * self.Q) - self.Z.T @ (S[:, None] * self.Z)
         return np.asarray(sum((half + half.T for half in halves), squares))
+
+    def _of_rationals(self, P: Array, S: Array) -> Array:
+        """The value in whole numbers over common denominators, which takes a tenth of the time."""
+        parts = []
+        for X, Y in self.pairs:
+            half, below = _product(X.T, P, Y)
+            parts.append((half + half.transpose(), below))
+        parts += [_product(rows.T, np.diag(by), rows) for rows, by in ((self.Q, S), (self.Z, -S))]
+        common = reduce(lcm, (int(below) for _, below in parts))
+        whole = fmpq_mat(reduce(add, (part * (common // int(below)) for part, below in parts))) / common
+        return np.array(whole.entries(), dtype=object).reshape(self.size, self.size)
 
     def driven(self, onto: Sequence[tuple[Array, Array]], reads: Array) -> "Quadratic":
         """The form of v and of inputs (q) beside it: what they add to the X v and Y v of each pair, `onto`, and to
@@ -214,7 +230,7 @@ def floats(M: Array) -> Array:
     """An array of rationals or balls, or of floats already, as floats."""
     if M.dtype == float:
         return M
-    return np.array([[float(arb(value)) for value in row] for row in M]).reshape(M.shape)
+    return np.array([float(arb(value)) if value else 0.0 for value in M.ravel().tolist()]).reshape(M.shape)
 
 
 def on_grid(values: Array, bits: int) -> Array:
@@ -227,7 +243,7 @@ def on_grid(values: Array, bits: int) -> Array:
 def rational(values: Any) -> Array:
     """Fractions, floats as they are, or whole numbers as an array of FLINT's rationals."""
     array = np.array(values, dtype=object)
-    exactly = [fmpq(each.numerator, each.denominator) for each in map(Fraction, array.ravel().tolist())]
+    exactly = [fmpq(*each.as_integer_ratio()) for each in array.ravel().tolist()]
     return np.array(exactly, dtype=object).reshape(array.shape)
 
 
@@ -238,7 +254,15 @@ def fractions(M: Array) -> Matrix:
 
 def identity(n: int) -> Array:
     """The unit matrix (n, n), of FLINT's rationals."""
-    return rational(np.eye(n, dtype=int).tolist())
+    one = np.full((n, n), fmpq(0))
+    np.fill_diagonal(one, fmpq(1))
+    return one
+
+
+def _product(*factors: Array) -> tuple[Any, Any]:
+    """The product of matrices of rationals: FLINT's matrix of whole numbers, and their denominator."""
+    each = [fmpq_mat(*M.shape, M.ravel().tolist()).numer_denom() for M in factors]
+    return reduce(mul, (whole for whole, _ in each)), reduce(mul, (below for _, below in each))
 
 
 def stacked(rows: Sequence[Array], size: int) -> Array:
