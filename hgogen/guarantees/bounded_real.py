@@ -79,7 +79,7 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
     fastest = max(np.linalg.norm(back @ floats(one.e.M) @ W, 2) for one in each)
     scale = max(np.linalg.norm(floats(one.C) @ W, 2) for one in each) ** 2 / fastest  # of P, which is then near 1
     g = np.append(even(of, W)[: k - q], [np.sqrt(scale) / most] * q)  # so that mu is near 1
-    views = [Seen(form.floats, W, g) for form in forms]
+    view = Seen([form.floats for form in forms], W, g)
     n, others = len(W), list[Quadratic]()
     if growing is not None:
         others = [Quadratic(((np.eye(n), -back @ floats(growing) @ W),), np.zeros((k, n)), np.zeros((k, n)))]
@@ -89,10 +89,10 @@ def l2_bound(each: Sequence[Driven], W: Array, growing: Array | None = None) -> 
         reward[:n, :n] = (floats(one.C) @ W).T @ (floats(one.C) @ W) / scale
         rewards.append(reward)
     for by in _MARGINS:
-        candidate = cheapest([view.form for view in views], rewards, q, by, _WHAT, others)
+        candidate = cheapest(view.forms, rewards, q, by, _WHAT, others)
         if candidate is None:
             continue
-        P, S = views[0].back(*candidate)
+        P, S = view.back(*candidate)
         bits = max(0, _BITS - int(np.floor(np.log2(np.trace(P * scale)))))
         exactly = on_grid(P * scale, bits), on_grid(S * scale, bits)
         if _verified(each, forms, *exactly, growing):

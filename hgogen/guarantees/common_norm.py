@@ -18,7 +18,7 @@ larger theta on.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from itertools import product
 from typing import Any
 
@@ -61,6 +61,7 @@ _BEYOND = tuple(Fraction(k, 1000) for k in (1000, 1001, 1010, 1050))  # of a the
 _BELOW = tuple(1 - Fraction(1, 2**k) for k in (10, 20, 30))  # of a theta, for one that is hardly smaller
 _JOIN = 2  # forms at a time
 _NARROWER = Fraction(99, 100)
+_THETAS = 16  # of which what the error obeys is remembered
 
 Pair = tuple[Array, Array]  # P and S, in floats
 
@@ -304,17 +305,22 @@ class Flow:
         return negative(self._floats(theta, alpha), *weights, self._coordinates)
 
     def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
-        return self._forms(self.error.at(theta), theta, number(alpha))
+        return self._forms(self._moving(theta), theta, number(alpha))
 
     def _floats(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
-        return self._forms(self.error.at(theta).floats, theta, float(alpha))
+        return self._forms(self._moving(theta).floats, theta, float(alpha))
+
+    @cached_property
+    def _moving(self) -> Callable[[Fraction], Uncertain]:
+        """What the error obeys at a theta, once for the last ones, as each is asked for at several rates."""
+        return lru_cache(maxsize=_THETAS)(self.error.at)
 
     def _forms(self, e: Uncertain, theta: Fraction, alpha: Any) -> tuple[Quadratic, ...]:
         return tuple(self.moved.forms(e, theta, alpha, self.error.hull))
 
     def _slowest(self, theta: Fraction) -> tuple[float, Array]:
         """The largest real part of an eigenvalue at the corners that are tried, and the corner."""
-        e = self.error.at(theta).floats
+        e = self._moving(theta).floats
         d = np.array(self.error.hull, dtype=float) if self.error.hull else corners(e.G.shape[1])
         parts = np.linalg.eigvals(e.M + (e.G * d[:, None]) @ e.H).real.max(axis=1)
         return float(parts.max()), d[parts.argmax()]

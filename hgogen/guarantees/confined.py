@@ -55,10 +55,10 @@ def _sought(
 ) -> tuple[Array, Array] | None:
     """P and S in floats with |e|_P <= 1 at the corners and a small largest c P^-1 c', sought in coordinates x, e = W x,
     with corners and rows near 1; then in those of that P, in which a solver comes nearer to the least."""
-    seen = Seen(of, W, even(of, W))
+    seen = Seen((of,), W, even(of, W))
     begins, reads = corners @ np.linalg.inv(W).T, rows @ W
     far, steep = (np.linalg.norm(each, axis=1).max() for each in (begins, reads))
-    candidate = shortest((seen.form,), reads / steep, holding(of, begins / far), margin, _WHAT)
+    candidate = shortest(seen.forms, reads / steep, holding(of, begins / far), margin, _WHAT)
     if candidate is None:
         return None
     again = None

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -27,6 +27,7 @@ _PASSES = 2
 _SHARES = (Fraction(1), Fraction(199, 200), Fraction(19, 20), Fraction(0))  # of a rate found in floats, for proofs
 _WHAT = "a proof of the step"
 _NOTHING = Fraction(0)
+_LENGTHS = 16  # of which steps are remembered
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,12 @@ class Steps:
 
     def at(self, h: Fraction) -> Stagewise:
         """The step of length h."""
-        return self.way(h, self._uncertain)
+        return self._made(h)
+
+    @cached_property
+    def _made(self) -> Callable[[Fraction], Stagewise]:
+        """What makes it, once for the last lengths, as each is asked for at several rates."""
+        return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
     @cached_property
     def _uncertain(self) -> Uncertain:

@@ -174,13 +174,14 @@ class Inclusion:
         late = np.array([level**-power for power in self.late], dtype=object)
         M, B, core, injected = self.N * level, self.B * late * level, self.N * level, self.B * late * level
         for slope in self.slopes:
-            way, reads = rational(slope.onto) * level**-slope.degree, rational(slope.reads)
+            onto, reads, takes = slope.exactly
+            way = onto * level**-slope.degree
             onto = way * (number(slope.low + slope.high) / 2)
-            M, B = M + np.outer(onto, reads), B + np.outer(onto, rational(slope.takes) * late)
+            M, B = M + np.outer(onto, reads), B + np.outer(onto, takes * late)
             core = core + np.outer(way * number(slope.realised), reads) if slope.realised else core
         varying = self.varying
-        G = [rational(slope.onto) * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
-        H, E = ([rational(each) for each in rows] for rows in ((x.reads for x in varying), (x.takes for x in varying)))
+        G = [slope.exactly[0] * (number(slope.high - slope.low) / 2 * level**-slope.degree) for slope in varying]
+        H, E = ([slope.exactly[k] for slope in varying] for k in (1, 2))
         return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), B, stacked(E, len(late)) * late, core, injected)
 
 
@@ -198,7 +199,7 @@ class Uncertain:
     core: Array
     injected: Array
 
-    @property
+    @cached_property
     def floats(self) -> "Uncertain":
         """The same in floats."""
         return Uncertain(*map(floats, (self.M, self.G, self.H, self.B, self.E, self.core, self.injected)))

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
 from math import lcm
 from operator import add, mul
 from typing import Any
@@ -59,8 +59,7 @@ class Quadratic:
             parts.append((half + half.transpose(), below))
         parts += [_product(rows.T, np.diag(by), rows) for rows, by in ((self.Q, S), (self.Z, -S))]
         common = reduce(lcm, (int(below) for _, below in parts))
-        whole = fmpq_mat(reduce(add, (part * (common // int(below)) for part, below in parts))) / common
-        return np.array(whole.entries(), dtype=object).reshape(self.size, self.size)
+        return _array(fmpq_mat(reduce(add, (part * (common // int(below)) for part, below in parts))) / common)
 
     def driven(self, onto: Sequence[tuple[Array, Array]], reads: Array) -> "Quadratic":
         """The form of v and of inputs (q) beside it: what they add to the X v and Y v of each pair, `onto`, and to
@@ -131,26 +130,31 @@ def confirmed(
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A form `of` floats in coordinates x of e = `W` x, each multiplied relation in units of its `g` (k)."""
+    """Forms `of` floats in coordinates x of e = `W` x, each multiplied relation in units of its `g` (k)."""
 
-    of: Quadratic
+    of: Sequence[Quadratic]
     W: Array
     g: Array
 
     @property
-    def form(self) -> Quadratic:
-        """The form of x."""
-        n, size = self.of.pairs[0][0].shape
-        T, back = np.eye(size), np.linalg.inv(self.W)
+    def forms(self) -> list[Quadratic]:
+        """The forms of x."""
+        n, size = self.of[0].pairs[0][0].shape
+        T, back, g = np.eye(size), self._inverse, self.g[:, None]
         T[:n, :n] = self.W
         T[range(n, size), range(n, size)] = self.g
-        pairs = tuple((back @ X @ T, back @ Y @ T) for X, Y in self.of.pairs)
-        return Quadratic(pairs, self.of.Q @ T / self.g[:, None], self.of.Z @ T / self.g[:, None])
+        return [
+            Quadratic(tuple((back @ X @ T, back @ Y @ T) for X, Y in one.pairs), one.Q @ T / g, one.Z @ T / g)
+            for one in self.of
+        ]
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.linalg.inv(self.W)
 
     def back(self, P: Array, S: Array) -> tuple[Array, Array]:
         """The weights of e from those of x."""
-        inverse = np.linalg.inv(self.W)
-        back = inverse.T @ P @ inverse
+        back = self._inverse.T @ P @ self._inverse
         return (back + back.T) / 2, S / self.g**2  # rounding leaves it not quite symmetric
 
 
@@ -200,7 +204,7 @@ def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = N
         fast = pace(forms[0], W)
         forms = [form.over(fast) for form in forms]
         g = even(forms[0], W)
-        forms, P, S = [Seen(form, W, g).form for form in forms], W.T @ P @ W, S * g**2 / fast
+        forms, P, S = Seen(forms, W, g).forms, W.T @ P @ W, S * g**2 / fast
     values = np.array([form.value(P, S) for form in forms])
     return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
 
@@ -257,6 +261,16 @@ def identity(n: int) -> Array:
     one = np.full((n, n), fmpq(0))
     np.fill_diagonal(one, fmpq(1))
     return one
+
+
+def times(A: Array, B: Array) -> Array:
+    """A B, of FLINT's rationals."""
+    whole, below = _product(A, B)
+    return _array(fmpq_mat(whole) / below)
+
+
+def _array(M: Any) -> Array:
+    return np.array(M.entries(), dtype=object).reshape(M.nrows(), M.ncols())
 
 
 def _product(*factors: Array) -> tuple[Any, Any]:

@@ -62,11 +62,11 @@ def widest(forms: Sequence[Quadratic], what: str, W: Array | None = None, priced
     fast = pace(forms[0].floats, W)
     slow = [form.floats.over(fast) for form in forms]
     g = even(slow[0], W)
-    views = [Seen(form, W, g) for form in slow]
-    best = margin([view.form for view in views], what, priced)
+    view = Seen(slow, W, g)
+    best = margin(view.forms, what, priced)
     if best is None:
         return None
-    P, S = views[0].back(best.P, best.S)
+    P, S = view.back(best.P, best.S)
     return replace(best, P=P, S=S * fast, margin=best.margin * fast)
 
 

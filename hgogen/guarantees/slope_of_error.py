@@ -3,13 +3,14 @@
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 
 import sympy as sp
 
 from hgogen.evidence.grammar import outward
 from hgogen.form import Form
+from hgogen.guarantees.quadratic import Array, rational
 from hgogen.guarantees.steepness import jacobian
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.slope import JUMPS
@@ -50,6 +51,11 @@ class Slope:
     realised: Fraction | None = Fraction(0)
     entry: tuple[int, int] | None = None
     range: Range | None = field(default=None, hash=False, repr=False)
+
+    @cached_property
+    def exactly(self) -> tuple[Array, Array, Array]:
+        """`onto`, `reads` and `takes`, of FLINT's rationals."""
+        return rational(self.onto), rational(self.reads), rational(self.takes)
 
     @property
     def ends(self) -> dict[str, Fraction | None]:

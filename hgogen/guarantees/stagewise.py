@@ -16,7 +16,7 @@ that of continuous time.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import cache, reduce
 from itertools import product
 from typing import Any
 
@@ -26,7 +26,7 @@ from flint import arb
 from hgogen.algebra.definite import fraction, number
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.guarantees.inclusion import Uncertain
-from hgogen.guarantees.quadratic import Array, Quadratic, floats, identity
+from hgogen.guarantees.quadratic import Array, Quadratic, floats, identity, times
 
 _SHORT = 10_000  # the largest denominator of a tableau's coefficients
 _ALL = 8  # slopes of which all corners are tried
@@ -124,13 +124,15 @@ def stagewise(tableau: Tableau, h: Fraction, e: Uncertain) -> Stagewise:
     """The step of length h >= 0, what is injected at a stage by itself."""
     (n, m), s, p, length = e.G.shape, len(tableau.b), e.B.shape[1], number(h)
     size = n + s * m
-    unit = identity(size + s * p)
-    nothing, rates, reads = 0 * unit[:n], list[Array](), list[Array]()
+    unit = identity(size + s * p)[:n]
+    nothing, rates, reads = 0 * unit, list[Array](), list[Array]()
     for i, row in enumerate(tableau.a):
-        X = unit[:n] + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True)), nothing)
-        v = unit[size + i * p : size + (i + 1) * p]
-        reads.append(e.H @ X + e.E @ v)
-        rates.append(e.M @ X + e.G @ unit[n + i * m : n + (i + 1) * m] + e.B @ v)
+        X = unit + length * sum((_exactly(a) * w for a, w in zip(row, rates, strict=True) if a), nothing)
+        slopes, samples = slice(n + i * m, n + (i + 1) * m), slice(size + i * p, size + (i + 1) * p)
+        read, rate = times(e.H, X), times(e.M, X)
+        read[:, samples], rate[:, slopes], rate[:, samples] = e.E, e.G, e.B  # which nothing before has read
+        reads.append(read)
+        rates.append(rate)
     D, Q = sum((_exactly(b) * w for b, w in zip(tableau.b, rates, strict=True)), nothing), np.concatenate(reads)
     each = [Inputs(D[:, [k]], Q[:, [k]]) for k in range(size, size + s * p)]
     stages = tuple(tuple(each[i * p : (i + 1) * p]) for i in range(s))
@@ -155,6 +157,7 @@ def pushed(e: Uncertain, alpha: Any) -> Quadratic:
     return flowing(e, alpha).driven(((0 * e.B, e.B),), e.E)
 
 
+@cache
 def _exactly(coefficient: float) -> Any:
     """A coefficient as the tableau means it, such as 1/6."""
     return number(Fraction(coefficient).limit_denominator(_SHORT))

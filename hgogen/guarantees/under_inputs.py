@@ -110,16 +110,16 @@ def weights_in_floats(
     """
     unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
     g = np.append(even(forms[0], W)[:-q], [unit] * q)
-    views, seen = [Seen(form, W, g) for form in forms], rows @ W
+    view, seen = Seen(forms, W, g), rows @ W
     most = together(forms[0], q, float(_SHARE) * alpha)
     long = float(np.linalg.norm(seen, axis=1).max())
     seen = seen / long
-    candidate = shortest([view.form for view in views], seen, most, margin, _WHAT)
+    candidate = shortest(view.forms, seen, most, margin, _WHAT)
     if candidate is None:
         return None
     if passes and np.einsum("ij,ji->i", seen, np.linalg.solve(candidate[0], seen.T)).max() < _SMALL:
         again = weights_in_floats(forms, rows, alpha, W @ inverse_root(candidate[0]), q, margin, passes - 1)
         if again is not None:
             return again
-    P, S = views[0].back(*candidate)  # of inputs of that unit
+    P, S = view.back(*candidate)  # of inputs of that unit
     return P * unit**2, S * unit**2
