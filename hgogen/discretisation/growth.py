@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from functools import reduce
-from itertools import pairwise
 
 import numpy as np
 
@@ -11,6 +10,7 @@ Array = np.ndarray
 GROWTH = 1.5  # of the growth in continuous time: more is much
 BY_TRIAL = "found by trying errors at points of the declared box with the gains as declared, no proof"
 WIDER, NARROWINGS = 1.2, 4  # of a search: the ratio of its steps, and the halvings of the logarithm of the last one
+TOGETHER, DECAYED = 8, 0.999  # powers at a time, and below 1 by more than rounding
 POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and these times powers of two
 
 
@@ -23,16 +23,26 @@ def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def growth(T: Array) -> Array:
-    """The largest |T^k| over all powers k >= 0, at least 1, for each T (k, N, N)."""
+    """The largest |T^k| over the powers k >= 0 that are tried, at least 1, for each T (k, N, N). None after one that is
+    below 1 is larger than those up to it, as |T^(j+k)| <= |T^j| |T^k|."""
     powers = np.empty((POWERS, *T.shape))
+    largest: Array = np.ones(len(T))
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
         powers[0] = T
-        for before, power in pairwise(powers):
-            np.matmul(before, T, out=power)
-        squares = [powers[[k - 1 for k in BASES]]]
+        for start in range(0, POWERS, TOGETHER):
+            for k in range(max(1, start), start + TOGETHER):
+                np.matmul(powers[k - 1], T, out=powers[k])
+            sizes = _size(powers[start : start + TOGETHER])
+            largest = np.maximum(largest, sizes.max(axis=0))
+            if (sizes.min(axis=0) < DECAYED).all():
+                return largest
+        squares = powers[[k - 1 for k in BASES]]
         for _ in range(DOUBLINGS):
-            squares.append(squares[-1] @ squares[-1])
-        largest = np.maximum(1.0, _size(np.concatenate((powers, *squares))).max(axis=0))
+            squares = squares @ squares
+            sizes = _size(squares)
+            largest = np.maximum(largest, sizes.max(axis=0))
+            if (sizes < DECAYED).all():
+                break
     return np.where(np.isnan(largest), math.inf, largest)
 
 
