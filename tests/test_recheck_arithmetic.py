@@ -1,5 +1,6 @@
 """The verifier's own arithmetic: intervals that hold every value, matrices and bisections by known answers."""
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
@@ -41,6 +42,25 @@ def test_an_interval_holds_the_values(name: str, low: Fraction, width: Fraction,
     assert exact - slack <= number(interval.ends[1])
     if width == 0:
         assert number(interval.ends[1]) - number(interval.ends[0]) <= F(1, 2**60) * (1 + abs(exact))
+
+
+SIDES = st.tuples(st.fractions(-3, 3), st.fractions(-3, 3)).map(sorted)
+
+
+@settings(deadline=None, max_examples=200)
+@given(SIDES, SIDES)
+def test_a_product_is_the_narrowest_that_holds_all_products(a: list[Fraction], b: list[Fraction]) -> None:
+    x, y = between(*a), between(*b)
+    every = [number(p) * number(q) for p in x.ends for q in y.ends]
+    assert x * y == between(min(every), max(every))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "product"),
+    [((-math.inf, 0), (-1, 0), (0, math.inf)), ((-math.inf, math.inf), (0, 0), (-math.inf, math.inf))],
+)
+def test_no_bound_times_zero_is_no_value(a: tuple[Any, Any], b: tuple[Any, Any], product: tuple[Any, Any]) -> None:
+    assert between(*a) * between(*b) == between(*product)
 
 
 def test_a_number_that_is_no_float_is_within_itself_of_neither_side() -> None:
