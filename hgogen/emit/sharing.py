@@ -82,9 +82,16 @@ class SharingWriter(Writer):
     def _plain(self) -> Writer:
         return Writer(self.syntax, self.step, self.real)
 
+    @cached_property
+    def _texts(self) -> dict[Program, Code]:
+        """The parts as functions, each of which is asked for wherever one of its step stands."""
+        return {}
+
     def _alone(self, run: Program) -> Code:
         """The statements of a part as a function has them."""
-        return self._plain.function(run)
+        if run not in self._texts:
+            self._texts[run] = self._plain.function(run)
+        return self._texts[run]
 
     def _left(self, run: Program) -> set[Place]:
         """The places that a part writes, if all of them are as after a reset then; else none."""
