@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import reduce
-from operator import or_
 
 from hgogen.algebra.lookup import Lookup
 
@@ -25,15 +23,7 @@ class Uses:
     routines: Names = frozenset()
 
     def __or__(self, other: "Uses") -> "Uses":
-        return Uses(
-            self.parameters | other.parameters,
-            self.helpers | other.helpers,
-            self.kernels | other.kernels,
-            self.types | other.types,
-            max(self.widest, other.widest),
-            self.lookups | other.lookups,
-            self.routines | other.routines,
-        )
+        return united((self, other))
 
 
 NOTHING = Uses()
@@ -57,7 +47,7 @@ class Code:
 
 def code(*lines: str, parameters: Iterable[str] = (), widest: int = 0) -> Code:
     """Lines that use these parameters, and count up to `widest`."""
-    return Code(lines, Uses(parameters=frozenset(parameters), widest=widest))
+    return Code(lines, Uses(parameters=frozenset(parameters), widest=widest) if parameters or widest else NOTHING)
 
 
 def joined(parts: Iterable[Code]) -> Code:
@@ -79,7 +69,18 @@ def spaced(parts: Iterable[Code]) -> Code:
 
 def united(uses: Iterable[Uses]) -> Uses:
     """All that any of them uses."""
-    return reduce(or_, uses, NOTHING)
+    every = {id(each): each for each in uses if each is not NOTHING}.values()
+    if len(every) < 2:
+        return next(iter(every), NOTHING)
+    return Uses(
+        frozenset[str]().union(*(each.parameters for each in every)),
+        frozenset[str]().union(*(each.helpers for each in every)),
+        frozenset[tuple[str, int]]().union(*(each.kernels for each in every)),
+        frozenset[str]().union(*(each.types for each in every)),
+        max(each.widest for each in every),
+        frozenset[Lookup]().union(*(each.lookups for each in every)),
+        frozenset[str]().union(*(each.routines for each in every)),
+    )
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:
