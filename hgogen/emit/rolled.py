@@ -61,9 +61,17 @@ def rolled(
     often a loop runs at least.
     """
     nodes = ordered(node for node, _ in pairs)
-    if max(len(nodes), len(pairs)) < least:
+    if _most_of_a_kind(nodes, pairs) < least:
         return [Statement(node, (target,)) for node, target in pairs]
     return list(_safe(_Rolling(pairs, nodes, indexed, least).statements(), hoist))
+
+
+def _most_of_a_kind(nodes: Sequence[Node], pairs: Sequence[Pair]) -> int:
+    """How often a loop can run at most: by operations of one kind, of which a sum has one less than terms, and by
+    elements of one array."""
+    operations = Counter(node.op for node in nodes if node.op not in LEAVES)
+    elements = Counter(target.array for _, target in pairs if target.each)
+    return max(1 + max(operations.values(), default=0), max(elements.values(), default=0))
 
 
 @dataclass(frozen=True)
