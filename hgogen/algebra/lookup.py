@@ -264,7 +264,7 @@ def instructions(function: ca.Function) -> list[Graph]:
 
 def calls(function: ca.Function) -> bool:
     """Whether an SX function calls another one."""
-    return any(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
+    return bool(function.find_functions(0))
 
 
 def jacobian(rows: Graph, x: Graph) -> Graph:
