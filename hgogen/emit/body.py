@@ -26,18 +26,19 @@ def body(
     nodes = [node for output in read(function) for node in output]
     pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
     named = nodes[len(targets) :]
-    for node in ordered(nodes):
+    for node in ordered(nodes) if printer.routines else ():
         if node.routine:
             printer.arrange(node)
     statements = rolled(pairs, printer.goes_through, hoist, printer.least)
     roots = [statement.node for statement in statements]
-    printer.count(roots)
-    _hoist(printer, roots, hoist)
+    every = ordered(roots)
+    printer.count(roots, every)
+    _hoist(printer, every, hoist)
     rest = iter(named)
     columns = [(name, list(islice(rest, size))) for name, size in names]
     for name, column in columns:
         _label(name, column)
-    for node in ordered(roots):
+    for node in every:
         if node.routine:
             printer.label(node)
     for name, column in columns:
@@ -78,8 +79,8 @@ def _written(printer: LoopPrinter, statement: Statement) -> Sequence[str]:
     return target.raised(printer.truth(node))
 
 
-def _hoist(printer: LoopPrinter, roots: list[Node], hoist: Collection[int]) -> None:
+def _hoist(printer: LoopPrinter, every: list[Node], hoist: Collection[int]) -> None:
     """Declare the inputs that the block also writes, before anything is written."""
-    inputs = {node.source: node for node in ordered(roots) if node.op == ca.OP_INPUT and node.source[0] in hoist}
+    inputs = {node.source: node for node in every if node.op == ca.OP_INPUT and node.source[0] in hoist}
     for source, node in sorted(inputs.items(), key=lambda item: item[0]):
         printer.declare(node, printer.local(*source))

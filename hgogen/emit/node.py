@@ -12,7 +12,7 @@ from hgogen.emit import primitives
 from hgogen.emit.bounded_angles import operations
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Node:
     """One value of a graph."""
 
@@ -97,20 +97,15 @@ def columns(call: Node) -> Iterator[tuple[Argument, list[Node]]]:
 
 def ordered(roots: Iterable[Node]) -> list[Node]:
     """Every node once, after those that it takes."""
-    nodes: list[Node] = []
-    done: set[int] = set()
-    stack = [(root, False) for root in reversed(list(roots))]
+    done: dict[Node, None] = {}
+    stack = list(roots)[::-1]
     while stack:
-        node, ready = stack.pop()
-        if id(node) in done:
-            continue
-        if ready:
-            done.add(id(node))
-            nodes.append(node)
+        missing = [child for child in stack[-1].args if child not in done]
+        if missing:
+            stack += missing[::-1]
         else:
-            stack.append((node, True))
-            stack.extend((child, False) for child in reversed(node.args))
-    return nodes
+            done[stack.pop()] = None
+    return list(done)
 
 
 def _settle(node: Node) -> None:

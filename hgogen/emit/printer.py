@@ -25,7 +25,6 @@ from hgogen.emit.node import (
     negated,
     negative,
     opposite,
-    ordered,
 )
 from hgogen.emit.operations import CALLS, INFIX, LOGIC
 from hgogen.emit.subprograms import Subprogram
@@ -85,10 +84,9 @@ class Printer:
     lines: list[str] = field(default_factory=list)
     taken: set[str] = field(default_factory=set)
 
-    def count(self, roots: Iterable[Node]) -> None:
-        """How often each value is used, over all roots."""
-        every = list(roots)
-        for used in (*every, *(child for node in ordered(every) for child in node.args)):
+    def count(self, roots: Iterable[Node], every: Iterable[Node]) -> None:
+        """How often each value is used, over all roots, of `every` value below them."""
+        for used in chain(roots, (child for node in every for child in node.args)):
             used.uses += 1
 
     def declare(self, node: Node, name: str) -> None:
