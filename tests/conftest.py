@@ -23,6 +23,10 @@ settings.register_profile(
 )
 settings.load_profile("hgogen")
 
+# Graphs and expressions are many small objects, most of them alive to the end: a collection for every 700 new ones
+# takes a twelfth of the run.
+gc.set_threshold(20_000, 20, 20)
+
 
 @pytest.fixture
 def interruptible() -> Iterator[None]:
@@ -71,11 +75,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Graphs and expressions are many small objects, most of them alive to the end: a collection for every 700 new
-    ones takes a twelfth of the run, and what is imported by now is never garbage."""
+    """What is imported by now is never garbage."""
     know()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.hookimpl(trylast=True)
