@@ -39,6 +39,20 @@ def interruptible() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.fixture
+def undrawn() -> Iterator[None]:
+    """Figures are made and their files written, but not drawn into these: for tests that ask something else of a
+    command, which takes less time than to draw. The others draw."""
+    from hgogen.trials import figures
+
+    def empty(name: str, _: Any) -> dict[str, bytes]:
+        return {f"{name}.{kind}": b"" for kind in ("svg", "png")}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "files", empty)
+        yield
+
+
 class Patching(pytest.MonkeyPatch):
     """What is patched is asked anew of observers and steps, and so is what was before, afterwards."""
 

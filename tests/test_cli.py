@@ -225,6 +225,7 @@ def test_build(here: Path):
     assert answer["self_check"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(native, "compiler", lambda: None)
     out, err = hgogen("build", "neuron", "--out", "made", "--json")
@@ -236,6 +237,7 @@ def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 @needs_compiler
+@pytest.mark.usefixtures("undrawn")
 def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pytest.MonkeyPatch):
     bad = Agreement("short", 0, until=1.0, before=0.5, after=0.5, settled=((1.0, 2.0),), dt=0.01)
     monkeypatch.setattr(jobs, "agreements", lambda *_: (bad,))
@@ -255,6 +257,7 @@ def test_generate_is_the_same_again(here: Path):
     }
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_generate_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
     """The trials run in Python, which has no bit that C has not."""
     monkeypatch.setattr(native, "compiler", lambda: None)
@@ -285,6 +288,7 @@ def test_generate_of_a_model_without_a_trial(here: Path):
     assert len(files(here / "generated" / "untried")) == 4
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here: Path):
     """And that is said; as `advise` does, whose file the next command takes."""
     text = NEURON.read_text()
@@ -298,6 +302,7 @@ def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here
 
 
 @needs_compiler
+@pytest.mark.usefixtures("undrawn")
 def test_generate_in_another_language(here: Path):
     answer = as_json("generate", "neuron", "--target", "rust", "--real", "double", "-o", "crates")
     written = [name for name in files(here / "crates" / "neuron") if name.startswith("fitz")]
@@ -310,6 +315,7 @@ def test_generate_in_another_language(here: Path):
 
 @needs_compiler
 @pytest.mark.parametrize("there", [True, False])
+@pytest.mark.usefixtures("undrawn")
 def test_build_in_another_language(there: bool, here: Path, monkeypatch: pytest.MonkeyPatch):
     """Its self-check is run where its compiler is there; the trials are those of C and Python."""
     if there and not (shutil.which("rustc", path="/usr/bin") or shutil.which("rustc")):
@@ -397,6 +403,7 @@ def test_a_truth_that_is_empty_is_given_by_its_option(here: Path, command: str):
     assert "the column 'empty' holds no number for truth of x2; say --truth x2=COLUMN" in err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_run_compares_with_what_the_observer_took(here: Path):
     """A spike that it rejected is in no prediction error, and is counted."""
     lines = (here / "log.csv").read_text().splitlines()
@@ -410,6 +417,7 @@ def test_run_compares_with_what_the_observer_took(here: Path):
     assert "y: 1 that the observer rejected, not compared" in hgogen("run", "neuron", *LOG, "--time", "time")[0]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_run_says_what_is_wrong_with_a_record(here: Path):
     lines = (here / "log.csv").read_text().splitlines()
     lines[5:8] = ["0.04,,0.1", "0.05,err,0.1", "0.05,1,0.1"]
@@ -722,6 +730,7 @@ def test_the_installed_command(here: Path):
 PENDULUM = MODELS / "pendulum.py"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_every_command_takes_an_observer_by_name(here: Path):
     answer = as_json("check", str(PENDULUM), "--observer", "low_power")
     assert answer["theorem"]["reference"].startswith("Astolfi, Marconi")

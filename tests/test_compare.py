@@ -145,6 +145,7 @@ def test_every_observer_starts_from_the_trial_s_estimate() -> None:
     assert own.x[0, 1] == pytest.approx(wanted["s"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_start_on_the_truth_is_said(tmp_path: Path) -> None:
     path, text = tmp_path / "hyperjerk.py", (ROOT / "models" / "hyperjerk.py").read_text()
     line = 'start={"x1": -0.9, "x2": 0, "x3": 0, "x4": 0},'
@@ -188,6 +189,7 @@ def test_what_never_settles_is_none() -> None:
     assert metrics.settled == (None,)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_one_observer_is_settled_as_beside_others(tmp_path: Path) -> None:
     """Without a band of its own the trial has one criterion for both commands, and both print it."""
     path = tmp_path / "hyperjerk.py"
@@ -252,6 +254,7 @@ def test_what_cannot_be_compared_is_a_sentence(names: str, said: str, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_one_that_is_refused_does_not_stop_the_others(tmp_path: Path) -> None:
     """At its own period, or at the shortest; and where all are, the first refusal is the error."""
     text = (ROOT / "models" / "hyperjerk.py").read_text()
@@ -279,6 +282,7 @@ def test_one_that_is_refused_does_not_stop_the_others(tmp_path: Path) -> None:
     assert second.strip() == answer["refused"]["low_power"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_one_that_is_refused_at_the_shortest_period_is_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,6 +302,7 @@ def test_one_that_is_refused_at_the_shortest_period_is_left_out(
     assert answer["refused"] == {"low_power": f"{path}: too short"}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_all_are_sampled_at_the_shortest_period(tmp_path: Path) -> None:
     text = (ROOT / "models" / "hyperjerk.py").read_text()
     path = tmp_path / "hyperjerk.py"
@@ -358,6 +363,7 @@ def test_the_table_of_what_is_proved_has_a_dash_for_what_is_not() -> None:
     assert "other: no norm" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_begins_alike_is_proved_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked, path = list[Any](), tmp_path / "swing.py"
     path.write_text(BOUNDED)

@@ -636,6 +636,7 @@ def test_a_plain_text_model_says_how_late_samples_come(tmp_path: Path) -> None:
         hg.load(path).step()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_run_takes_late_samples_and_judges_them_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a log with a column of ages; predictions are of samples in the order of time, innovations of what came. A
     shift takes the ages with their samples: here y was logged a row too early."""

@@ -44,6 +44,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["design.png", "design.svg"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_in_words(tmp_path: Path) -> None:
     arguments = ("--rates", "5,1e6", "--method", "euler", "--dt", "2e-3", "-o", str(tmp_path))
     table, _ = hgogen("design", PENDULUM, *arguments)
@@ -61,6 +62,7 @@ def test_beside_another_tuning_and_where_the_model_s_own_has_none(tmp_path: Path
     assert filtered["points"][1]["observer"] == "high_gain"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_argument_of_b_beside_the_tuning(tmp_path: Path) -> None:
     """The disturbed pendulum at the rate of its theta: noise moves the torque by 291 of theta, 211 of a gain alone."""
     plant = str(MODELS / "disturbed_pendulum.py")
@@ -76,6 +78,7 @@ def test_an_argument_of_b_beside_the_tuning(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_argument_of_b_where_it_does_better(tmp_path: Path) -> None:
     plant = str(MODELS / "van_der_pol.toml")
     arguments = ("design", plant, "--rates", "1.25", "--argument", "-o", str(tmp_path))

@@ -606,6 +606,7 @@ def test_a_fit_at_another_period_is_on_its_grid(here: Path) -> None:
     assert (record["dt"], record["samples"]) == (2 * DT, (N + 1) // 2)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_model_without_a_period_runs_at_that_of_the_record(here: Path) -> None:
     """To which starting gains are made; one that says its own, or --dt, keeps it."""
     text, _, _ = (here / "spring.toml").read_text().partition("[observer]")
@@ -622,6 +623,7 @@ def test_a_model_without_a_period_runs_at_that_of_the_record(here: Path) -> None
     assert json.loads(hgogen("run", "slow.toml", *words)[0])["record"]["dt"] == 0.1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_offset_is_taken_off_before_rows_held_out_judge(here: Path) -> None:
     """So that they are predicted as if the sensor had none; the next commands are told to do the same."""
     plain, moved = log(6), []
@@ -635,6 +637,7 @@ def test_an_offset_is_taken_off_before_rows_held_out_judge(here: Path) -> None:
     assert f"by --map 'y=[COLUMN] - ({moved[1]['offsets']['y']:.5g})'" in moved[1]["notes"][-1]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_where_every_row_held_out_is_rejected_that_is_said(here: Path) -> None:
     text = (here / "log.csv").read_text().splitlines()
     cut = round(0.7 * N)

@@ -78,6 +78,7 @@ def record(folder: Path, offset: float = 0.0) -> str:
 RUN = ("--time", "t", "--dt", "0.01", "--map", "y=pi/180*[angle (deg)]", "--json")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_estimate_starts_from_the_first_sample(tmp_path: Path) -> None:
     out = ("-o", str(tmp_path))
     own = json.loads(hgogen("run", "pendulum", "--data", record(tmp_path), *RUN, *out)[0])
@@ -91,6 +92,7 @@ def test_the_estimate_starts_from_the_first_sample(tmp_path: Path) -> None:
     assert float(rows[1].split(",")[2]) < 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_estimate_starts_within_the_range_of_the_state(tmp_path: Path) -> None:
     far = record(tmp_path, offset=400)  # the first sample is 1 rad and 400 degrees, the range of q ends at 4 rad
     assert json.loads(hgogen("run", "pendulum", "--data", far, *RUN, "-o", str(tmp_path))[0])["initial"] == {"q": 4.0}

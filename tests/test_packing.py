@@ -41,6 +41,7 @@ def test_generate_for_an_ecosystem(here: Path) -> None:
     assert "hgogen generate tank\n" in (here / "generated" / "tank" / "src" / "tank.h").read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_generate_under_another_name(here: Path) -> None:
     hgogen("generate", "tank.toml", "--name", "left")
     assert {"left.h", "left.c", "left_check.c"} < below(here / "generated" / "left")
@@ -98,6 +99,7 @@ def test_one_name_is_of_one_model(here: Path) -> None:
         ("src/pump.c", "it holds pump.c too, which a build would compile along"),
     ],
 )
+@pytest.mark.usefixtures("undrawn")
 def test_a_folder_with_files_of_others_is_left_as_it_is(command: str, there: str, said: str, here: Path) -> None:
     """Whatever else lies there, such as .git, is nobody's concern."""
     mine = here / "out" / "tank" if command == "generate" else here / "out"
@@ -114,6 +116,7 @@ def test_a_folder_with_files_of_others_is_left_as_it_is(command: str, there: str
     assert (here / "out" / "tank" / "CMakeLists.txt").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_another_name_in_the_same_folder_leaves_no_second_source(here: Path) -> None:
     hgogen("build", "tank.toml", "--for", "cmake", "-o", "out")
     before = {path: (here / "out" / path).read_bytes() for path in below(here / "out")}
@@ -123,6 +126,7 @@ def test_another_name_in_the_same_folder_leaves_no_second_source(here: Path) -> 
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", '{"source": "of another"}', "\xff"])
+@pytest.mark.usefixtures("undrawn")
 def test_costs_that_say_nothing_of_this_source_are_left_out(text: str, here: Path) -> None:
     folder = here / "generated" / "tank"
     folder.mkdir(parents=True)

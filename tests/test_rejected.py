@@ -56,6 +56,7 @@ CAUSES = {
 
 
 @pytest.mark.parametrize("cause", CAUSES)
+@pytest.mark.usefixtures("undrawn")
 def test_the_cause_is_named_and_its_map_mends_it(cause: str, tmp_path: Path) -> None:
     unit, low, high, scale, shift, fix = CAUSES[cause]
     words = written(tmp_path, unit, low, high, scale, shift)
@@ -71,6 +72,7 @@ def test_the_cause_is_named_and_its_map_mends_it(cause: str, tmp_path: Path) -> 
     assert answer["rejected"] == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_map_of_an_expression_or_of_a_name_in_brackets_stands_in_one(tmp_path: Path) -> None:
     words = written(tmp_path, "rad", -1, 1, 180 / np.pi, 0, "angle #1")
     assert 'y="pi/180*[angle #1]"' in " ".join(hgogen(*words, status=1)[1].split())
@@ -78,11 +80,13 @@ def test_a_map_of_an_expression_or_of_a_name_in_brackets_stands_in_one(tmp_path:
     assert 'y="pi/180*(2*[angle #1]/2)"' in " ".join(hgogen(*words, status=1)[1].split())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_no_map_mends_is_said(tmp_path: Path) -> None:
     words = written(tmp_path, "m", 0, 1, 1e7, 20)
     assert "no usual map makes it fit" in " ".join(hgogen(*words, status=1)[1].split())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_few_rejected_samples_are_no_cause(tmp_path: Path) -> None:
     words = written(tmp_path, "m", 0, 1, 1, 0)
     lines = (tmp_path / "log.csv").read_text().splitlines()

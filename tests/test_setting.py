@@ -90,6 +90,7 @@ def test_a_case_that_there_is_not(setting: Setting, said: str) -> None:
     assert str(refused.value).startswith(said)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_in_the_banner_makes_the_same_c_again(tmp_path: Path) -> None:
     for place in ("one", "two"):
         words = ("--form", "phase", "--dt", "0.002", "--method", "heun", "--real", "double")

@@ -151,6 +151,7 @@ def test_a_bad_shift_is_a_sentence(texts: tuple[str, ...], said: str) -> None:
     assert said in str(caught.value)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_run_takes_a_shift_and_says_which_is_better(tmp_path: Path) -> None:
     rows = "\n".join(f"{k * DT:.4f},{a:.9f},{b:.9f}" for k, (a, b) in enumerate(np.hstack(driven(2))))
     (tmp_path / "log.csv").write_text(f"t,tau,y\n{rows}\n")

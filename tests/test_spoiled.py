@@ -30,6 +30,7 @@ def run(log: Path, *options: str) -> tuple[dict[str, Any], str]:
 
 
 @pytest.mark.parametrize("observer", ["high_gain", "riccati"])
+@pytest.mark.usefixtures("undrawn")
 def test_a_missing_sample_loses_a_step_without_guards(log: Path, observer: str) -> None:
     answer, text = run(log, "--observer", observer, "--guards", "none", "--real", "float")
     said = answer["notes"][0]
@@ -44,6 +45,7 @@ def test_a_missing_sample_loses_a_step_without_guards(log: Path, observer: str) 
     assert all(0 <= one["largest"] < 0.01 for one in answer["from_double"])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_it_names_mends_it(log: Path) -> None:
     """Both: the guards leave the sample out, and a filled log loses nothing."""
     answer, text = run(log, "--guards", "all")
@@ -62,6 +64,7 @@ def test_a_first_sample_that_is_missing_loses_all(log: Path) -> None:
     assert [one for one in answer["predictions"] if one["ahead"] is not None] == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_several_signals_have_no_number(log: Path) -> None:
     log.write_text(log.read_text().replace("0.400,0,,0", "0.400,,,0"))
     assert run(log, "--guards", "none")[0]["notes"][0].startswith("tau, y have no number at 0.4 s")

@@ -49,6 +49,7 @@ def step() -> CallableStep:
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat"])
+@pytest.mark.usefixtures("undrawn")
 def test_every_kind_of_file_gives_one_record(kind: str, tmp_path: Path, step: CallableStep) -> None:
     path = written(tmp_path, kind)
     name = "angle" if kind == "mat" else "[angle (deg)]"
