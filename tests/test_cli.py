@@ -829,7 +829,7 @@ def test_the_json_of_a_check_is_documented(here: Path, name: str):
     assert {row["verdict"] for row in answer["forms"]} <= {None, "proved", "refuted", "where", "generic", "unknown"}
 
 
-CHECK = ("check", str(NEURON))
+CHECK = ("check", str(MODELS / "lotka_volterra.toml"))
 
 
 @pytest.mark.parametrize(
