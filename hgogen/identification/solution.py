@@ -51,11 +51,8 @@ class Solver:
         """From the unknowns `start` (v), to which parameters and offsets are pulled, or going on `at` others;
         `each(k, last)` after iteration k, with its unknowns."""
         begin, first = (np.clip(v, self.low, self.high) / self.unit for v in (start, start if at is None else at))
-        v, cost, gaps = self.problem.graph
-        watch = _Watch(len(begin), gaps.numel(), lambda k, w: each(k, w * self.unit))
-        quiet = _QUIET if at is None else _QUIET | _THERE
-        options: Any = {"print_time": False, "ipopt": quiet, "iteration_callback": watch, "show_eval_warnings": False}
-        solver = ca.nlpsol("fit", "ipopt", self._nlp, options)
+        watch, solver = self._watched if at is None else self._made(_QUIET | _THERE)
+        watch.begin(lambda k, w: each(k, w * self.unit))
         bounds = {"lbx": self.low / self.unit, "ubx": self.high / self.unit, "lbg": 0, "ubg": 0}
         with heard() as watch.interrupts:
             result = solver(x0=first, p=begin[: self._pulled], **bounds)
@@ -63,12 +60,30 @@ class Solver:
             raise watch.raised[0]
         end = result["x"].full().ravel() * self.unit
         stats = solver.stats()
-        last = float(ca.Function("cost", [v], [cost])(end))
-        return Solution(end, last, stats["return_status"], stats["iter_count"], bool(stats["success"]))
+        return Solution(
+            end, float(self._cost(end)), stats["return_status"], stats["iter_count"], bool(stats["success"])
+        )
 
     @property
     def _pulled(self) -> int:
         return self.problem.constants
+
+    @cached_property
+    def _watched(self) -> tuple["_Watch", Any]:
+        """That of searches from a start, which share it: derivatives take as long to make as some searches do."""
+        return self._made(_QUIET)
+
+    def _made(self, ipopt: dict[str, Any]) -> tuple["_Watch", Any]:
+        """What IPOPT, with these options, calls after each iteration, and IPOPT."""
+        watch = _Watch(self.problem.size, self._nlp["g"].numel())
+        options: Any = {"print_time": False, "ipopt": ipopt, "iteration_callback": watch, "show_eval_warnings": False}
+        return watch, ca.nlpsol("fit", "ipopt", self._nlp, options)
+
+    @cached_property
+    def _cost(self) -> Any:
+        """Of the unknowns, without the pull."""
+        v, cost, _ = self.problem.graph
+        return ca.Function("cost", [v], [cost])
 
     @cached_property
     def _nlp(self) -> dict[str, Any]:
@@ -82,11 +97,14 @@ class Solver:
 class _Watch(ca.Callback):
     """What CasADi calls after each iteration."""
 
-    def __init__(self, unknowns: int, gaps: int, each: Callable[[int, Array], None]) -> None:
+    def __init__(self, unknowns: int, gaps: int) -> None:
         super().__init__()
         self.sizes = {"x": unknowns, "f": 1, "g": gaps, "lam_x": unknowns, "lam_g": gaps, "lam_p": 0}
-        self.each, self.count, self.interrupts, self.raised = each, 0, list[Any](), list[Exception]()
         self.construct("watch", {})
+
+    def begin(self, each: Callable[[int, Array], None]) -> None:
+        """A search, of whose iterations `each` is told."""
+        self.each, self.count, self.interrupts, self.raised = each, 0, list[Any](), list[Exception]()
 
     def get_n_in(self) -> int:
         """As many as a solver gives back."""
