@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,12 +96,15 @@ class Loops:
             return math.inf
         start = SHORT / fastest
         most = self.most * continuous(self.continuous, np.full(len(self.F), start))
-        free = self.way(start) <= 1
+        free = cache(lambda: self.way(start) <= 1)  # as seldom asked as a cap is reached
 
         def grows(h: float) -> bool:
             doubled = list(_doubled(*self._step(h)))
             T = self._transition(h, doubled[-1][2])
-            return bool((growth(T) > most).any() or (free & ~(self._way(doubled) <= 1)).any())
+            if (growth(T) > most).any():
+                return True
+            reached = ~(self._way(doubled) <= 1)
+            return bool(reached.any() and (free() & reached).any())
 
         bracket = end, WIDER * end  # the step of the search that is beyond `end` lies between them
         return longest(grows, start, end) if any(map(grows, bracket)) else math.inf
