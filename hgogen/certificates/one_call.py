@@ -13,6 +13,7 @@ import casadi as ca
 from hgogen.algebra.lookup import Lookup, called, instructions
 from hgogen.graph import Graph
 from hgogen.intervals.computed import Unsure
+from hgogen.method import Method
 from hgogen.part import Clock, Ode
 from hgogen.program import Block, Place, Program, Repeat, Statement
 from hgogen.step import Step
@@ -54,19 +55,26 @@ def after_call(
     if not isinstance(part, Ode) or step.periods != (step.dt,) * p or step.observer.delays:
         raise Unsure("an observer that is more than one differential equation, or samples that are not of every call")
     clock = Clock(step.dt, step.between, len(inputs[0]), p, (), step.guards == "all", step.prefer)
-    pieces, rest = step.method.ode(part, clock), iter(fields)
+    rest = iter(fields)
     memory: dict[Place, list[Any]] = {Place("state", x.name): list(islice(rest, x.size)) for x in part.fields}
     memory |= {Place("work", name): list(y) for name, y in zip(_SAMPLES, samples, strict=True)}
     memory |= {Place(struct, "u"): list(u) for struct, u in zip(_INPUTS, inputs, strict=True)}
     memory[Place("work", "valid")] = [arithmetic.constant(1.0)] * p
     for struct, numbers in (("plant", step.plant), ("gain", step.gains)):
         memory |= {Place(struct, each.name): list(map(arithmetic.held, each.initial)) for each in numbers}
-    for statement in _plain((*pieces.tune, *pieces.predict)):
+    for statement in _statements(step.method, part, clock):
         if not isinstance(statement, Block):
             raise Unsure("a loop or a matrix operation")
         arguments = [memory[place] for place, _ in statement.reads]
         memory |= zip(statement.writes, _outputs(arithmetic, statement.graph, arguments), strict=False)
     return [each for field in part.fields for each in memory[Place("state", field.name)]]
+
+
+@lru_cache(maxsize=16)  # a program is walked on many pieces of the plant's ranges
+def _statements(method: Method, part: Ode, clock: Clock) -> tuple[Statement, ...]:
+    """Those of a call, one after the other."""
+    pieces = method.ode(part, clock)
+    return tuple(_plain((*pieces.tune, *pieces.predict)))
 
 
 def _plain(program: Program | Iterable[Statement]) -> Iterable[Statement]:
