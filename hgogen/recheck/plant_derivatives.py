@@ -9,10 +9,11 @@ what a derivative is on a box, by itself or by its value at the centre and its s
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from math import factorial
 
 from .arithmetic import Dual, Undefined, dual, evaluate
-from .box import Box, Try, centre_of, covered, sides
+from .box import Box, End, Try, centre_of, covered, sides
 from .context import narrowed
 from .interval import Interval, intersection, point
 from .plant_motion import PlantMotion
@@ -23,6 +24,7 @@ from .text import Expression
 _ONE = Fraction(1)
 _NONE = taylor(2).number(_ONE).coefficients[1]  # the 0 by which series cost nothing
 Series = Mapping[str, Dual]  # by names
+Ends = tuple[tuple[str, tuple[End, End]], ...]  # those of a box
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,6 @@ class Derivative:
     order: int
     most: Fraction
 
-    def of(self, series: Dual) -> Dual:
-        """What it is in intervals, with its slopes, by the series of its row."""
-        share, k = point(Fraction(factorial(self.order))), self.order
-        slopes = {name: share * slope.coefficients[k] for name, slope in series.slopes.items()}
-        return Dual(share * series.value.coefficients[k], slopes)
-
     def holds(self, value: Interval) -> bool:
         """Whether it is at most that."""
         return value.at_least(-self.most) and value.at_most(self.most)
@@ -46,15 +42,14 @@ class Derivative:
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
     """That derivatives of rows of the plant are at most what is said; with how many boxes. Raises: `NotShown`."""
-    context, orders = motion.context, {one.row: one.order for one in sorted(each, key=lambda one: one.order)}
+    context, moves = motion.context, tuple((one.row, one.order) for one in each)
     whole, rates = context.form.box, dict(zip(context.file.inputs, motion.rates, strict=True))
     moving = {u: _rate_of(u) for u, rate in rates.items() if rate}
     box = {**narrowed(whole, motion.read), **{moving[u]: (-rates[u], rates[u]) for u in moving}}
+    plant = tuple(context.rates), tuple(context.z), tuple(whole.items()), tuple(moving.items())
 
     def on(here: Box) -> list[Dual]:
-        series = _along(context.rates, context.z, _started(here, whole, moving), max(orders.values()))
-        rows = {row: evaluate(row, _begin(series, order + 1), dual(taylor(order + 1))) for row, order in orders.items()}
-        return [one.of(rows[one.row]) for one in each]
+        return _derivatives(*plant, moves, tuple(here.items()))
 
     def attempt(here: Box) -> Try:
         try:
@@ -69,6 +64,29 @@ def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
         return Try(not beyond, weights([wide[k] for k in beyond]))
 
     return covered(box, ".", attempt)
+
+
+@lru_cache(maxsize=1 << 10)  # other bounds of them are shown, or are not, of the same boxes
+def _derivatives(
+    rates: tuple[Expression, ...],
+    states: tuple[str, ...],
+    whole: Ends,
+    moving: tuple[tuple[str, str], ...],
+    moves: tuple[tuple[Expression, int], ...],
+    here: Ends,
+) -> list[Dual]:
+    """What derivatives of rows, of an order each, are in intervals on a box, with their slopes. Raises: `Undefined`."""
+    orders = dict(sorted(moves, key=lambda one: one[1]))
+    series = _along(rates, states, _started(dict(here), dict(whole), dict(moving)), max(orders.values()))
+    rows = {row: evaluate(row, _begin(series, order + 1), dual(taylor(order + 1))) for row, order in orders.items()}
+    return [_derivative(rows[row], order) for row, order in moves]
+
+
+def _derivative(series: Dual, order: int) -> Dual:
+    """Of a series, with its slopes."""
+    share = point(Fraction(factorial(order)))
+    slopes = {name: share * slope.coefficients[order] for name, slope in series.slopes.items()}
+    return Dual(share * series.value.coefficients[order], slopes)
 
 
 def _rate_of(u: str) -> str:
