@@ -78,18 +78,16 @@ class Sampled:
 
     def slope_varies_with(self, row: int, state: int) -> set[int]:
         """The states with which the chord in one state changes: itself, where the row bends."""
-        n, varying = len(self.model["states"]), set()
+        varying = set()
         with mpmath.workdps(DIGITS):
             for point in self.samples:
                 chord = self.change(row, state, point, mpmath.mpf("0.37"))
                 if abs(self.change(row, state, point, mpmath.mpf("0.81")) - chord) > SAME * (1 + abs(chord)):
                     varying.add(state)
-                for other in range(n):
+                for other in self.depends[row] - varying - {state}:
                     moved = list(point)
                     moved[other] += mpmath.mpf("0.53") * (self.boxes[other][1] - point[other])
-                    if other != state and abs(self.change(row, state, moved, mpmath.mpf("0.37")) - chord) > SAME * (
-                        1 + abs(chord)
-                    ):
+                    if abs(self.change(row, state, moved, mpmath.mpf("0.37")) - chord) > SAME * (1 + abs(chord)):
                         varying.add(other)
         return varying
 
