@@ -288,9 +288,10 @@ def _places(fields: Iterable[Field]) -> list[tuple[Place, int]]:
 
 
 def _written(program: Program) -> dict[Place, set[int]]:
-    """The elements that a program changes, by the places that its blocks write."""
+    """The elements of the state that a program changes, by the places that its blocks write."""
     changed: dict[Place, set[int]] = {}
-    for block, place, size in ((s, *item) for s in walk(program) if isinstance(s, Block) for item in s.written):
+    blocks = [statement for statement in walk(program) if isinstance(statement, Block)]
+    for block, place, size in ((s, *item) for s in blocks for item in s.written if item[0].struct == "state"):
         value, same = ca.densify(sx(block.writes[place])), sym(*place, size)
         elements = {k for k in range(size) if not ca.is_equal(value[k], same[k], 1)}
         if elements and not _of_member(block, place):
