@@ -150,7 +150,7 @@ def advised(part: Riccati, dt: float) -> tuple[float, float]:
     the one that is: up to it no error grows much at a point of the box, and the motion of the model is
     followed, inf where nothing up to `dt` is too long for that."""
     F, C = part.slopes(POINTS, EDGE)
-    whole = part.dynamics.linearised(POINTS, edge=EDGE)[0]
+    whole = F if part.known is None else part.dynamics.linearised(POINTS, edge=EDGE)[0]
     low, peak = min(part.theta.late, part.theta.rest or part.theta.peak), part.theta.peak
     every = [loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})]
     inputs = math.inf if part.period is None else part.period / SAMPLES

@@ -260,9 +260,8 @@ class Dynamics:
 
         Raises: `Singular` where one of them is not finite.
         """
-        slope = ca.densify(self.affine(self._z, self._u)[0]) if affine else self.jacobian(self._z, self._u)
-        F = self._numbers(slope, points)
-        H = self._numbers(self.output_jacobian(self._z, self._u), points)
+        F = self._numbers(ca.densify(self.affine(self._z, self._u)[0]) if affine else self._slopes[0], points)
+        H = self._numbers(self._slopes[1], points)
         finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
         if not finite.all():
             names = map(str, (*self.form.to_form, *self.form.system.inputs))
@@ -285,6 +284,11 @@ class Dynamics:
         nominal = [float(p.nominal or 0) for p in plant]
         wide = graph(points[:, : self.n].T, points[:, self.n :].T, *nominal)  # the matrices side by side
         return np.ascontiguousarray(np.array(wide).reshape(matrix.shape[0], len(points), -1).swapaxes(0, 1))
+
+    @cached_property
+    def _slopes(self) -> tuple[Graph, Graph]:
+        """F and dh/dz."""
+        return self.jacobian(self._z, self._u), self.output_jacobian(self._z, self._u)
 
     @cached_property
     def _z(self) -> Graph:
