@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial, reduce
+from functools import lru_cache, partial, reduce
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -137,14 +137,20 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
 def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
     """a - b stays a subtraction, so that the C reads as the formula does."""
     total: Graph = None
-    for term in _terms(node):
-        negative = term.could_extract_minus_sign()
-        value = inner(-term if negative else term)
+    for term, negative in _signed(node):
+        value = inner(term)
         if total is None:
             total = -value if negative else value
         else:
             total = binary(ca.OP_SUB if negative else ca.OP_ADD, total, value)
     return total
+
+
+@lru_cache(maxsize=1024)  # the same sums are asked for at each stage of a step
+def _signed(node: sp.Add) -> list[tuple[sp.Expr, bool]]:
+    """The terms in order, and whether each is subtracted."""
+    signs = [(term, term.could_extract_minus_sign()) for term in _terms(node)]
+    return [(-term if negative else term, negative) for term, negative in signs]
 
 
 def _terms(node: sp.Add) -> list[sp.Expr]:
