@@ -7,6 +7,7 @@ program's instructions: an addition, a product, a comparison, a choice, a functi
 import math
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -48,6 +49,7 @@ def _statement(statement: Statement) -> Counter[int]:
     return _kernel(statement) if isinstance(statement, Kernel) else Counter()
 
 
+@lru_cache(maxsize=256)  # a routine is called at each stage, and a program is asked twice
 def instructions_of(graph: ca.Function) -> Counter[int]:
     """The instructions of a graph, and of the routines that it calls, but for what costs nothing."""
     times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
