@@ -6,7 +6,7 @@ from typing import Any
 
 MAKERS = (
     *("hgogen.observer", "hgogen.step", "hgogen.calling.readers", "hgogen.emit.manual"),
-    *("hgogen.certificates.one_call", "hgogen.recheck.verification"),
+    *("hgogen.certificates.one_call", "hgogen.recheck.verification", "hgogen.emit.subprograms"),
 )
 _REMEMBERED: list[Any] = []
 

@@ -6,6 +6,7 @@ a bank, whose members have parameters of their own, it is passed.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 
@@ -53,6 +54,7 @@ class Subprogram:
         return ((each, [every[each.number][1][k] for k in each.elements]) for each in self.passed)
 
 
+@lru_cache(maxsize=8)  # which each printer of a step asks for
 def subprograms(step: Step) -> dict[str, Subprogram]:
     """The routines that a step calls, by their keys, in the order of the first calls."""
     routines: dict[str, Routine] = {}
