@@ -6,18 +6,17 @@ takes its values at d + 1 points, and are exact (Farouki, "The Bernstein polynom
 Computer Aided Geometric Design 29 (2012), 3.1). Pieces that have no weights are halved.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import comb
 
 import numpy as np
-from flint import fmpq, fmpq_mat
+from flint import fmpq_mat
 
 from hgogen.algebra.definite import positive
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.quadratic import Weights, floats, on_grid, rational
+from hgogen.guarantees.quadratic import Array, Weights, floats, on_grid, rational, times
 
 _PIECES = 12  # that are tried before it is given up
 _GRID = 60  # bits after the point of the weights
@@ -62,7 +61,7 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
     P, S = (on_grid(value, _GRID) for value in weights)
     degree = steps.at(high).degree
     values = [steps.at(low + (high - low) * k / degree).contraction(_NOTHING).value(P, S) for k in range(degree + 1)]
-    parts = [sum((w * each for w, each in zip(row, values, strict=True)), 0 * values[0]) for row in _bernstein(degree)]
+    parts = times(_bernstein(degree), np.array([value.ravel() for value in values])).reshape(-1, *values[0].shape)
     if any(np.linalg.eigvalsh(floats(part)).max() >= 0 for part in parts):
         return None
     shown = all(positive(fmpq_mat((-part).tolist())) for part in parts) and positive(fmpq_mat(P.tolist()))
@@ -70,9 +69,8 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
 
 
 @lru_cache(maxsize=8)
-def _bernstein(degree: int) -> Sequence[Sequence[fmpq]]:
+def _bernstein(degree: int) -> Array:
     """(d + 1, d + 1): the Bernstein coefficients of a polynomial from its values at k/d, k = 0, .., d."""
     at = [Fraction(k, degree) for k in range(degree + 1)]
     basis = rational([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
-    inverse = fmpq_mat(basis.tolist()).inv()
-    return [[inverse[i, j] for j in range(degree + 1)] for i in range(degree + 1)]
+    return np.array(fmpq_mat(basis.tolist()).inv().tolist(), dtype=object)

@@ -146,7 +146,7 @@ def flowing(e: Uncertain, alpha: Any) -> Quadratic:
     [M'P + P M + alpha P + H'S H, P G; G'P, -S]
     """
     n, m = e.G.shape
-    one = np.eye(n + m, dtype=int) + 0 * e.M[0, 0]
+    one = np.eye(n + m) if e.M.dtype == float else identity(n + m)
     rates = np.hstack([e.M + one[:n, :n] * (alpha / 2), e.G])
     return Quadratic(((one[:n], rates),), np.hstack([e.H, 0 * one[n:, n:]]), one[n:])
 
