@@ -158,6 +158,20 @@ def test_a_multiple_pole_grows_far_before_it_decays(n: int, fold: float) -> None
     assert growth(polynomial(1.01 * 2 * take * M, RK4.polynomial))[0] > 1.49 * fine
 
 
+def test_what_grows_late_counts_beside_what_decays_at_once() -> None:
+    """|T^k| = rate^k + k shear rate^(k-1), which is largest near k = -1 / log(rate), beside what is gone at once."""
+    gone = np.zeros((2, 2))
+    for rate, shear in ((0.5, 9.0), (0.9, 3.0), (0.97, 1.0), (0.99, 0.5)):
+        T = np.array([[rate, shear], [0.0, rate]])
+        every = [np.abs(np.linalg.matrix_power(T, k)).sum(axis=1).max() for k in range(1, 49)]
+        alone, beside = growth(T[None])[0], growth(np.array([gone, T, 0.5 * np.eye(2)]))
+        assert alone >= max(every) * (1 - 1e-12)
+        assert beside.tolist() == [1.0, alone, 1.0]
+    for rate in (1.0, 1.0001):  # for ever
+        assert growth(np.array([[[rate, 0.1], [0.0, rate]]]))[0] > 1e3
+    assert growth(np.array([np.full((2, 2), np.nan), gone])).tolist() == [np.inf, 1.0]
+
+
 @pytest.mark.parametrize("method", ["exponential", "bilinear"])
 def test_a_sampled_core_is_refused_where_its_spectrum_leaves_the_circle(method: str) -> None:
     way, rng = getattr(hg.methods, method), np.random.default_rng(5)
