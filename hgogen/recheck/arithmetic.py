@@ -84,8 +84,7 @@ class Dual:
         return Dual(-self.value, {k: -slope for k, slope in self.slopes.items()})
 
     def __sub__(self, other: "Dual") -> "Dual":
-        falls = {k: self.slopes[k] - slope if k in self.slopes else -slope for k, slope in other.slopes.items()}
-        return Dual(self.value - other.value, {**self.slopes, **falls})
+        return Dual(self.value - other.value, _sum(self.slopes, {k: -slope for k, slope in other.slopes.items()}))
 
     def __mul__(self, other: "Dual") -> "Dual":
         slopes = _sum(self.scaled(other.value), other.scaled(self.value))

@@ -37,7 +37,7 @@ class Interval:
         return Interval(libmp.mpi_sub(self.ends, other.ends, PRECISION))
 
     def __mul__(self, other: "Interval") -> "Interval":
-        return Interval(_times(*self.ends, *other.ends))
+        return Interval(libmp.mpi_mul(self.ends, other.ends, PRECISION))
 
     def __truediv__(self, other: "Interval") -> "Interval":
         if other.sign == 0:
@@ -91,30 +91,6 @@ def point(value: Fraction) -> Interval:
 def between(low: Fraction | float, high: Fraction | float) -> Interval:
     """The interval from low to high, either of which may be infinite."""
     return Interval((_rounded(low, _DOWN), _rounded(high, _UP)))
-
-
-def _times(a: Any, b: Any, c: Any, d: Any) -> Ends:
-    """The ends of [a, b] [c, d]: the products that the signs say, each rounded once, where all four are numbers and not
-    0."""
-    if not (a[1] and b[1] and c[1] and d[1]):
-        return libmp.mpi_mul((a, b), (c, d), PRECISION)  # type: ignore[no-any-return]
-    if not a[0]:
-        return _down(b if c[0] else a, c), _up(a if d[0] else b, d)
-    if b[0]:
-        return _down(b if d[0] else a, d), _up(a if c[0] else b, c)
-    if not c[0]:
-        return _down(a, d), _up(b, d)
-    if d[0]:
-        return _down(b, c), _up(a, c)
-    return _smaller(_down(a, d), _down(b, c)), _larger(_up(a, c), _up(b, d))
-
-
-def _down(x: Any, y: Any) -> Any:
-    return libmp.mpf_mul(x, y, PRECISION, _DOWN)
-
-
-def _up(x: Any, y: Any) -> Any:
-    return libmp.mpf_mul(x, y, PRECISION, _UP)
 
 
 def intersection(a: Interval, b: Interval) -> Interval:

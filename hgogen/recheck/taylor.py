@@ -20,13 +20,13 @@ class Taylor:
     coefficients: tuple[Interval, ...]
 
     def __add__(self, other: "Taylor") -> "Taylor":
-        return Taylor(tuple(_joint(*pair) for pair in zip(self.coefficients, other.coefficients, strict=True)))
+        return Taylor(tuple(_total(pair) for pair in zip(self.coefficients, other.coefficients, strict=True)))
 
     def __neg__(self) -> "Taylor":
         return Taylor(tuple(a if a is _NONE else -a for a in self.coefficients))
 
     def __sub__(self, other: "Taylor") -> "Taylor":
-        return Taylor(tuple(_difference(*pair) for pair in zip(self.coefficients, other.coefficients, strict=True)))
+        return self + -other
 
     def __mul__(self, other: "Taylor") -> "Taylor":
         a, b = self.coefficients, other.coefficients
@@ -45,14 +45,6 @@ def _total(terms: Iterable[Interval]) -> Interval:
     return reduce(add, there) if there else _NONE
 
 
-def _joint(a: Interval, b: Interval) -> Interval:
-    return a if b is _NONE else b if a is _NONE else a + b
-
-
-def _difference(a: Interval, b: Interval) -> Interval:
-    return a if b is _NONE else -b if a is _NONE else a - b
-
-
 def _product(a: Interval, b: Interval) -> Interval:
     return _NONE if a is _NONE or b is _NONE else a * b
 
@@ -64,7 +56,7 @@ def taylor(order: int) -> Arithmetic:
         return Taylor((point(value), *[_NONE] * (order - 1)))
 
     def power(x: Taylor, exponent: int) -> Taylor:
-        result = reduce(Taylor.__mul__, [x] * abs(exponent)) if exponent else number(Fraction(1))
+        result = reduce(Taylor.__mul__, [x] * abs(exponent), number(Fraction(1)))
         result = result if exponent >= 0 else number(Fraction(1)) / result
         return Taylor((intervals.power(x.coefficients[0], exponent), *result.coefficients[1:]))
 
@@ -140,8 +132,7 @@ def _integrated(name: str, x: Taylor, slope: Taylor) -> Taylor:
     return Taylor((intervals.function(name, (a[0],)), *(_moved(a, rate, k) for k in range(1, len(a)))))
 
 
-@lru_cache(maxsize=1 << 6)  # the slope of one is the other
-def _turned(a: tuple[Interval, ...]) -> tuple[list[Interval], list[Interval]]:
+def _turned(a: Sequence[Interval]) -> tuple[list[Interval], list[Interval]]:
     """sin and cos."""
     s, c = ([intervals.function(name, (a[0],))] for name in ("sin", "cos"))
     for k in range(1, len(a)):
@@ -151,8 +142,7 @@ def _turned(a: tuple[Interval, ...]) -> tuple[list[Interval], list[Interval]]:
     return s, c
 
 
-@lru_cache(maxsize=1 << 6)
-def _spread(a: tuple[Interval, ...]) -> tuple[list[Interval], list[Interval]]:
+def _spread(a: Sequence[Interval]) -> tuple[list[Interval], list[Interval]]:
     """sinh and cosh."""
     s, c = ([intervals.function(name, (a[0],))] for name in ("sinh", "cosh"))
     for k in range(1, len(a)):
