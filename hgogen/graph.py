@@ -147,10 +147,10 @@ def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
 
 
 @lru_cache(maxsize=1024)  # the same sums are asked for at each stage of a step
-def _signed(node: sp.Add) -> list[tuple[sp.Expr, bool]]:
+def _signed(node: sp.Add) -> tuple[tuple[sp.Expr, bool], ...]:
     """The terms in order, and whether each is subtracted."""
     signs = [(term, term.could_extract_minus_sign()) for term in _terms(node)]
-    return [(-term if negative else term, negative) for term, negative in signs]
+    return tuple((-term if negative else term, negative) for term, negative in signs)
 
 
 def _terms(node: sp.Add) -> list[sp.Expr]:

@@ -6,9 +6,9 @@ shorter, is a function.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -83,15 +83,9 @@ class SharingWriter(Writer):
         return Writer(self.syntax, self.step, self.real)
 
     @cached_property
-    def _texts(self) -> dict[Program, Code]:
-        """The parts as functions, each of which is asked for wherever one of its step stands."""
-        return {}
-
-    def _alone(self, run: Program) -> Code:
-        """The statements of a part as a function has them."""
-        if run not in self._texts:
-            self._texts[run] = self._plain.function(run)
-        return self._texts[run]
+    def _alone(self) -> Callable[[Program], Code]:
+        """The statements of a part as a function has them, once, as each is asked for wherever it stands."""
+        return cache(self._plain.function)
 
     def _left(self, run: Program) -> set[Place]:
         """The places that a part writes, if all of them are as after a reset then; else none."""
