@@ -145,7 +145,7 @@ def test_no_noise_moves_a_linear_plant_further(argument: Any, method: str) -> No
     the bound, and for a bound that holds for all slopes not a third of it."""
     step = hg.sample(observer(True, argument), getattr(hg.methods, method), dt=0.02)
     gain = hg.noise_gain(step)
-    assert gain is not None
+    assert isinstance(gain, hg.NoiseGain)
     for j, name in enumerate(("y1", "y2")):
         y = np.zeros((200, 2))
         y[40, j] = 1e-3
@@ -167,7 +167,7 @@ def test_no_noise_moves_a_linear_plant_further_where_chains_end_together() -> No
     made = hg.observers.circle_criterion(form, theta=6, poles=((-1, -1), (-1,)), argument=((0.25, -0.3), (4,)))
     step = hg.sample(made, hg.methods.rk4, dt=0.02)
     gain = hg.noise_gain(step)
-    assert gain is not None
+    assert isinstance(gain, hg.NoiseGain)
     for x, y in gain.gains:
         assert response_of(step, x, y) <= gain.gains[x, y] * (1 + 1e-9)
     assert gain.gains["x3", "y2"] < 1.5 * response_of(step, "x3", "y2")
@@ -221,8 +221,8 @@ def content() -> dict[str, Any]:
     made = observer()
     step = hg.sample(made, hg.methods.rk4, dt=0.01)
     noise, start, error = hg.noise_gain(step), hg.start_set(step), hg.error_bound(step, noise={"y1": 1e-3})
-    assert noise
-    assert start
+    assert isinstance(noise, hg.NoiseGain)
+    assert isinstance(start, hg.StartSet)
     flow = hg.iss_gain(made, noise={"y1": 1e-3})
     checks = (*made.checks, *hg.contraction(step).checks, noise.check, start.check, error.check, flow.check)
     return certificate(made.form, checks, made.name)
@@ -257,7 +257,7 @@ def test_of_sensors_that_show_one_state_each_is_in_the_argument_by_its_share() -
         hg.forms.block_triangular(third), theta=6, poles=((-1, -1), (-1,)), argument=ARGUMENT
     )
     noise = hg.noise_gain(hg.sample(made, hg.methods.rk4, dt=0.01))
-    assert noise is not None
+    assert isinstance(noise, hg.NoiseGain)
     assert noise.gains["x3", "y2"] == pytest.approx(noise.gains["x3", "y3"], rel=1e-3)
     rows = {
         row.id: row.found

@@ -33,7 +33,7 @@ def test_the_command(tmp_path: Path) -> None:
     step = load(PENDULUM).step()
     assert bounds(tuning, "continuous") == {x: b for (x, _), b in hg.design.noise_bounds(step.observer).items()}
     known = hg.noise_gain(step)
-    assert known is not None
+    assert isinstance(known, hg.NoiseGain)
     assert bounds(tuning, "step") == {x: b for (x, _), b in known.gains.items()}
     assert tuning["longest"] == float(hg.contraction(step).reach.longest or 0)
     for of in ("continuous", "step"):

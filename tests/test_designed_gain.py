@@ -96,7 +96,7 @@ def test_the_observer_of_a_gain_proves_it_and_its_step_is_verified(method: str) 
     step = hg.sample(observer, getattr(hg.methods, method), dt=1e-3)
     known, noise = hg.contraction(step), hg.noise_gain(step)
     assert known.proved
-    assert noise is not None
+    assert isinstance(noise, hg.NoiseGain)
     for place, bound in hg.design.noise_bounds(observer).items():
         assert bound == pytest.approx(gain.bounds[place], rel=0.03)
         assert bound < 1.02 * noise.gains[place] < 1.2 * bound

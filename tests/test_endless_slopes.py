@@ -165,7 +165,8 @@ def test_what_reads_nothing_asks_for_nothing() -> None:
 def test_steps_say_why_they_are_not_proved() -> None:
     step = hg.sample(observer((1, 0.5)), hg.methods.rk4, dt=1e-3)
     assert "continuous time alone" in str(hg.contraction(step).checks[0].reason)
-    assert hg.noise_gain(step) is None
+    assert "continuous time alone" in str(hg.noise_gain(step))
+    assert "continuous time alone" in str(hg.start_set(step))
     assert "continuous time alone" in str(hg.error_bound(step, noise={"y": 1e-3}).check.reason)
     assert hg.l2_gain(observer((1, 0.5)), noise={"y": 1}).gain is None
     assert isinstance(hg.design.noise_bounds(observer((1, 0.5))), Nothing)

@@ -114,7 +114,7 @@ def swing(x: np.ndarray, h: float, a: float, d: float) -> np.ndarray:
 
 def test_the_shares_add_and_that_of_noise_is_its_gain() -> None:
     known, gain = bounded(), hg.noise_gain(step_of())
-    assert gain is not None
+    assert isinstance(gain, hg.NoiseGain)
     assert list(known.shares) == ["noise", "rounded", "late", "disturbance", "parameters", "method"]
     for state, bound in known.bounds.items():
         assert bound == pytest.approx(sum(share[state] for share in known.shares.values()))
@@ -132,7 +132,7 @@ def test_what_is_not_given_has_no_share() -> None:
 
 def test_the_multiple_leaves_room_for_what_inputs_do() -> None:
     start, known = hg.start_set(step_of()), bounded()
-    assert start is not None
+    assert isinstance(start, hg.StartSet)
     assert known.multiple is not None
     assert known.multiple < start.multiple
     much = hg.error_bound(step_of(), noise={"y": 10}, rates={"tau": 5})

@@ -41,7 +41,7 @@ def test_the_bound_of_the_step_is_close_to_that_of_continuous_time() -> None:
     """With its own rate in the place of the wanted one, a sample on the line between two."""
     step = hg.sample(hg.observers.filtered_injection(form(), **designed().gains), hg.methods.rk4, dt=1e-3)
     as_it_runs = hg.noise_gain(step)
-    assert as_it_runs is not None
+    assert isinstance(as_it_runs, hg.NoiseGain)
     (value,) = (bound for (state, _), bound in as_it_runs.gains.items() if state == "w")
     assert value < 1.1 * float(designed().bound)
 

@@ -116,7 +116,7 @@ def test_it_is_said_in_which_arithmetic() -> None:
     for method, said in (("exponential", "outward rounded arithmetic"), ("bilinear", "rational arithmetic")):
         step = hg.sample(made, getattr(hg.methods, method), dt=0.01)
         gain = hg.noise_gain(step)
-        assert gain is not None
+        assert isinstance(gain, hg.NoiseGain)
         assert all(f"in {said}" in str(check.reason) for check in (hg.contraction(step).checks[0], gain.check))
 
 
@@ -153,7 +153,7 @@ def certified(observer: str) -> dict[str, Any]:
     made = getattr(hg.observers, observer)(hg.forms.triangular(model("hyperjerk")), **gains)
     step = hg.sample(made, hg.methods.exponential, dt=0.02)
     gain = hg.noise_gain(step)
-    assert gain is not None
+    assert isinstance(gain, hg.NoiseGain)
     return hg.certificate(made.form, (*made.checks, *hg.contraction(step).checks, gain.check), observer)
 
 

@@ -196,8 +196,8 @@ def test_noise_enters_by_its_share_in_the_mean(method: Any, output: Any, weights
     pytest.importorskip("clarabel")
     one = hg.noise_gain(stepped(x1, method=method))
     both = hg.noise_gain(stepped(*output, method=method, weights=weights))
-    assert one is not None
-    assert both is not None
+    assert isinstance(one, hg.NoiseGain)
+    assert isinstance(both, hg.NoiseGain)
     for (state, _), gain in one.gains.items():
         for y, share in zip(("y1", "y2", "y3"), shares, strict=False):
             assert both.gains[state, y] == pytest.approx(share * gain, rel=1e-4)
@@ -265,7 +265,7 @@ def certified() -> dict[str, Any]:
     output, weights = (x1, 3 - 2 * x1, x1 + x2), {"y1": 3}
     step, noise = stepped(*output, weights=weights), {"y1": 0.01, "y2": 0.02}
     known, gain = bounded(*output, weights=tuple(weights.items())), hg.noise_gain(step)
-    assert gain is not None
+    assert isinstance(gain, hg.NoiseGain)
     bounds = (known, gain, hg.l2_gain(step.observer, noise=noise), hg.iss_gain(step.observer, noise=noise))
     return hg.certificate(
         step.observer.form, (*step.observer.checks, *(each.check for each in bounds)), step.observer.name

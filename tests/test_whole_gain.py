@@ -56,8 +56,8 @@ def observer_of_pair(theta: float = 4.0) -> hg.Observer:
 def certified() -> Content:
     step = hg.sample(observer_of_pair(), hg.methods.heun, dt=1e-3)
     gain, start = hg.noise_gain(step), hg.start_set(step)
-    assert gain is not None
-    assert start is not None
+    assert isinstance(gain, hg.NoiseGain)
+    assert isinstance(start, hg.StartSet)
     checks = (*step.observer.checks, *hg.contraction(step).checks, gain.check, start.check)
     return hg.certificate(step.observer.form, checks, "high_gain")
 

@@ -21,6 +21,7 @@ from worst import Worst
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.method import Realising
 from hgogen.model import load
 
@@ -80,7 +81,7 @@ class Claims:
         self.known = hg.error_bound(self.step, **self.sizes) if self.worst.at.rows <= MOST else None
         self.gain = hg.noise_gain(self.step)
         self.start = hg.start_set(self.step)
-        assert self.start is not None
+        assert isinstance(self.start, hg.StartSet)
         self.peaks = np.array(list(self.start.peaks.values())) / min(1, self.start.multiple)
         clear = [self.known.inside.get(self._seen(x), 0.0) if self.known else 0.0 for x in self.plant.states]
         self.walker = Walker(self.plant, self.step.dt, np.array(clear))
@@ -299,7 +300,7 @@ def test_no_trial_errs_further(name: str, tuning: str) -> None:
 def test_no_noise_moves_an_estimate_further(name: str, tuning: str) -> None:
     """Of two estimates that begin alike, far from the plant, one is given noise as well."""
     known = claims(name, tuning)
-    assert known.gain is not None
+    assert isinstance(known.gain, hg.NoiseGain)
     bounds = [known.gain.bound(state, known.sizes["noise"]) for state in known.form.names]
     most = 0.0
     for trials in known.moved():
@@ -345,7 +346,7 @@ def test_every_call_brings_two_estimates_together(name: str, tuning: str) -> Non
 def test_every_claim_is_verified_again(name: str, tuning: str) -> None:
     """That of the error alone is in `test_error_bound`, for the time that it takes."""
     known, observer = claims(name, tuning), claims(name, tuning).step.observer
-    bounds = [one.check for one in (known.gain, known.start) if one is not None]
+    bounds = [one.check for one in (known.gain, known.start) if not isinstance(one, Nothing)]
     checks = (*observer.checks, *hg.contraction(known.step).checks, *bounds)
     content = hg.certificate(observer.form, checks, observer.name)
     assert [claim for claim in content["claims"] if claim["verdict"] == "stated"] == []

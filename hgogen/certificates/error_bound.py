@@ -19,10 +19,11 @@ from hgogen.certificates.start_set import Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.confined import confined, reached
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.entering import Entering, Heads, Sizes, heads_of
-from hgogen.guarantees.inclusion import of_state
+from hgogen.guarantees.inclusion import NO_SCALES, of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded, times
 from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.signed import Signed
@@ -164,7 +165,7 @@ def _in_numbers(steps: Steps, form: Form) -> tuple[Sequence[Fraction], Heads]:
     """The scales of the fields, and what outputs show. Raises: `Unbounded`."""
     scales, shown = steps.error.scales(steps.theta), heads_of(form)
     if scales is None or shown is None:
-        raise Unbounded(because("the gains of its chain are no numbers"))
+        raise Unbounded(NO_SCALES)
     return scales, shown
 
 
@@ -214,7 +215,8 @@ def _bounded(
         shares.append(Share(name, entered, entered.largest, proofs[relative], one.follows))
     each_sample = zip(*(one.sizes.samples for one in entering.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(form.output)
-    start, without = start_of(step.observer, steps), _totals(fields, shares)
+    begun, without = start_of(step.observer, steps), _totals(fields, shares)
+    start = None if isinstance(begun, Nothing) else begun
     multiple = _multiple(steps, proof, start, without) if start else None
     early, calls = without, 0
     decayed: Mapping[int, Fraction] = {k: _CLOSE * without[k] for k in error.layout.picks}

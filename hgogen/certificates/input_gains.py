@@ -22,7 +22,7 @@ from hgogen.form import Form
 from hgogen.guarantees.bounded_real import Driven, L2Bound, l2_bound
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
-from hgogen.guarantees.inclusion import Inclusion, Uncertain, of_state
+from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
 from hgogen.guarantees.quadratic import floats, inverse_root, rational, stacked
 from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Up
@@ -148,7 +148,7 @@ def _known(observer: Observer, noise: Each, disturbance: Each) -> _Known | Reaso
     theta = theta_of(observer)
     scales, flow = error.scales(theta), Flow(error, theta)
     if scales is None:
-        return because("the gains of its chain are no numbers")
+        return NO_SCALES
     beside = _beside(form, disturbed)
     if isinstance(beside, Reason):
         return beside

@@ -7,8 +7,9 @@ from functools import lru_cache
 
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.inclusion import Inclusion, of_state
+from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, of_state
 from hgogen.guarantees.stagewise import Inputs
 from hgogen.guarantees.step_evidence import UnderNoise
 from hgogen.guarantees.under_inputs import InputBound, of_step
@@ -43,9 +44,9 @@ class NoiseGain:
         return sum(self.gains[state, output] * float(most) for output, most in each)
 
 
-def noise_gain(step: Step) -> NoiseGain | None:
-    """What noise does to the estimate of a step that is proved to contract; None of one that is not, whose chain has
-    gains that are no numbers.
+def noise_gain(step: Step) -> NoiseGain | Nothing:
+    """What noise does to the estimate of a step that is proved to contract; or why that is not known: of one that is
+    not, or whose chain has gains that are no numbers.
 
     From elsewhere a bound is approached: where it is reached V = |e|_P^2 is 1, and what V is above that falls by
     alpha dt of itself at each call.
@@ -55,22 +56,22 @@ def noise_gain(step: Step) -> NoiseGain | None:
     demand_step(step, "noise_gain")
     known = contraction(step)
     if known.steps is None or known.proof is None or not known.proof.alpha:
-        return None
+        return Nothing(known.checks[0].reason)
     return _noise_gain(step.observer, step.rule, step.dt, known.steps, known.proof)
 
 
 @lru_cache(maxsize=32)
-def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> NoiseGain | None:
+def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> NoiseGain | Nothing:
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
     if scales is None:
-        return None
+        return Nothing(NO_SCALES)
     bounds: dict[tuple[int, int], InputBound] = {}
     for i, field in enumerate(error.layout.picks):
         for j in heads(form):
             one = of_step(steps, proof.h, Inputs.of(steps.at(proof.h).ends(j)), of_state(scales, field), proof.alpha)
             if one is None:
-                return None
+                return Nothing(because("no bound is found of what noise of {y} does", y=form.system.outputs[j]))
             bounds[i, j] = one
     outputs = [output.name for output in form.system.outputs]
     gains = {(state, output): 0.0 for state in form.names for output in outputs}  # of one that enters nowhere

@@ -12,7 +12,7 @@ from fractions import Fraction
 from hgogen import observers
 from hgogen.call import CallableStep, sample
 from hgogen.certificates.contraction import contraction, theta_of
-from hgogen.certificates.noise_gain import noise_gain
+from hgogen.certificates.noise_gain import NoiseGain, noise_gain
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Flow
 from hgogen.guarantees.designed_gain import Gain
@@ -82,4 +82,5 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
 def _as_it_runs(point: Point, step: CallableStep, dt: float | None = None) -> Point:
     """With what is proved of its step; of noise only where that has the dt that is asked for."""
     longest, noise = contraction(step).reach.longest, noise_gain(step) if dt in (None, step.dt) else None
-    return replace(point, longest=None if longest is None else float(longest), step=noise.gains if noise else {})
+    gains = noise.gains if isinstance(noise, NoiseGain) else {}
+    return replace(point, longest=None if longest is None else float(longest), step=gains)

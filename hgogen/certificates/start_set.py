@@ -15,9 +15,10 @@ import casadi as ca
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
 from hgogen.graph import Graph
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.confined import confined
 from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.inclusion import Inclusion, of_state
+from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, of_state
 from hgogen.guarantees.quadratic import Array, rational
 from hgogen.guarantees.step_evidence import FromStart
 from hgogen.intervals.digits import Down, Up
@@ -46,17 +47,17 @@ class StartSet:
     check: Check
 
 
-def start_set(step: Step) -> StartSet | None:
+def start_set(step: Step) -> StartSet | Nothing:
     """From which first errors a step that is proved to contract never comes to the limits of its estimate, without
-    noise; None of one that is not, of more than 8 states, of states without ranges, or whose chain has gains that are
-    no numbers.
+    noise; or why that is not known: of one that is not, of more than 8 states, of states without ranges, or whose chain
+    has gains that are no numbers.
 
     Raises: `NoSolver` without cvxpy; `NoStep`.
     """
     demand_step(step, "start_set")
     known = contraction(step)
     if known.steps is None or known.proof is None:
-        return None
+        return Nothing(known.checks[0].reason)
     return _start_set(step.observer, step.rule, step.dt, known.steps, known.proof)
 
 
@@ -72,33 +73,41 @@ class Start:
     limits: Mapping[int, Fraction]
 
 
-def start_of(observer: Observer, steps: Steps) -> Start | None:
-    """The start of an estimate; None of more than 8 states, of states without ranges, or of ranges that its outer box
-    does not hold with room around, where fields of one state do not start alike, or whose chain has gains that are no
-    numbers."""
+def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
+    """The start of an estimate; or why none is known: of more than 8 states, of states without ranges, or of ranges
+    that its outer box does not hold with room around, where fields of one state do not start alike, or whose chain has
+    gains that are no numbers."""
     error, form = steps.error, observer.form
     scales = error.scales(steps.theta)
-    if scales is None or form.n > _STATES or not all(state.bounded for state in form.states):
-        return None
+    endless = [name for name, state in zip(form.names, form.states, strict=True) if not state.bounded]
+    if scales is None:
+        return Nothing(NO_SCALES)
+    if form.n > _STATES:
+        many = "the corners of the first errors are asked of {most} states at most, and there are {n}"
+        return Nothing(because(many, most=_STATES, n=form.n))
+    if endless:
+        return Nothing(because("first errors are those of states in ranges, and {names} has none", names=endless))
     first = _first(observer, error)
-    if first is None:
-        return None
+    if isinstance(first, Nothing):
+        return first
     limits = _limits(observer, error)
-    return Start(scales, first, _corners(error, scales, first), limits) if min(limits.values()) > 0 else None
+    if min(limits.values()) <= 0:
+        return Nothing(because("the limits of the estimate do not hold the ranges with room around"))
+    return Start(scales, first, _corners(error, scales, first), limits)
 
 
 @lru_cache(maxsize=32)
-def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> StartSet | None:
+def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Contracts) -> StartSet | Nothing:
     start = start_of(observer, steps)
-    if start is None:
-        return None
+    if isinstance(start, Nothing):
+        return start
     rows = {k: of_state(start.scales, k) / rational(m) for k, m in start.limits.items()}
     clear = confined(steps, proof.h, start.corners, rows)
     picks = steps.error.layout.picks
     each = (confined(steps, proof.h, start.corners, {k: of_state(start.scales, k)}) for k in picks)
     peaks = tuple(one for one in each if one)
     if clear is None or len(peaks) < len(picks):
-        return None
+        return Nothing(because("no bound is found of how far errors go on the way"))
     known = FromStart(steps.error, rule, Fraction(dt), tuple(start.first), dict(start.limits), clear, peaks)
     return _stated(observer, running(observer, rule, dt), known)
 
@@ -132,15 +141,15 @@ def _corners(error: Inclusion, scales: Sequence[Fraction], first: Sequence[Fract
     return rational([[side * each[i] for side, i in zip(sides, layout.index, strict=True)] for each in signs])
 
 
-def _first(observer: Observer, error: Inclusion) -> list[Fraction] | None:
-    """By state of the form (n), the largest error at the start; None where fields of one state do not start alike."""
+def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:
+    """By state of the form (n), the largest error at the start; none where fields of one state do not start alike."""
     begins = _in_form(observer, error, [value for field in _fields(observer) for value in field.initial])
     first = []
     for i, state in enumerate(observer.form.states):
         (low, high), values = map(Fraction, state.interval), [begins[k] for k in _of(error, i)]
         rounded = _ROUNDED * max(map(abs, values))
         if max(values) - min(values) > rounded:
-            return None
+            return Nothing(because("the fields that estimate {state} do not begin alike", state=state))
         first.append(max(high - min(values), max(values) - low) + rounded)
     return first
 

@@ -17,6 +17,7 @@ from hgogen.certificates.error_bound import ErrorBound
 from hgogen.check import Check, Refuted, refuted
 from hgogen.commands.process import note
 from hgogen.form import Form
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.lmi import NoSolver
 from hgogen.guarantees.signed import Signed
 from hgogen.model import MissingPart, Model
@@ -210,7 +211,8 @@ def _as_it_runs(claims: Checked, step: CallableStep, model: Model) -> Checked:
         own = (error.check, *gains) if error else ()
         return replace(claims, checks=(*claims.checks, *own), known=error)
     known, noise, start = hg.contraction(step), hg.noise_gain(step), hg.start_set(step)
-    own = (*known.checks, *(bound.check for bound in (noise, start, error) if bound), *gains)
+    bounds = (bound.check for bound in (noise, start, error) if bound and not isinstance(bound, Nothing))
+    own = (*known.checks, *bounds, *gains)
     return replace(claims, checks=(*claims.checks, *own), known=error, dt=admitted(step, known))
 
 

@@ -50,6 +50,7 @@ from hgogen.structure.polytope import chains, span
 from hgogen.structure.scaling import exponents
 from hgogen.structure.spare import entering, heads, sharing, weighted
 
+NO_SCALES = because("the gains of its chain are no numbers")  # where `Inclusion.scales` are None
 _ROUND = 1e-10  # of the largest eigenvalue of a P in floats: a smaller one may be rounding
 
 

@@ -17,7 +17,7 @@ from hgogen.algebra.definite import number
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow, ends
-from hgogen.guarantees.inclusion import Inclusion, Uncertain, of_state
+from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
 from hgogen.guarantees.quadratic import Array, Quadratic, floats, inverse_root, rational
 from hgogen.guarantees.stagewise import pushed
 from hgogen.guarantees.under_inputs import input_bound, weights_in_floats
@@ -72,7 +72,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
     """
     error, scales = flow.error, flow.error.scales(flow.theta)
     if scales is None:
-        return because("its gains are no numbers of their own")
+        return NO_SCALES
     e, W = error.at(flow.theta), inverse_root(floats(rational(falls.weights.P)))
     e, picks, every = _over(e, number(falls.alpha)), list(enumerate(error.layout.picks)), range(e.B.shape[1])
     known = {(i, j): 0.0 for i, _ in picks for j in every}  # of an output that enters nowhere
