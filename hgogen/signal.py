@@ -15,6 +15,7 @@ from hgogen.errors import BadArgument, HgogenError
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _DOTS = ("", "_dot", "_ddot", "_dddot")
+LARGEST = 1e30  # of the ends of a range: an estimate beyond it is taken for lost
 
 
 @dataclass(eq=False)
@@ -70,6 +71,9 @@ def _range(name: str, low: Any, high: Any, names: tuple[str, str] = ("low", "hig
         raise BadRange(name, "has only one end of a range; give both low and high, or neither")
     if low is not None and high is not None and not low < high:
         raise BadRange(name, f"{names[0]} = {low:g} is not below {names[1]} = {high:g}; swap or widen them")
+    for what, end in zip(names, (low, high), strict=True):
+        if end is not None and abs(end) > LARGEST:
+            raise BadRange(name, f"{what} = {end:g} is beyond {LARGEST:g}; give it in another unit, or leave it out")
     return low, high
 
 
@@ -94,9 +98,9 @@ class Signal(sp.Symbol):  # type: ignore[misc]
 
     Args: `name`, a C identifier; `unit` and `meaning`, free text for reports and C comments; `nominal`, a
     parameter's value or an input's value before the first sample; `low`, `high`, the closed range, both or
-    neither. A signal without a range is never clamped. A parameter with a range can be tuned at run time, one
-    without is folded into the code. `rates`: closed ranges of an input's derivatives, the first derivative's first, for
-    the forms into which they enter.
+    neither, with ends within 1e30. A signal without a range is never clamped. A parameter with a range can be tuned at
+    run time, one without is folded into the code. `rates`: closed ranges of an input's derivatives, the first
+    derivative's first, for the forms into which they enter.
 
     Raises: `BadName`, `BadRange`.
 

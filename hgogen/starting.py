@@ -27,7 +27,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.reading.door import remembers
 from hgogen.reading.given import BadGain, positive
-from hgogen.signal import Signal
+from hgogen.signal import LARGEST, Signal
 from hgogen.stepping.guards import readings
 from hgogen.system import System
 
@@ -86,15 +86,15 @@ class Scale:
 
     def start(self, exponent: int = 1) -> Gains:
         """P_i(0), or its inverse, by name."""
-        return {name: two(two(s * s / 4) ** exponent) for name, s in self.states.items()}
+        return {name: weight(two(s * s / 4) ** exponent) for name, s in self.states.items()}
 
     def density(self, exponent: int = 1) -> Gains:
         """Q_i, or its inverse, by name."""
-        return {name: two(two(q) ** exponent) for name, q in self.process.items()}
+        return {name: weight(two(q) ** exponent) for name, q in self.process.items()}
 
     def variance(self, exponent: int = 1) -> Any:
         """R, or its inverse, a number for one output."""
-        each = {name: two((sigma**2 * self.dt) ** exponent) for name, sigma in self.noise.items()}
+        each = {name: weight((sigma**2 * self.dt) ** exponent) for name, sigma in self.noise.items()}
         return each if len(each) > 1 else next(iter(each.values()))
 
 
@@ -182,7 +182,7 @@ def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
     try:
         return rule(observer).gains(numbers)
     except ArithmeticError:
-        return "they are beyond a double; give the signals other units"
+        return f"they are beyond {LARGEST:g}; give the signals other units"
 
 
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
@@ -272,3 +272,10 @@ def _span(low: float, high: float) -> float:
 def two(value: float) -> float:
     """Two digits."""
     return float(f"{value:.1e}")
+
+
+def weight(value: float) -> float:
+    """Two digits. Raises: `OverflowError` for more than an observer takes as a weight."""
+    if not value <= LARGEST:
+        raise OverflowError
+    return two(value)

@@ -127,6 +127,19 @@ def test_what_has_none_says_why() -> None:
     assert rule(len) == Rule()  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("size", [1e6, 1e10, 1e14, 1e15, 1e16, 1e20, 1e29, 1e30])
+def test_what_is_proposed_of_large_ranges_is_taken(size: float) -> None:
+    """A covariance of states in +-1e15 is beyond what an observer takes; theta knows of no size."""
+    form = oscillator(size)
+    start = hg.starting_gains(form, hg.observers.riccati)
+    assert bool(start) == (size < 2e15)
+    if start:
+        hg.observers.riccati(form, **start.gains)
+    else:
+        assert str(start.none) == "they are beyond 1e+30; give the signals other units"
+    assert hg.starting_gains(form, hg.observers.high_gain)
+
+
 def test_the_first_form_that_admits_it() -> None:
     neuron = hg.survey(model("fitzhugh_nagumo"))
     taken = {name: first(name, places(neuron)) for name in ("riccati", "kalman_like", "high_gain", "bank")}
