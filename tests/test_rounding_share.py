@@ -150,6 +150,19 @@ def test_a_square_of_numbers_about_zero_is_bounded_and_keeps_its_sign() -> None:
     assert square.error < 2.0**-23
 
 
+_AWAY = st.lists(st.floats(0.1, 1e3), min_size=3, max_size=3).map(sorted)  # a range without 0 and a number in it
+
+
+@given(a=_AWAY, b=_AWAY, signs=st.tuples(*[st.sampled_from([-1, 1])] * 2))
+def test_a_product_of_numbers_that_are_not_zero_is_not_zero(
+    a: list[float], b: list[float], signs: tuple[int, int]
+) -> None:
+    wide = [exactly(ball(sign * low, sign * high)) for sign, (low, _, high) in zip(signs, (a, b), strict=True)]
+    product = Rounding("float").apply(ca.OP_MUL, wide).value
+    assert not product.contains(0)
+    assert product.contains(signs[0] * arb(a[1]) * signs[1] * arb(b[1]))
+
+
 def test_a_division_by_what_rounding_may_make_zero_is_not_bounded() -> None:
     divisor = Computed(ball(0.5, 1), arb(0.75))
     with pytest.raises(Unsure):
@@ -622,6 +635,12 @@ def verdict_of(states: Sequence[hg.Signal], flow: Sequence[Any], output: Any, ob
     made = getattr(hg.observers, observer)(form, theta=7.3, **gains)
     known = hg.error_bound(hg.sample(made, hg.methods.euler, dt=0.0123), real="float")
     return verdict(hg.certificate(form, (*made.checks, known.check), made.name))
+
+
+def test_a_cube_of_a_wide_range_may_be_divided_by() -> None:
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    flow = [v, -v - x + 1 / (sp.Rational(33, 10) + x) ** 3]
+    assert verdict_of((x, v), flow, x, "high_gain", poles=(-1.37, -0.61)) == "verified"
 
 
 def test_a_number_of_the_plant_is_listed_as_it_stands_there() -> None:

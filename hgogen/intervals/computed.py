@@ -14,6 +14,7 @@ of `emit.elementary`. Source: N. J. Higham, Accuracy and Stability of Numerical 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, Literal
 
 import casadi as ca
@@ -268,7 +269,15 @@ _EXACT: Mapping[int, Callable[..., Computed]] = {
 
 
 def _product(a: Computed, b: Computed) -> tuple[Any, Any]:
-    return a.value * b.value, abs(a.value) * b.error + abs(b.value) * a.error + a.error * b.error
+    return _times(a.value, b.value), abs(a.value) * b.error + abs(b.value) * a.error + a.error * b.error
+
+
+def _times(a: Any, b: Any) -> Any:
+    """The product of two balls, of which Arb's holds 0 where both are wide and none does: then that of their ends."""
+    product = a * b
+    if not product.contains(0) or a.contains(0) or b.contains(0):
+        return product
+    return reduce(_between, (x * y for x in (a.lower(), a.upper()) for y in (b.lower(), b.upper())))
 
 
 def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
