@@ -682,8 +682,9 @@ def test_new_writes_into_a_folder_and_replaces_nothing(here: Path):
     hgogen("new", "spring", "--out", "made/here")
     path = here / "made" / "here" / "spring.py"
     path.write_text("mine")
-    _, err = hgogen("new", "spring", "-o", "made/here", status=2)
-    assert f"cannot write {Path('made/here/spring.py')}: it is there already" in err
+    for name in ("spring", "spring.py"):
+        _, err = hgogen("new", name, "-o", "made/here", status=2)
+        assert f"cannot write {Path('made/here/spring.py')}: it is there already" in err
     assert path.read_text() == "mine"
     (here / "led.py").symlink_to("nowhere")
     hgogen("new", "led", status=2)
@@ -695,7 +696,7 @@ def test_new_writes_into_a_folder_and_replaces_nothing(here: Path):
     [
         ("two words", "is not an identifier"),
         ("../up", "is not an identifier"),
-        ("spring.py", "is not an identifier"),
+        ("spring.toml", "is not an identifier"),
         ("a__b", "has a double underscore"),
         ("con", "is that of a device on Windows"),
         ("math", "hides <math.h>; rename the model"),

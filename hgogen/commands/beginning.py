@@ -16,10 +16,11 @@ def new_(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the file; by default this one.")] = Path(),
     as_json: Json = False,
 ) -> None:
-    """Write NAME.py, a small model that builds at once, each part explained by a comment. A file that is there is
-    never replaced.
+    """Write NAME.py, a small model that builds at once, each part explained by a comment; NAME.py is taken for its name
+    as well. A file that is there is never replaced.
 
     JSON keys: model (the name), files.
     """
+    name = name.removesuffix(".py")
     paths = Folder(out).write(template.model(name, out))
     show(as_json, {"model": name, "files": list(map(str, paths))}, file_list(paths))
