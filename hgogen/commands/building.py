@@ -140,7 +140,7 @@ def build_(
     loaded = load(model).set(setting)
     folder = Folder(Path("build"), name) if name and out is None else folder_of(out, loaded, observer)
     folder.demand("report.json")
-    step, trials = loaded.step(observer), loaded.trials()
+    step, trials = loaded.step(observer), jobs.trials(loaded)
     claims = jobs.checked(loaded, name=observer)
     stated = jobs.stating(step, loaded, claims.known)
     coded = prefixed(stated, name) if name else stated

@@ -6,7 +6,7 @@ import typer
 
 import hgogen as hg
 from hgogen.commands import jobs, tables
-from hgogen.commands.command import Json, ModelArgument, Tuned, command, show
+from hgogen.commands.command import Json, ModelArgument, Tuned, command, one_or_all, show
 from hgogen.model import load
 
 
@@ -27,9 +27,7 @@ def window_(
     with the largest share of the direction that shows least, share).
     """
     loaded = load(model)
-    chosen = next((one for one in loaded.trials() if trial in (None, one.name)), None)
-    if chosen is None:
-        raise typer.BadParameter(f"{trial!r} is none of the model's trials", param_hint="--trial")
+    chosen, *_ = one_or_all(jobs.trials(loaded), trial)
     windows = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d", observer), chosen.duration)
     gramians = hg.gramian(loaded.plant, chosen, windows)
     value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in gramians]}
