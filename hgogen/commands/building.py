@@ -240,7 +240,7 @@ def generate_(
             note(*jobs.departures(done, step.time))
             files |= beside(rendered(jobs.figures(step, done, error)), ecosystems)
         else:
-            note(f"{one.path} defines no trial(), so there are no figures of it")
+            note(f"{one.path} has no trial, so there are no figures of it")
         paths = folder.write(files)
         written.append({"model": one.path, "c_names": dict(code.names), "files": list(map(str, paths))})
     show(as_json, {"models": written}, *(file_list(one["files"]) for one in written))
