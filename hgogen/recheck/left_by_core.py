@@ -102,15 +102,14 @@ def demand_left_by_core(
     lifted = _lifted(error, error.scales(context, theta), n)
     entering = _entering(motion, parts)
     _demand_chain(context, parts, lifted, entering)
-    boxes = motion.demand()
-    derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
-    for order, bounds in enumerate(rest, 1):
-        derivatives += [Derivative(row, order, most) for row, most in zip(context.form.b, bounds, strict=True)]
-    boxes += demand_derivatives(motion, derivatives)
     step = AtCore(parts, h, REALISED[name](scaled(h, parts.L)), lifted, entering, flow, rest)
     least = step.total(leaves.alpha(step))
     if any(size < few for size, few in zip(column(share, "fields", len(lifted)), least, strict=True)):
         raise NotShown("a size of the method is less than what it follows from")
+    derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
+    for order, bounds in enumerate(rest, 1):
+        derivatives += [Derivative(row, order, most) for row, most in zip(context.form.b, bounds, strict=True)]
+    boxes = motion.demand() + demand_derivatives(motion, derivatives)
     return motion, boxes
 
 

@@ -105,11 +105,10 @@ def demand_remainder(
     motion = motion_of(context, h, follows)
     slopes, lines = matrix(follows, "slopes", p, n + m), matrix(follows, "lines", p, len(tableau.cubic))
     left = Remainder(context, tableau, motion, slopes, lines, column(follows, "flow", n), column(follows, "step", n))
-    boxes = left.demand()
     stages, beside = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
     pairs = [*zip(beside, left.beside, strict=True)]
     for sizes, least in zip(stages, left.stages, strict=True):
         pairs += zip(sizes, least, strict=True)
     if any(size < least for size, least in pairs):
         raise NotShown("a size of the method is less than what it follows from")
-    return motion, boxes
+    return motion, left.demand()
