@@ -176,6 +176,13 @@ def test_an_input_moves_at_up_to_its_rate_both_ways() -> None:
             demand_derivatives(plain, [replace(one, most=Fraction("5.99"))])
 
 
+def test_where_it_is_too_large_is_on_the_face_towards_which_it_grows() -> None:
+    """(3 u + q)' = 3 u' + w is 17 at most."""
+    one = Derivative(expression("3*u + q", {"u", "q"}), 1, Fraction("16.9"))
+    with pytest.raises(NotShown, match=r"it does not hold at .* w = -2, u' = -5"):
+        demand_derivatives(SWING, [one])
+
+
 def test_of_a_kink_there_is_none() -> None:
     with pytest.raises(NotShown):
         demand_derivatives(SWING, [Derivative(expression("Abs(q)", {"q"}), 1, Fraction(100))])

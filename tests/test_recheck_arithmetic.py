@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hgogen.recheck.algebra import Algebra
 from hgogen.recheck.arithmetic import Undefined, evaluate
-from hgogen.recheck.box import NotShown, leaves
+from hgogen.recheck.box import NotShown, covered, leaves, ranged
 from hgogen.recheck.interval import Interval, between, intervals, point
 from hgogen.recheck.matrix import decaying, demand_nonnegative, demand_positive
 from hgogen.recheck.slope import frobenius, positive, spectral
@@ -111,6 +111,13 @@ def test_a_bisection_covers_its_box(tree: str) -> None:
     assert leaves("x . x . .", box) == [{**box, "x": ends} for ends in ((0, F(1, 2)), (F(1, 2), F(3, 4)), (F(3, 4), 1))]
     with pytest.raises(NotShown):
         leaves(tree, box)
+
+
+@pytest.mark.parametrize(("low", "high", "where"), [("-199/100", 2, "x = 0, y = 1"), (-2, "99/100", "x = 1, y = 0")])
+def test_a_bound_that_fails_in_a_corner_fails_there_at_once(low: Any, high: Any, where: str) -> None:
+    box = {name: (Fraction(0), Fraction(1)) for name in ("x", "y")}
+    with pytest.raises(NotShown, match=f"it does not hold at {where}"):
+        covered(box, ".", ranged(expression("x - y**3 - y", box), Fraction(low), Fraction(high)), more=1)
 
 
 def rows(*numbers: tuple[int, ...]) -> list[list[Fraction]]:

@@ -32,10 +32,12 @@ class NotShown(Exception):
 
 @dataclass(frozen=True)
 class Try:
-    """What one box says: shown or not, and the slopes by which to choose where to cut, if there are any."""
+    """What one box says: shown or not, the slopes by which to choose where to cut, if there are any, and the face on
+    which it fails if anywhere."""
 
     shown: bool
     slopes: Slopes | None = None
+    face: Box | None = None
 
 
 def leaves(tree: str, box: Box) -> list[Box]:
@@ -89,7 +91,7 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try], more: int = MORE
         answer = attempt(here)
         if answer.shown:
             continue
-        middle = centre_of(here)
+        middle = centre_of(answer.face or here)
         if not attempt(middle).shown:  # no bisection would help
             raise NotShown(f"it does not hold at {_text(middle)}")
         name = _widest(here, box, answer.slopes)
@@ -168,15 +170,15 @@ def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
             natural = evaluate(expression, sides(box), intervals)
         except Undefined:
             return Try(False)
-        below, above = not _above(natural, low), not _below(natural, high)
-        if not (below or above):
-            return Try(True)
-        slopes = _slopes(expression, box)
+        fails = [(end, sign) for end, sign, meets in ((low, 1, _above), (high, -1, _below)) if not meets(natural, end)]
+        slopes = _slopes(expression, box) if fails else None
         if slopes is None:
-            return Try(False)
-        shown = not (below and not _bounded(expression, box, slopes, low, 1))
-        shown = shown and not (above and not _bounded(expression, box, slopes, high, -1))
-        return Try(shown, slopes)
+            return Try(not fails)
+        for end, sign in fails:
+            face = face_on(box, slopes, sign)
+            if not _bounded(expression, face, slopes, end, sign):
+                return Try(False, slopes, face)
+        return Try(True, slopes)
 
     return attempt
 
@@ -204,10 +206,9 @@ def _slopes(expression: Expression, box: Box) -> Slopes | None:
         return None
 
 
-def _bounded(expression: Expression, box: Box, slopes: Slopes, limit: End, sign: int) -> bool:
-    """Whether value >= limit on the box (sign 1), or value <= limit (sign -1)."""
+def _bounded(expression: Expression, face: Box, slopes: Slopes, limit: End, sign: int) -> bool:
+    """Whether value >= limit on the face where it is least (sign 1), or value <= limit where it is greatest (-1)."""
     meets = _above if sign > 0 else _below
-    face = _face(box, slopes, sign)
     if all(low == high for low, high in face.values()):
         return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
     try:
@@ -223,7 +224,7 @@ def _bounded(expression: Expression, box: Box, slopes: Slopes, limit: End, sign:
     return meets(total, limit)
 
 
-def _face(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
+def face_on(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
     """The face where a monotone expression is least (sign 1) or greatest (sign -1)."""
     face = dict(box)
     for k, (name, (low, high)) in enumerate(box.items()):

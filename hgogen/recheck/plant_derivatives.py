@@ -3,7 +3,7 @@
     x' = F(x, u), u' constant:   the k-th derivative of r(x(t), u(t)) of a row r
 
 by Taylor series of values with slopes in the point, and in the rates of inputs, from which they begin. In intervals
-what a derivative is on a box, by itself or by its value at the centre and its slopes on the box, whichever is less.
+what a derivative is on a box, by itself, or on the face towards which it grows by its value at the centre and slopes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,11 +13,11 @@ from functools import lru_cache
 from math import factorial
 
 from .arithmetic import Dual, Undefined, dual, evaluate
-from .box import Box, End, Try, centre_of, covered, sides
+from .box import Box, End, Try, centre_of, covered, face_on, sides
 from .context import narrowed
-from .interval import Interval, intersection, point
+from .interval import Interval, point
 from .plant_motion import PlantMotion
-from .slope import mean_value, weights
+from .slope import mean_value, ways
 from .taylor import Taylor, taylor
 from .text import Expression
 
@@ -35,9 +35,10 @@ class Derivative:
     order: int
     most: Fraction
 
-    def holds(self, value: Interval) -> bool:
-        """Whether it is at most that."""
-        return value.at_least(-self.most) and value.at_most(self.most)
+    def beyond(self, value: Interval) -> list[int]:
+        """Where it may be more than that: below 0 (1), above (-1)."""
+        within = {1: value.at_least(-self.most), -1: value.at_most(self.most)}
+        return [sign for sign in within if not within[sign]]
 
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
@@ -53,15 +54,15 @@ def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
 
     def attempt(here: Box) -> Try:
         try:
-            wide, centre = on(here), centre_of(here)
-            beyond = [k for k, one in enumerate(each) if not one.holds(wide[k].value)]
-            middle = on(centre) if beyond else []
+            for k, (one, wide) in enumerate(zip(each, on(here), strict=True)):
+                for sign in one.beyond(wide.value):
+                    face = face_on(here, wide.slopes, sign)
+                    centre = centre_of(face)
+                    if sign in one.beyond(mean_value(on(centre)[k].value, wide.slopes, ways(centre, face))):
+                        return Try(False, wide.slopes, face)
         except Undefined:
             return Try(False)
-        away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(here).items())}
-        means = {k: mean_value(middle[k].value, wide[k].slopes, away) for k in beyond}
-        beyond = [k for k in beyond if not each[k].holds(intersection(wide[k].value, means[k]))]
-        return Try(not beyond, weights([wide[k] for k in beyond]))
+        return Try(True)
 
     return covered(box, ".", attempt)
 

@@ -136,7 +136,7 @@ def steep(
             middle = _scaled(rows, names, centre, scale)
         except Undefined:
             return Try(False)
-        away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
+        away = ways(centre, box)
         refined = [
             [intersection(x, mean_value(at, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
             for three in zip(J, middle, varying, strict=True)
@@ -211,6 +211,11 @@ def _second_on(rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side],
 def _similar(S: Sequence[Any], J: list[list[Any]]) -> list[list[Any]]:
     """S J S^-1, whose diagonal is that of J, which S would make wider."""
     return [[x if i == j else S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)]
+
+
+def ways(centre: Box, box: Box) -> Slopes:
+    """From the centre to all of the box, by the places of names."""
+    return {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
 
 
 def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:

@@ -32,7 +32,7 @@ from ..matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, sc
 from ..observed import PARTS as OBSERVED_PARTS
 from ..observed import ObservedSystem, observed_system
 from ..rule import Rule
-from ..slope import mean_value, positive, weights
+from ..slope import mean_value, positive, ways, weights
 from ..text import Expression, expression
 
 _MADE: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], "System"]] = {
@@ -299,7 +299,7 @@ def _definite(claimed: ClaimedGain, T: Matrix, made: Any) -> Any:
         if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
             return Try(False)
         centre = centre_of(box)
-        away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
+        away = ways(centre, box)
         tight = [
             [intersection(x.value, mean_value(at.value, x.slopes, away)) for x, at in zip(*rows, strict=True)]
             for rows in zip(varying, moved(centre), strict=True)
