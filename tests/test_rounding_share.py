@@ -237,6 +237,14 @@ def step_of(name: str = "pendulum", observer: str = "high_gain", dt: float = 1e-
     return hg.sample(getattr(hg.observers, observer)(form, **gains), getattr(hg.methods, method), dt=dt)
 
 
+@cache
+def bounded(
+    observer: str = "high_gain", dt: float = 1e-3, noise: float | None = None, real: Real | None = "float"
+) -> hg.ErrorBound:
+    """Of a step of a pendulum whose drive moves at up to 5."""
+    return hg.error_bound(step_of("pendulum", observer, dt), noise=noise and {"y": noise}, rates={"tau": 5}, real=real)
+
+
 def fields(step: hg.Step) -> list[str]:
     (part,) = step.observer.parts
     return [field.name for field in part.fields]  # type: ignore[attr-defined]
@@ -326,8 +334,7 @@ def test_a_fields_own_error_is_that_of_the_proof(observer: str) -> None:
 @pytest.mark.parametrize(("dt", "seconds", "swing"), [(1e-3, 5, 0.0), (1e-3, 5, 3.0), (0.02, 60, 3.0)])
 def test_no_run_in_floats_is_further_from_one_in_doubles(dt: float, seconds: float, swing: float) -> None:
     """Of samples that rest, where roundings go on in one direction, the worst is within 6 times of the bound."""
-    step = step_of(dt=dt)
-    known = hg.error_bound(step, rates={"tau": 5}, real="float")
+    step, known = step_of(dt=dt), bounded(dt=dt)
     assert known.settles is not None
     count = round(seconds / dt)
     t = np.arange(count) * dt
@@ -349,8 +356,7 @@ def test_no_run_in_floats_is_further_from_one_in_doubles(dt: float, seconds: flo
 @pytest.mark.parametrize(("observer", "dt"), [("high_gain", 1e-3), ("high_gain", 0.02), ("filtered", 0.01)])
 def test_errors_that_push_one_way_come_close_to_the_share(observer: str, dt: float) -> None:
     """Added to the fields of a run in doubles after each call, by the sign of the response to one."""
-    step = step_of("pendulum", observer, dt)
-    known = hg.error_bound(step, rates={"tau": 5}, real="float")
+    step, known = step_of("pendulum", observer, dt), bounded(observer, dt)
     (one,) = (each for each in known.check.proofs[0].fact.shares if each.what == "rounding")  # type: ignore[union-attr]
     error = step.observer.error
     assert isinstance(error, Inclusion)
@@ -377,10 +383,8 @@ def test_errors_that_push_one_way_come_close_to_the_share(observer: str, dt: flo
 
 
 def test_rounding_is_a_share_of_its_own_that_grows_with_the_unit_and_with_short_steps() -> None:
-    def share(real: Real | None, dt: float = 1e-3) -> hg.ErrorBound:
-        return hg.error_bound(step_of(dt=dt), noise={"y": 1e-3}, rates={"tau": 5}, real=real)
-
-    plain, single, double, short = share(None), share("float"), share("double"), share("float", 1e-6)
+    plain, single, double = (bounded(noise=1e-3, real=real) for real in (None, *REALS))
+    short = bounded(dt=1e-6, noise=1e-3)
     assert list(single.shares) == ["noise", "method", "rounding"]
     assert "rounding" not in plain.shares
     for name, bound in single.bounds.items():
@@ -480,7 +484,7 @@ def test_samples_are_those_of_the_piece_in_which_the_plant_is(monkeypatch: pytes
 
 def test_an_injection_that_is_small_rounds_little() -> None:
     """A filter would round as much as the state is large, were samples anywhere in their range."""
-    known = hg.error_bound(step_of("pendulum", "filtered"), rates={"tau": 5}, real="float")
+    known = bounded("filtered")
     assert known.shares["rounding"]["q"] < 2e-4
     assert known.shares["rounding"]["w"] < 2e-3
 
@@ -518,9 +522,8 @@ def test_rounding_at_first_is_within_a_twentieth_after_its_calls() -> None:
 
 @cache
 def certified(observer: str) -> dict[str, Any]:
-    step = step_of("pendulum", observer)
-    known = hg.error_bound(step, noise={"y": 1e-3}, rates={"tau": 5}, real="float")
-    return hg.certificate(step.observer.form, (*step.observer.checks, known.check), observer)
+    made = step_of("pendulum", observer).observer
+    return hg.certificate(made.form, (*made.checks, bounded(observer, noise=1e-3).check), observer)
 
 
 def verdict(content: dict[str, Any]) -> str:
