@@ -548,6 +548,11 @@ def parsed(text: str, names: tuple[str, ...]) -> sp.Expr:
     return as_sympy(text, {name: sp.Symbol(name) for name in names})
 
 
+@cache  # a forger changes one text of many
+def value_of(text: str, at: tuple[tuple[sp.Symbol, float], ...], names: tuple[str, ...]) -> float:
+    return float(parsed(text, names).subs(dict(at)))
+
+
 @cache
 def graph(texts: tuple[str, ...], names: tuple[str, ...]) -> Callable[..., Any]:
     return sp.lambdify(list(map(sp.Symbol, names)), [parsed(text, names) for text in texts], "math")
@@ -570,36 +575,54 @@ def functions(text: str) -> tuple[Callable[..., Any], ...]:
     return back, flow, inside, slopes
 
 
+Ranges = dict[str, tuple[float, float]]
+
+
+def ranges_of(signals: list[dict[str, Any]]) -> Ranges:
+    return {s["name"]: (float(Fraction(s["low"])), float(Fraction(s["high"]))) for s in signals}
+
+
+@cache  # a forger of claims leaves them as they are
+def sampled(text: str) -> list[tuple[dict[str, float], np.ndarray, float]]:
+    """Of [plant, form]: points of the ranges, with the slopes of b there and their norm; none where at one of them the
+    equations of the form are not those of the plant."""
+    plant, form = json.loads(text)
+    common = plant["inputs"] + plant["parameters"]
+    (back, flow, inside, slopes), ranges = functions(text), ranges_of(form["states"] + common)
+    draw, points = random.Random(1), list[tuple[dict[str, float], np.ndarray, float]]()
+    for _ in range(SAMPLES):
+        at = {name: draw.choice([low, high, draw.uniform(low, high)]) for name, (low, high) in ranges.items()}
+        there = [*back(*at.values()), *(at[s["name"]] for s in common)]
+        if not np.allclose(inside(*at.values()), flow(*there), rtol=1e-9, atol=1e-9):
+            return []
+        J = np.array(slopes(*at.values()))
+        points.append((at, J, np.linalg.norm(J, 2)))
+    return points
+
+
 def falsehood(content: dict[str, Any]) -> str:
     """What sampling says against a certificate, or ""; written without the package."""
     plant, form = content["plant"], content["form"]
-    common = plant["inputs"] + plant["parameters"]
-    ranges = {s["name"]: (float(Fraction(s["low"])), float(Fraction(s["high"]))) for s in form["states"] + common}
-    outer = {s["name"]: (float(Fraction(s["low"])), float(Fraction(s["high"]))) for s in plant["states"]}
-    inner, symbols = list(ranges), {name: sp.Symbol(name) for name in (*ranges, *outer)}
-    back, flow, inside, slopes = functions(json.dumps([plant, form]))
+    ranges = ranges_of(form["states"] + plant["inputs"] + plant["parameters"])
+    symbols = {name: sp.Symbol(name) for name in (*ranges, *ranges_of(plant["states"]))}
+    equations = json.dumps([plant, form])
+    slopes, points = functions(equations)[-1], sampled(equations)
+    if not points:
+        return "the equations differ"
     ranged = [claim for claim in content["claims"] if "low" in claim["evidence"]]
-    texts = graph(tuple(claim["evidence"]["expression"] for claim in ranged), tuple(inner))
+    ends = [[float(Fraction(claim["evidence"][end])) for end in ("low", "high")] for claim in ranged]
+    texts = graph(tuple(claim["evidence"]["expression"] for claim in ranged), tuple(ranges))
     draw = random.Random(1)
-    for sample in range(SAMPLES):
-        at = {name: draw.choice([low, high, draw.uniform(low, high)]) for name, (low, high) in ranges.items()}
-        values = [at[name] for name in inner]
-        there = [*back(*values), *(at[s["name"]] for s in common)]
-        if not np.allclose(inside(*values), flow(*there), rtol=1e-9, atol=1e-9):
-            return "the equations differ"
-        for claim, value in zip(ranged, texts(*values), strict=True):
-            low, high = (float(Fraction(claim["evidence"][end])) for end in ("low", "high"))
+    for sample, (at, J, steep) in enumerate(points):
+        for claim, (low, high), value in zip(ranged, ends, texts(*at.values()), strict=True):
             if not low - 1e-12 <= value <= high + 1e-12 or (".a_" in claim["id"] and low <= 0):
                 return f"{claim['id']}: {value} is outside [{low}, {high}]"
-        steep = np.linalg.norm(slopes(*values), 2)
         for claim in content["claims"]:
             if "method" in claim["evidence"]:
                 if sample < 3 and (contradiction := no_contraction(content, claim, ranges, slopes, draw)):
                     return contradiction
             elif "core" in claim["evidence"]:
-                if sample < 3 and (
-                    contradiction := no_convergence(content, claim["evidence"], symbols, at, np.array(slopes(*values)))
-                ):
+                if sample < 3 and (contradiction := no_convergence(content, claim["evidence"], symbols, at, J)):
                     return contradiction
             elif steep > float(Fraction(claim["evidence"].get("bound", 1e300))) + 1e-9:
                 return f"{claim['id']}: the slope is {steep}"
@@ -620,8 +643,8 @@ def no_convergence(content: dict[str, Any], evidence: dict[str, Any], symbols: A
     point, names = {symbols[name]: value for name, value in at.items()}, tuple(symbols)
 
     def numbers(value: Any) -> np.ndarray:
-        of_all = [numbers(each) if isinstance(each, list) else parsed(each, names).subs(point) for each in value]
-        return np.array(of_all, dtype=float)
+        there = tuple(point.items())
+        return np.array([numbers(each) if isinstance(each, list) else value_of(each, there, names) for each in value])
 
     A, K, S = numbers(form["A"]), numbers(observer["gains"])[:, None], np.diag(numbers(evidence["scale"]))
     C = np.array([[parsed(form["output"][0], names).diff(symbols[s["name"]]).subs(point) for s in form["states"]]])

@@ -661,20 +661,23 @@ def _limited(content: dict[str, Any], o: Numbers, evidence: dict[str, Any], thet
         level = 0.0 if np.isinf(theta) else 1 / theta
         D = units * theta ** -np.arange(n) if level else units
         rest = level * D[:, None] * J / D * shares(draw, n)
-        for _ in range(times * 10):
-            eps = draw.normal(size=n)
-            root = abs(draw.choice([0, draw.normal(), eps[0] * draw.uniform()]))
-            s = np.clip(eps[0], -root, root)
-            sigma = -o["decay"] * root**2 + o["r"] * eps[0] ** 2
-            if content["observer"]["name"] == "dead_zone":
-                value = 2 * eps @ P @ (N @ eps + K * s + rest @ eps) + mu * sigma
-                V = eps @ P @ eps + mu * root**2
-            else:
-                rate = N @ eps + K * (eps[0] - s) + rest @ eps
-                value = 2 * eps @ P @ rate + (mu * (2 * eps[0] * rate[0] - sigma) if abs(eps[0]) > root else 0)
-                V = eps @ P @ eps + mu * max(eps[0] ** 2 - root**2, 0)
-            if value + alpha * level * V > 1e-9 * abs(P).max() * (eps @ eps + root**2):
-                return f"V' = {value}"
+        eps, every = draw.normal(size=(times * 10, n)), range(times * 10)
+        first = eps[:, 0]
+        roots = np.array([0 * first, draw.normal(size=len(eps)), first * draw.uniform(size=len(eps))])
+        root = np.abs(roots[draw.integers(3, size=len(eps)), every])
+        s = np.clip(first, -root, root)
+        sigma = -o["decay"] * root**2 + o["r"] * first**2
+        if content["observer"]["name"] == "dead_zone":
+            rate = eps @ (N + rest).T + s[:, None] * K
+            value, V = mu * sigma, mu * root**2
+        else:
+            rate, beyond = eps @ (N + rest).T + (first - s)[:, None] * K, np.abs(first) > root
+            value, V = beyond * mu * (2 * first * rate[:, 0] - sigma), mu * np.maximum(first**2 - root**2, 0)
+        value = value + 2 * np.sum(eps @ P * rate, axis=1)
+        V = V + np.sum(eps @ P * eps, axis=1)
+        positive = value + alpha * level * V > 1e-9 * abs(P).max() * (np.sum(eps**2, axis=1) + root**2)
+        if positive.any():
+            return f"V' = {value[positive][0]}"
     return ""
 
 
