@@ -34,6 +34,14 @@ def certified(observer: str) -> Content:
     return content_of(getattr(hg.observers, observer)(hg.forms.triangular(model("pendulum")), **gains))
 
 
+def alone(observer: str, fact: str) -> Content:
+    """To be forged, with the claims about the form and one about the step: no other reads its evidence."""
+    content = copy.deepcopy(certified(observer))
+    others = [each for each in content["claims"] if not each["id"].startswith(f"{observer}.")]
+    content["claims"] = [*others, *(each for each in content["claims"] if each["id"] == f"{observer}.{fact}")]
+    return content
+
+
 def findings(content: Content) -> dict[str, str]:
     """What is found of each claim about the step, by its fact."""
     rows = {row.id.split(".")[1]: row.found for row in recheck(sealed(content)).rows}
@@ -69,7 +77,7 @@ def test_a_realised_core_is_verified_at_one_length(observer: str, method: str, n
     other = copy.deepcopy(content)
     claim(other, "step")["alpha"] = times(1.1)(claim(other, "step")["alpha"])
     assert findings(other)["step"] == "fails"
-    shorter = copy.deepcopy(certified(observer))
+    shorter = alone(observer, "shorter")
     claim(shorter, "shorter")["method"] = name
     assert findings(shorter)["shorter"] == "fails"
 
@@ -209,12 +217,24 @@ PIECES = {
 @pytest.mark.parametrize("lie", AT_ONE)
 @pytest.mark.parametrize("observer", ["high_gain", "filtered"])
 def test_a_forged_number_of_one_length_fails(observer: str, lie: str) -> None:
-    content = copy.deepcopy(certified(observer))
+    content = alone(observer, "step")
     if observer == "high_gain" and lie == "units":
         return  # it has no units: its scale says all
     AT_ONE[lie](claim(content, "step"))
-    assert findings(content)["step"] == "fails"
-    assert findings(content)["shorter"] == "verified"
+    assert findings(content) == {"step": "fails"}
+
+
+@pytest.mark.parametrize("fact", ["step", "shorter", "tuned"])
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_a_claim_about_the_step_is_verified_alone(observer: str, fact: str) -> None:
+    assert findings(alone(observer, fact)) == {fact: "verified"}
+
+
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_a_claim_that_is_forged_leaves_the_others(observer: str) -> None:
+    content = copy.deepcopy(certified(observer))
+    AT_ONE["a faster rate"](claim(content, "step"))
+    assert findings(content) == {"step": "fails", "shorter": "verified", "tuned": "verified"}
 
 
 @pytest.mark.parametrize(
@@ -231,14 +251,14 @@ def test_evidence_that_nothing_reads_is_refused(observer: str, key: str, value: 
 @pytest.mark.parametrize("lie", PIECES)
 @pytest.mark.parametrize("fact", ["shorter", "tuned"])
 def test_a_forged_number_of_all_shorter_lengths_fails(fact: str, lie: str) -> None:
-    content = copy.deepcopy(certified("high_gain"))
+    content = alone("high_gain", fact)
     PIECES[lie](claim(content, fact))
-    assert findings(content)[fact] == "fails"
+    assert findings(content) == {fact: "fails"}
 
 
 @pytest.mark.parametrize("core", [True, False])
 def test_a_core_of_numbers_is_not_one_of_ranges_too(core: bool) -> None:
-    content = copy.deepcopy(certified("high_gain"))
+    content = alone("high_gain", "step")
     evidence = claim(content, "step")
     if core:
         evidence["ranges"] = []
@@ -249,7 +269,7 @@ def test_a_core_of_numbers_is_not_one_of_ranges_too(core: bool) -> None:
 
 def test_a_form_that_is_no_norm_proves_nothing() -> None:
     """Where errors grow, P below 0 makes the inequality hold."""
-    content = copy.deepcopy(certified("high_gain"))
+    content = alone("high_gain", "step")
     evidence = claim(content, "step")
     content["observer"] |= {
         "theta": "1000",
@@ -277,7 +297,7 @@ def test_a_form_that_is_no_norm_proves_nothing() -> None:
     ],
 )
 def test_numbers_of_another_observer_are_not_what_was_proved(observer: str, number: str, value: Any) -> None:
-    content = copy.deepcopy(certified(observer))
+    content = alone(observer, "step")
     content["observer"][number] = value
     assert findings(content)["step"] == "fails"
 
