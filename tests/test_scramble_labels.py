@@ -61,7 +61,7 @@ def test_structure_by_every_split() -> None:
 def sampled(text: str, boxes: Mapping[str, Any]) -> tuple[float, float]:
     """Least and largest value over a grid that holds the ends, and over the best points' neighbourhoods."""
     names = sorted(boxes)
-    function = np.vectorize(sp.lambdify([sp.Symbol(n) for n in names], read(text, names), "numpy"), otypes=[float])
+    function = sp.lambdify([sp.Symbol(n) for n in names], read(text, names), "numpy")
     ends = [[float(sp.N(read(end, ()))) for end in boxes[n]] for n in names]
     count = {0: 1, 1: 4001, 2: 121, 3: 31, 4: 13, 5: 7}[len(names)]
     best = []
@@ -70,7 +70,7 @@ def sampled(text: str, boxes: Mapping[str, Any]) -> tuple[float, float]:
         for _ in range(8):  # zoom in on the best point
             axes = [np.linspace(a, b, count) for a, b in zip(lows, highs, strict=True)]
             grid = np.meshgrid(*axes, indexing="ij")
-            values = sign * function(*grid) if names else np.array(sign * float(read(text, ())))
+            values = sign * np.broadcast_to(function(*grid), np.shape(grid)[1:])
             where = np.unravel_index(np.argmin(values), values.shape)
             for k, axis in enumerate(axes):
                 step = (axis[-1] - axis[0]) / max(count - 1, 1)
