@@ -4,6 +4,7 @@ import itertools
 import math
 import random
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -20,6 +21,12 @@ from tests.scramble_tables import BENDS, CONSTANT, HEADS, INPUT, KINKS, MEASURED
 SLACK = 1e-9  # of sampling in doubles
 
 
+@cache
+def evaluated() -> dict[str, Sampled]:
+    """By name, as several tests evaluate the same rows."""
+    return {one.name: Sampled(one.model) for one in singles() + several()}
+
+
 def test_there_are_enough_and_they_are_the_same_again() -> None:
     every = singles() + several() + queries()
     assert len(every) >= 300
@@ -33,7 +40,7 @@ def test_there_are_enough_and_they_are_the_same_again() -> None:
 
 def test_structure_by_every_order() -> None:
     for one in (one for one in singles() if len(one.model["states"]) <= 5):
-        labels = structure(one.model)
+        labels = structure(evaluated()[one.name])
         truth = one.truth
         assert labels["uof_structure"] == truth["uof_structure"], one.name
         if "order" in truth:
@@ -47,7 +54,7 @@ def test_structure_by_every_order() -> None:
 
 def test_structure_by_every_split() -> None:
     for one in several():
-        labels = structure(one.model)
+        labels = structure(evaluated()[one.name])
         for field, name in (("mimo_levelwise", "levelwise"), ("mimo_cascade", "cascade")):
             if field in one.truth:
                 assert labels[name] == one.truth[field], (one.name, field)
@@ -126,7 +133,7 @@ def test_scrambled_queries_keep_their_range() -> None:
 def test_scaled_gains_stay_in_their_range() -> None:
     """The slope of each row in the next state, in the model's own coordinates."""
     for one in (one for one in singles() if "a_ranges" in one.truth):
-        s = Sampled(one.model)
+        s = evaluated()[one.name]
         place = [one.model["states"].index(name) for name in one.truth["order"]]
         for (row, nxt), (low, high) in zip(itertools.pairwise(place), one.truth["a_ranges"], strict=True):
             for point in s.samples:
@@ -167,7 +174,7 @@ def small(field: str) -> list[Labelled]:
 
 def lie(one: Labelled) -> tuple[list[sp.Symbol], list[sp.Symbol], list[sp.Expr], list[sp.Expr]]:
     """States, inputs, the flow, and h, L_f h, .. with the drift."""
-    names = Sampled(one.model).names
+    names = evaluated()[one.name].names
     x, u = ([sp.Symbol(n) for n in one.model[key]] for key in ("states", "inputs"))
     flow = [read(text, names) for text in one.model["f"]]
     still = dict.fromkeys(u, 0)
@@ -180,7 +187,7 @@ def lie(one: Labelled) -> tuple[list[sp.Symbol], list[sp.Symbol], list[sp.Expr],
 
 def numbers(one: Labelled, seed: int) -> dict[sp.Symbol, sp.Expr]:
     """A random point strictly inside the boxes."""
-    s, rng = Sampled(one.model), random.Random(seed)
+    s, rng = evaluated()[one.name], random.Random(seed)
     pairs = [(sp.Rational(str(a)[:25]), sp.Rational(str(b)[:25])) for a, b in s.boxes]
     return {
         sp.Symbol(n): (a + (b - a) * sp.Rational(rng.randint(101, 899), 1000))

@@ -100,10 +100,10 @@ def chains(model: Mapping[str, Any]) -> Iterator[list[list[int]]]:
             yield [list(order[a:b]) for a, b in itertools.pairwise((0, *cuts, n))]
 
 
-def structure(model: Mapping[str, Any]) -> dict[str, Any]:
+def structure(s: Sampled) -> dict[str, Any]:
     """Which structures hold, by trying every split: triangular, triangular_uy, uof_structure, order; levelwise,
     cascade, bent level-wise where there are several outputs."""
-    s = Sampled(model)
+    model = s.model
     n, p = len(model["states"]), len(model["outputs"])
     varies = {(i, j): s.slope_varies_with(i, j) for i in range(n + p) for j in s.depends[i]}
     labels: dict[str, Any] = dict.fromkeys(("levelwise", "cascade", "bent"), False)
