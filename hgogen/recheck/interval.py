@@ -314,6 +314,7 @@ def _function(name: str, args: tuple[Interval, ...]) -> Interval:
     return _table(name, *args) if is_table(name) else _FUNCTIONS[name](*args)
 
 
+@lru_cache(maxsize=1 << 10)  # a series that grows begins with the same values each time
 def _table(name: str, *place: Interval) -> Interval:
     """The range of a table by its exact pieces."""
     ends = range_on(name, [x.exactly for x in place])
