@@ -11,7 +11,7 @@ where the plant keeps clear of the ends of its ranges by h sup|F|. y'' is at mos
 times how fast they move. Suprema are at most what the certificate says of them, shown by bisection.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -20,7 +20,7 @@ from .arithmetic import Undefined
 from .box import Box, NotShown, Try, covered
 from .context import Context, narrowed
 from .file import part
-from .interval import point
+from .interval import Interval, point
 from .matrix import Matrix, column, matrix
 from .plant_motion import PlantMotion, demand_keys, motion_of
 from .plant_series import PlantSeries
@@ -82,18 +82,23 @@ class Remainder:
         rates = dict(zip(context.file.inputs, self.motion.rates, strict=True))
         plant = PlantSeries(context.rates, context.z, rates, {**whole, **box}, whole)
         try:
-            flow = plant.flow(order + 2)
+            flow = [x[order + 1] for x in plant.flow(order + 2)]
+            if not _all_within(zip(flow, self.flow, strict=True)):
+                return Try(False)
             steps = plant.step(self.tableau, self.motion.h, max(order + 2, _THIRD + 1))
         except Undefined:
             return Try(False)
         step = [x.coefficients for x in steps[-1]]
-        pairs = [(x[order + 1], most) for x, most in zip(flow, self.flow, strict=True)]
-        pairs += [(x[order + 1], most) for x, most in zip(step, self.step, strict=True)]
+        pairs = [(x[order + 1], most) for x, most in zip(step, self.step, strict=True)]
         for j, (head, slope) in self.motion.shown.items():
             for i, third in zip(self.tableau.cubic, self.lines[j], strict=True):
                 line = point(self.tableau.nodes[i]) * step[head][_THIRD] - steps[i][head].coefficients[_THIRD]
                 pairs.append((line, third / abs(slope)))
-        return Try(all(x.at_least(-most) and x.at_most(most) for x, most in pairs))
+        return Try(_all_within(pairs))
+
+
+def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
+    return all(x.at_least(-most) and x.at_most(most) for x, most in pairs)
 
 
 def demand_remainder(
