@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import mpmath
@@ -15,6 +16,7 @@ from hgogen.recheck.arithmetic import Undefined, evaluate
 from hgogen.recheck.box import NotShown, covered, leaves, ranged
 from hgogen.recheck.interval import Interval, between, intervals, point
 from hgogen.recheck.matrix import decaying, demand_nonnegative, demand_positive
+from hgogen.recheck.moved import ORDER, Balls, balls, piece
 from hgogen.recheck.slope import frobenius, positive, spectral
 from hgogen.recheck.text import expression
 
@@ -166,3 +168,29 @@ def test_a_norm_is_at_most_its_bound(within: Callable[[list[list[Interval]], Fra
     J = [[point(F(3)), point(F(0))], [point(F(0)), point(F(4))]]
     assert within(J, F(norm) + F(1, 100))
     assert not within(J, F(norm) - F(1, 100))
+
+
+def test_a_piece_of_time_is_enclosed_and_closely() -> None:
+    """x' = (1 + 2 t) (x2, -x1), y = (1 + t) x1 from t = 0 on: a turn by t + t^2."""
+    h, one = Fraction(1, 8), point(Fraction(1))
+
+    def line(first: Interval, slope: int, rows: list[list[int]], count: int) -> list[Balls]:
+        numbers = [first, point(Fraction(slope)), *[point(Fraction(0))] * (count - 2)]
+        return [balls([[each * point(Fraction(x)) for x in row] for row in rows]) for each in numbers]
+
+    turning, seen, later = [[0, 1], [-1, 0]], [[1, 0]], ORDER + 2
+    around = line(between(1, 1 + 2 * h), 2, turning, later), line(between(1, 1 + h), 1, seen, later)
+    known = piece(line(one, 2, turning, ORDER + 1), line(one, 1, seen, ORDER + 1), around, h)
+
+    def turned(t: Any) -> Any:
+        return mpmath.matrix(
+            [[mpmath.cos(t + t**2), mpmath.sin(t + t**2)], [-mpmath.sin(t + t**2), mpmath.cos(t + t**2)]]
+        )
+
+    with mpmath.workdps(40):
+        end = mpmath.mpf(h.numerator) / h.denominator
+        for i, j in product(range(2), repeat=2):
+            shown = mpmath.quad(lambda t, i=i, j=j: (1 + t) ** 2 * turned(t)[0, i] * turned(t)[0, j], [0, end])
+            for ball, value in ((known.Phi, turned(end)[i, j]), (known.W, shown)):
+                assert abs(ball.mid[i][j] - value * 2**192) <= ball.off[i][j] + 2**70  # of 40 digits
+                assert ball.off[i][j] < 2 ** (192 - 30)

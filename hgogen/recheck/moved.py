@@ -7,7 +7,7 @@ leave (Lagrange): its entries are at most those of the series of norms, the larg
 on the whole piece, from |Phi| <= exp(length |A|).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
@@ -144,10 +144,15 @@ def _above(a: Sequence[int], b: Sequence[int], k: int) -> int:
 
 
 def _coefficient(a: Series, b: Series, k: int) -> Balls:
-    total = a[0] @ b[k]
-    for i in range(1, k + 1):
-        total += a[i] @ b[k - i]
-    return total
+    """The coefficient k of a b: those of a beside each other times those of b below each other, in one product."""
+    first, last = a[: k + 1], b[k::-1]
+    wide = ([list(chain(*rows)) for rows in zip(*each, strict=True)] for each in _parts(first))
+    return Balls(*wide) @ Balls(*([*chain(*each)] for each in _parts(last)))
+
+
+def _parts(series: Series) -> Iterator[tuple[list[list[int]], ...]]:
+    """The middles, and how far off they are."""
+    return zip(*((one.mid, one.off) for one in series), strict=True)
 
 
 def _off(n: int, size: int) -> Balls:

@@ -145,8 +145,8 @@ def _half(low: End, high: End) -> Fraction:
 
 
 def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order: int) -> Series:
-    pairs = [list(zip(row, share, strict=True)) for row, share in zip(rows, shares, strict=True)]
-    return [balls([[x.coefficients[k] * point(share) for x, share in row] for row in pairs]) for k in range(order)]
+    pairs = [list(zip(row, map(point, share), strict=True)) for row, share in zip(rows, shares, strict=True)]
+    return [balls([[x.coefficients[k] * share for x, share in row] for row in pairs]) for k in range(order)]
 
 
 def _demand(window: Moved, bound: Fraction) -> None:
