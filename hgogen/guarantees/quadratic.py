@@ -25,7 +25,7 @@ from hgogen.algebra.definite import Matrix, definite, fraction, number, positive
 Array = np.ndarray  # of floats, or of FLINT's rationals or balls as objects
 BALLS = 256  # bits of a ball
 
-_MARGINS = (1e-4, 1e-6, 1e-3)  # by which a form is negative, so that it is when it is rounded
+MARGINS = (1e-4, 1e-6, 1e-3)  # by which a form is negative, so that it is when it is rounded
 _FINE = (34, 48)  # bits after the point, where P is of any size
 _NOTHING = Fraction(0)
 _GRIDS = (30, 44, 60, 110)  # bits after the point to which P and S are rounded, where the trace of P is its size
@@ -117,7 +117,7 @@ def confirmed(
     """Weights, of FLINT's rationals, that make exact forms negative, from those in floats that are sought with a
     margin, a smaller one where there is no room for it, a larger one where a solver has taken all of it; the sum of the
     last q of S is at most `most`. None where none are confirmed."""
-    for candidate in filter(None, map(by_margin, _MARGINS)):
+    for candidate in filter(None, map(by_margin, MARGINS)):
         if not np.isfinite(np.concatenate([each.ravel() for each in candidate])).all():
             continue
         places = max(0, -int(np.floor(np.log2(np.trace(candidate[0])))))  # by which the trace of P lies below 1

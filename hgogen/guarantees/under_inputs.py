@@ -15,7 +15,18 @@ import numpy as np
 
 from hgogen.algebra.definite import root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, extent, floats, inverse_root
+from hgogen.guarantees.quadratic import (
+    MARGINS,
+    Array,
+    Quadratic,
+    Seen,
+    Weights,
+    confirmed,
+    even,
+    extent,
+    floats,
+    inverse_root,
+)
 from hgogen.guarantees.semidefinite import shortest, together
 from hgogen.guarantees.stagewise import Inputs
 
@@ -42,22 +53,23 @@ class InputBound:
 
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
     """A small bound of |c e|, c (N) of FLINT's rationals, of the forms that are negative at an alpha, with `q` inputs
-    among what multiplies them; alpha is searched up to `most`. None where none is proved. `W`: coordinates x, e = W x,
-    near which P is expected.
+    among what multiplies them; alpha is searched in floats up to `most`, and the least bound that is proved counts.
+    None where none is proved. `W`: coordinates x, e = W x, near which P is expected.
 
     Raises: `NoSolver`.
     """
     if W is None:
         return None
-    tried, coordinates = list[InputBound](), W
+    tried, coordinates = dict[Fraction, float](), W
 
     def bound(share: Fraction) -> float:
-        one = bound_at(bounded, coordinates, q, c, share * most)
-        tried.extend([one] if one else [])
-        return float(one.bound) if one else _LARGE
+        alpha = share * most
+        tried[alpha] = _promised(bounded, coordinates, q, c, alpha)
+        return tried[alpha]
 
     _walk(bound)
-    return min(tried, key=lambda one: one.bound, default=None)
+    proofs = (bound_at(bounded, coordinates, q, c, alpha) for alpha in sorted(tried, key=tried.__getitem__))
+    return next(filter(None, proofs), None)
 
 
 def of_step(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
@@ -97,6 +109,14 @@ def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fractio
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
         return None
     return float(np.sqrt(row[0] @ np.linalg.solve(weights[0], row[0])))
+
+
+def _promised(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> float:
+    """The bound by the weights that `bound_at` tries first, as short; a large number where it is none."""
+    forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
+    weights = weights_in_floats(forms, row, float(alpha), W, q, MARGINS[0])
+    square = 0.0 if weights is None else float(row[0] @ np.linalg.solve(weights[0], row[0]))
+    return float(root(Fraction(square))) if 0 < square < _LARGE else _LARGE
 
 
 def weights_in_floats(
