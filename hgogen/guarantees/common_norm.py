@@ -38,6 +38,7 @@ from hgogen.guarantees.quadratic import (
     negative,
     proved,
     rational,
+    reach,
     verified,
 )
 from hgogen.guarantees.semidefinite import Margin, widest
@@ -157,11 +158,13 @@ class Flow:
         if weights is None:
             return None
         most, alpha = Fraction(limit), Fraction(0)
-        if self._holds(theta, most * SLOW, weights):
 
-            def holds(by: Pair, a: Fraction) -> bool:
-                return self._holds(theta, a, by)
+        def holds(by: Pair) -> Callable[[Fraction], bool]:
+            ends = (self._floats(theta, Fraction(0)), self._floats(theta, most))
+            last = most * reach(*ends, *by, self._coordinates)
+            return lambda a: a <= last
 
+        if holds(weights)(most * SLOW):
             alpha = _reached(most * SLOW, most, weights, holds, lambda a: self._weights(theta, a), _ABOUT)
         tried = (self.at(theta, alpha * share) for share in SHARES)
         return next(filter(None, tried), None)
@@ -176,7 +179,7 @@ class Flow:
         theta, weights = first
         lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
         end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
-        last = _reached(theta, end, weights, lambda by, at: self._holds(at, Fraction(0), by), self._weights, _FINE)
+        last = _reached(theta, end, weights, lambda by: partial(self._holds, by), self._weights, _FINE)
         return next(filter(None, map(self.at, worth_trying(last, theta, self.theta))), None)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
@@ -301,8 +304,8 @@ class Flow:
         n = len(P)
         return P, np.linalg.norm(P @ forms[0].pairs[0][1][:, n:], axis=0)
 
-    def _holds(self, theta: Fraction, alpha: Fraction, weights: Pair) -> bool:
-        return negative(self._floats(theta, alpha), *weights, self._coordinates)
+    def _holds(self, weights: Pair, theta: Fraction) -> bool:
+        return negative(self._floats(theta, Fraction(0)), *weights, self._coordinates)
 
     def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
         return self._forms(self._moving(theta), theta, number(alpha))
@@ -353,14 +356,14 @@ def _reached(
     start: Fraction,
     end: Fraction,
     weights: Pair,
-    holds: Callable[[Pair, Fraction], bool],
+    holds: Callable[[Pair], Callable[[Fraction], bool]],
     seek: Callable[[Fraction], Pair | None],
     close: float,
 ) -> Fraction:
     """How far from the start towards the end there are weights: first as far as those reach that are known, and from
     there again with those that are sought there; then by halving."""
     for _ in range(_ROUNDS):
-        value = farthest(partial(holds, weights), start, end, CLOSE)
+        value = farthest(holds(weights), start, end, CLOSE)
         better = seek(value) if not 1 / _STEP < value / start < _STEP else None
         start = value
         if better is None:

@@ -200,13 +200,31 @@ def even(of: Quadratic, W: Array) -> Array:
 def negative(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None = None) -> bool:
     """Whether all forms of floats are negative as far as floats tell, by what rounding to a grid may take: in
     coordinates x of e = `W` x, in which P is near the unit matrix."""
+    values, P = _valued(forms, P, S, W)
+    return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
+
+
+def reach(forms: Sequence[Quadratic], towards: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> float:
+    """The largest share of the way from forms `towards` others up to which they are `negative`, 0 where they are not:
+    their values are affine in it."""
+    values, _ = _valued((*forms, *towards), P, S, W)
+    first, last = np.split(values, 2)
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(-first - _ROUNDING * np.eye(first.shape[-1])))
+    except np.linalg.LinAlgError:
+        return 0.0
+    most = float(np.linalg.eigvalsh(root @ (last - first) @ root.swapaxes(1, 2)).max())
+    return 1 / most if most > 0 else math.inf
+
+
+def _valued(forms: Sequence[Quadratic], P: Array, S: Array, W: Array | None) -> tuple[Array, Array]:
+    """The values (k, N, N) of forms of floats, and P, in coordinates x of e = W x."""
     if W is not None:
         fast = pace(forms[0], W)
         forms = [form.over(fast) for form in forms]
         g = even(forms[0], W)
         forms, P, S = Seen(forms, W, g).forms, W.T @ P @ W, S * g**2 / fast
-    values = np.array([form.value(P, S) for form in forms])
-    return bool(np.linalg.eigvalsh(values).max() < -_ROUNDING and np.linalg.eigvalsh(P).min() > 0)
+    return np.array([form.value(P, S) for form in forms]), P
 
 
 def verified(forms: Sequence[Quadratic], P: Array, S: Array) -> bool:
