@@ -362,11 +362,11 @@ def _definite(X: Array) -> Flags:
     """Finite and positive definite, over the leading axes: the pivots of X = L D L'."""
     good: Flags = np.asarray(np.isfinite(X).all(axis=(-2, -1)))
     X = np.where(good[..., None, None], X, 0.0)
-    for i in range(X.shape[-1]):
-        pivot, column = X[..., i, i], X[..., :, i]
+    while X.shape[-1]:
+        pivot, column = X[..., 0, 0], X[..., 1:, 0]
         good = good & (pivot > 0.0)
         scale = np.where(pivot > 0.0, pivot, 1.0)[..., None, None]
-        X = X - column[..., :, None] * column[..., None, :] / scale
+        X = X[..., 1:, 1:] - column[..., :, None] * column[..., None, :] / scale
     return good
 
 
