@@ -106,8 +106,8 @@ class Loops:
             reached = ~(self._way(doubled) <= 1)
             return bool(reached.any() and (free() & reached).any())
 
-        bracket = end, WIDER * end  # the step of the search that is beyond `end` lies between them
-        return longest(grows, start, end) if any(map(grows, bracket)) else math.inf
+        beyond = start * WIDER ** math.ceil(math.log(end / start, WIDER))  # the step of the search that passes `end`
+        return longest(grows, start, end) if grows(beyond) else math.inf
 
     def refused(self, start: float) -> float:
         """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
