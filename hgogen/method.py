@@ -12,11 +12,12 @@ import numpy as np
 from hgogen.chains.core import core, nominal, numbers
 from hgogen.chains.sampled import Sampled
 from hgogen.chains.transient import lengths
+from hgogen.discretisation import explicit_covariance
 from hgogen.discretisation.growth import polynomial
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.routine import RATE, Values, routine
 from hgogen.discretisation.runge_kutta import RK4, Tableau, advance, rounds
-from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
+from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, decay_limits, pace
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
 from hgogen.guarantees.beside_core import BesideCore, Leaves
@@ -290,22 +291,20 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
     points = list(zip(*part.linearised(POINTS), strict=True))
     if part.theta.rest is not None:
         points = [(F, C) for F, C in points if np.linalg.matrix_rank(_observability(F, C)) == len(F)] or points
-    return [
-        covariance_limit(
-            F[None],
-            C[None],
-            noise,
-            variance,
-            part.covariance,
-            part.theta.peak,
-            tableau,
-            view,
-            part.theta.rest,
-            part.theta.rise,
-            part.scaling,
-        )
-        for F, C in points
-    ]
+    F, C = map(np.array, zip(*points, strict=True))
+    return explicit_covariance.covariance_limits(
+        F,
+        C,
+        noise,
+        variance,
+        part.covariance,
+        part.theta.peak,
+        tableau,
+        view,
+        part.theta.rest,
+        part.theta.rise,
+        part.scaling,
+    )
 
 
 def _observability(F: np.ndarray, C: np.ndarray) -> np.ndarray:

@@ -12,8 +12,9 @@ from oracle import block_ekf as oracle
 from plants import MODELS, fitzhugh_nagumo, model
 
 import hgogen as hg
+from hgogen.discretisation.explicit_covariance import covariance_limits
 from hgogen.discretisation.runge_kutta import RK4
-from hgogen.discretisation.stability import Limit, covariance_limit, steady_covariance
+from hgogen.discretisation.stability import Limit, steady_covariance
 from hgogen.kalman.predictor import BadWindowSize
 from hgogen.model import load
 from hgogen.reading.given import BadGain
@@ -226,7 +227,7 @@ def test_theta_multiplies_the_poles_of_integrators(
 
     assert np.poly(poles(theta) / theta) == pytest.approx(np.poly(poles(1.0)), rel=1e-6, abs=1e-7)
     limits = [
-        covariance_limit(F[None], C[None], Q, R, start, value, RK4, "covariance", scaling=scaling).dt * value
+        covariance_limits(F[None], C[None], Q, R, start, value, RK4, "covariance", scaling=scaling)[0].dt * value
         for value in (1.0, theta)
         for start in [np.diag(np.array(scaling.spread(value)) ** 2) * value**gauge]
     ]

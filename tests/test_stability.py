@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hgogen.discretisation.explicit_covariance import NotDefinite, covariance_limits
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.discretisation.stability import NotDefinite, UnstableCore, core_limit, covariance_limit
+from hgogen.discretisation.stability import UnstableCore, core_limit
 
 # --- models -------------------------------------------------------------------------------------------------
 
@@ -35,7 +36,8 @@ class Model:
     def limit(self, p0: float, theta: float, tableau: Tableau, view: str, **adaptive: Any) -> Any:
         F = np.array([self.F(z, u) for z, u in zip(self.z, self.u, strict=True)])
         C, R = np.eye(1, self.n), np.array([[self.R]])
-        return covariance_limit(F, C, self.Q, R, p0 * np.eye(self.n), theta, tableau, view, **adaptive)
+        limits = covariance_limits(F, C, self.Q, R, p0 * np.eye(self.n), theta, tableau, view, **adaptive)
+        return min(limits, key=lambda limit: limit.dt)
 
 
 def fitzhugh_nagumo() -> Model:
@@ -205,7 +207,8 @@ def test_table_of_covariance():
 def scalar(q, r, p0, tableau, view):
     """p' = q - p^2/r."""
     one = np.ones((1, 1))
-    return covariance_limit(0 * one[None], one, q * one, r * one, p0 * one, 1.0, tableau, view)
+    (limit,) = covariance_limits(0 * one[None], one, q * one, r * one, p0 * one, 1.0, tableau, view)
+    return limit
 
 
 @pytest.mark.parametrize(

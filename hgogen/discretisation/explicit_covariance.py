@@ -1,0 +1,264 @@
+"""Which step lengths dt an explicit Runge-Kutta method admits for the covariance equation of a Riccati observer.
+
+As P or as S = P^-1 it is X' = L X + X L' + W - X V X. Two things go wrong, and the smaller of their step lengths is
+the limit.
+
+Steady. Around its steady value X moves like dX' = M dX + dX M', M = L - X V, whose eigenvalues are the sums
+mu_i + mu_j. In both views the mu are those of the observer's closed loop F - P N: no Riccati equation is solved, and
+where (C, F) is unobservable a mu is 0, which admits every step. Beyond this bound the steady value repels: X fails or
+wanders.
+
+Transient. On its way X can lose positive definiteness, which the equation keeps and an explicit step need
+not. Where the quadratic term rules, X' = -X V X splits into scalars y' = -m y^2, m the eigenvalues of V
+X(0), and fails at once from dt m = x* on, the first zero of the method's step from y = 1 (Euler 1, Heun
+1.544, RK4 1.739). Elsewhere F decides, and no such formula held within a factor of 5. So the step itself is
+taken, on the frozen equation, from every value that X starts from: X(0) and, where theta rises from a value
+at which it rests, the steady value there.
+
+Every Jacobian counts as frozen, and the searches at all of them go on side by side. So a refusal is about one point of
+the box: the observer started there fails, while from elsewhere steps twice as long may survive (about a rise: if the
+plant rests there). To be admitted promises less: a Jacobian that turns faster than the covariance settles is not seen
+(a pendulum that swings through its whole box at theta <= 2 can fail from half the limit on), nor does z enter, which
+overshoots at first where P(0) is large. A Jacobian without a steady covariance (unobservable) is no start of a rise.
+"""
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hgogen.discretisation.rays import spectral_limit
+from hgogen.discretisation.runge_kutta import Tableau
+from hgogen.discretisation.stability import ZERO, Limit, Riccati, transposed
+from hgogen.errors import HgogenError
+from hgogen.structure.scaling import Scaling
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Rise = Callable[[Array, Array], Array]
+
+STEPS = 60  # of a transient, once theta has risen; over random equations all losses came within 40
+PATIENCE = 3000  # steps of a transient in all
+AT_ONCE = 20_000  # numbers of transients that are taken side by side
+COARSE, FINE = 1.2, 1.02  # ratios of the step lengths tried in turn; the limit is low by less than FINE
+NOTHING = Limit(np.inf, "no transient fails")
+
+
+@dataclass(eq=False)
+class NotDefinite(HgogenError):
+    """An initial covariance that is no covariance."""
+
+    covariance: Array
+
+    def __str__(self) -> str:
+        return f"P(0) = {self.covariance.tolist()} is not positive definite; give, say, a diagonal that is"
+
+
+def covariance_limits(
+    jacobians: Array,
+    C: Array,
+    Q: Array,
+    R: Array,
+    initial_covariance: Array,
+    theta_max: float,
+    tableau: Tableau,
+    representation: Literal["information", "covariance"],
+    theta_min: float | None = None,
+    rise: Rise | None = None,
+    scaling: Scaling | None = None,
+) -> list[Limit]:
+    """The largest dt at which an explicit method keeps a Riccati observer's covariance equation stable, at each of the
+    Jacobians by itself.
+
+    `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n),
+    `R` (p, p), or its diagonal (p,): as in Q_theta and R_theta, per unit of time; `initial_covariance`: P(0).
+    `theta_min`: where an adaptive theta rests (None: it starts at theta_max); `rise(theta, dt)`: each theta (d) a time
+    dt (d) later when it rises as fast as its law lets it (None: it jumps); `scaling`: by default that of one chain.
+    A continuous-discrete step keeps P definite at any dt: it has no such limit. Raises: `NotDefinite`.
+    """
+    initial = np.asarray(initial_covariance, dtype=float)
+    if not _definite(initial[None])[0]:
+        raise NotDefinite(initial)
+    riccati = Riccati.of(jacobians, C, Q, R, scaling)
+    rest = theta_max if theta_min is None else theta_min
+    starts = _starts(riccati, initial, rest, theta_max)
+    rising = rise or (lambda theta, dt: np.full_like(theta, theta_max))
+    run = _Transients(riccati, rest, theta_max, representation, rising, tableau)
+    steady = _steady_limits(riccati, (rest, theta_max), tableau.polynomial)
+    searches = [_transient_limit(starts.only(starts.rows == i), limit.dt) for i, limit in enumerate(steady)]
+    each = zip(steady, run.searched(searches), strict=True)
+    return [min(limits, key=lambda limit: limit.dt) for limits in each]
+
+
+def _steady_limits(riccati: Riccati, thetas: Sequence[float], polynomial: Sequence[float]) -> list[Limit]:
+    """The spectral bound of each Jacobian; z moves with the mu, P and S with their sums."""
+    each: list[list[Limit]] = [[] for _ in riccati.F]
+    pairs = np.triu_indices(len(riccati.Q))
+    for theta in dict.fromkeys(thetas):
+        for i, spectrum in enumerate(np.linalg.eigvals(riccati.hamiltonian(theta))):
+            mu = np.sort_complex(spectrum)[: len(riccati.Q)]
+            mu = np.minimum(mu.real, 0.0) + 1j * mu.imag
+            modes = np.concatenate((mu, mu[pairs[0]] + mu[pairs[1]]))
+            modes = modes[np.abs(modes) > ZERO * np.abs(spectrum).max()]
+            why = f"the covariance does not settle, for its steady value repels (theta = {theta:g})"
+            each[i].append(Limit(spectral_limit(modes, polynomial), why, i))
+    return [min(limits, key=lambda limit: limit.dt) for limits in each]
+
+
+@dataclass(frozen=True)
+class _Starts:
+    """P (m, n, n), each under the Jacobian whose index `rows` gives, from where theta `rises` or stays; `names`."""
+
+    P: Array
+    rows: NDArray[np.intp]
+    rises: Flags
+    names: NDArray[np.str_]
+
+    @classmethod
+    def of(cls, each: Sequence["_Starts"]) -> "_Starts":
+        fields = zip(*((one.P, one.rows, one.rises, one.names) for one in each), strict=True)
+        return cls(*map(np.concatenate, fields))
+
+    def only(self, part: Flags | slice) -> "_Starts":
+        return _Starts(self.P[part], self.rows[part], self.rises[part], self.names[part])
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+def _starts(riccati: Riccati, initial: Array, rest: float, theta_max: float) -> _Starts:
+    k, risen = len(riccati.F), f"(theta rising from {rest:g})"
+    each = [(initial, False, f"P(0) (theta = {rest:g})")]
+    if rest != theta_max:
+        each += [(initial, True, f"P(0) {risen}"), (riccati.steady(rest), True, f"the steady P {risen}")]
+    P = np.concatenate([np.broadcast_to(P, riccati.F.shape) for P, _, _ in each])
+    rises, names = (np.repeat(values, k) for values in list(zip(*each, strict=True))[1:])
+    return _Starts(P, np.tile(np.arange(k), len(each)), rises, names).only(_definite(P))
+
+
+Asked = tuple[_Starts, Sequence[float]]  # from which starts, by which step lengths
+Lost = tuple[int, _Starts]  # the place of the first length at which P is lost, and from where; the last one, and none
+Search = Generator[Asked, Lost, Limit]
+
+
+@dataclass(frozen=True)
+class _Transients:
+    """The step from some starts, in the coordinates Delta z of theta_max; theta rests at `rest`."""
+
+    riccati: Riccati
+    rest: float
+    theta_max: float
+    representation: str
+    rise: Rise
+    tableau: Tableau
+
+    def searched(self, searches: Sequence[Search]) -> list[Limit]:
+        """What searches end with, that ask side by side: a step of many P takes hardly longer than that of one."""
+        limits = [NOTHING] * len(searches)
+        asked = {i: next(search) for i, search in enumerate(searches)}
+        while asked:
+            for i, lost in zip(list(asked), self._lost(list(asked.values())), strict=True):
+                try:
+                    asked[i] = searches[i].send(lost)
+                except StopIteration as end:
+                    limits[i] = end.value
+                    del asked[i]
+        return limits
+
+    def _lost(self, asked: Sequence[Asked]) -> list[Lost]:
+        """The answers to what is asked, every start by each of its lengths side by side."""
+        every = _Starts.of([starts for starts, lengths in asked for _ in lengths])
+        dt = np.concatenate([np.repeat(lengths, len(starts)) for starts, lengths in asked])
+        many = max(1, AT_ONCE // self.riccati.Q.size)
+        parts = [slice(first, first + many) for first in range(0, len(dt), many)]
+        fails = np.concatenate([self._fails(every.only(part), dt[part]) for part in parts])
+        ends = np.cumsum([len(starts) * len(lengths) for starts, lengths in asked])
+        each = zip(asked, np.split(fails, ends[:-1]), strict=True)
+        return [_first(starts, flags.reshape(len(lengths), -1)) for (starts, lengths), flags in each]
+
+    def _fails(self, starts: _Starts, lengths: Array) -> Flags:
+        """Which transients (m) fail by steps of the lengths (m)."""
+        delta, dt = self.riccati.delta(self.theta_max), lengths[:, None, None]
+        X: Array = starts.P * np.outer(delta, delta)
+        X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
+        riccati, theta, rises = self.riccati.only(starts.rows), np.full(len(lengths), self.rest), starts.rises
+        equation, alive = self._equation(riccati, self.rest), np.ones(len(lengths), dtype=bool)
+        left = np.full(len(lengths), STEPS)
+        for _ in range(PATIENCE):
+            if rises.any():
+                theta = np.where(rises, np.minimum(self.rise(theta, lengths), self.theta_max), theta)
+                equation = self._equation(riccati, theta)
+            with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
+                X = _step(X, *equation, self.tableau, dt)
+                alive &= _definite(X) | (left == 0)
+            left -= (left > 0) & (~rises | (theta > 0.9 * self.theta_max))
+            if not (alive & (left > 0)).any():
+                break
+        return ~alive
+
+    def _equation(self, riccati: Riccati, theta: float | Array) -> tuple[Array, Array, Array]:
+        """L, W, V of X' = L X + X L' + W - X V X."""
+        F, N, Q = riccati.parts(theta, self.theta_max)
+        return (-transposed(F), N, Q) if self.representation == "information" else (F, Q, N)
+
+
+def _step(X: Array, L: Array, W: Array, V: Array, tableau: Tableau, dt: Array) -> Array:
+    slopes: list[Array] = []
+    for row in tableau.a:
+        stage = _combined(X, slopes, row, dt)
+        half = (L - 0.5 * stage @ V) @ stage
+        slopes.append(half + transposed(half) + W)
+    return _combined(X, slopes, tableau.b, dt)
+
+
+def _combined(X: Array, slopes: list[Array], weights: Sequence[float], dt: Array) -> Array:
+    X = X.copy()
+    for weight, slope in zip(weights, slopes, strict=True):
+        if weight:
+            X += dt * weight * slope
+    return X
+
+
+def _definite(X: Array) -> Flags:
+    """Finite and positive definite, over the leading axes: the pivots of X = L D L'."""
+    good: Flags = np.asarray(np.isfinite(X).all(axis=(-2, -1)))
+    X = np.where(good[..., None, None], X, 0.0)
+    while X.shape[-1]:
+        pivot, column = X[..., 0, 0], X[..., 1:, 0]
+        good = good & (pivot > 0.0)
+        scale = np.where(pivot > 0.0, pivot, 1.0)[..., None, None]
+        X = X[..., 1:, 1:] - column[..., :, None] * column[..., None, :] / scale
+    return good
+
+
+def _first(starts: _Starts, fails: Flags) -> Lost:
+    """What is lost first, of the starts (m) that fail by each of some lengths (d, m)."""
+    place = int(fails.any(axis=1).argmax()) if fails.any() else len(fails) - 1
+    return place, starts.only(fails[place])
+
+
+def _transient_limit(starts: _Starts, most: float) -> Search:
+    """The first dt, going up to `most`, at which a transient fails."""
+    good = bad = min(most, 1e9)
+    while lost := (yield starts, (good,))[1]:
+        first, good, bad = lost, good / 8.0, good
+    if good == bad:
+        return NOTHING
+    good, bad, first = yield from _scan(starts, good, bad, COARSE, first)
+    # The fine scan begins lower: where theta rises by steps, failure can have islands below.
+    good, _, first = yield from _scan(first, good / COARSE, bad, FINE, first)
+    why = f"the covariance loses positive definiteness on the way from {first.names[0]}"
+    return Limit(good, why, int(first.rows[0]))
+
+
+def _scan(
+    starts: _Starts, good: float, bad: float, ratio: float, first: _Starts
+) -> Generator[Asked, Lost, tuple[float, float, _Starts]]:
+    """Going up from `good`: the last step length without loss, the first with it, and what it loses."""
+    lengths = [good]
+    while lengths[-1] * ratio < bad:
+        lengths.append(lengths[-1] * ratio)
+    place, lost = yield starts, lengths[1:]
+    return (lengths[place], lengths[place + 1], lost) if lost else (lengths[-1], bad, first)
