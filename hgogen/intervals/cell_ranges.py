@@ -31,8 +31,5 @@ def _on(cells: Cells, order: Index, box: tuple[Ends, ...]) -> tuple[float, float
     range, continuous = cells.limits(box, order)
     if range is None:
         return -np.inf, np.inf, False, (False,) * len(order)
-    least, most = (end if isinstance(end, float) else _number(end)[way] for way, end in enumerate(range))
+    least, most = (end if isinstance(end, float) else number(end)[way] for way, end in enumerate(range))
     return least, most, True, continuous
-
-
-_number = lru_cache(maxsize=1 << 12)(number)  # a slope of a straight table has few values

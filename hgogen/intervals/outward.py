@@ -12,6 +12,7 @@ result is known to be exact and stays as it is: 4 - 2*2 is 0 and has a square ro
 import math
 from collections.abc import Callable
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,10 @@ Flags = NDArray[np.bool_]
 Pair = tuple[Array, Array]
 
 _SPLIT = 134217729.0  # 2^27 + 1
-_LEAST = 5e-324
 _SMALL, _LARGE = 1e-280, 1e290  # between them Dekker's and Newton's residuals neither underflow nor overflow
 
 
+@lru_cache(maxsize=1 << 12, typed=True)  # a tape's numbers, again on each batch of boxes
 def number(value: Fraction | float) -> tuple[float, float]:
     """The neighbouring floats that enclose a number, equal where it is a float."""
     if isinstance(value, float):
@@ -75,16 +76,14 @@ def negate(a: Pair) -> Pair:
 
 def multiply(a: Pair, b: Pair) -> Pair:
     """a b; not negative where the signs say so, also after underflow."""
-    x, y = np.empty((2, 4, *np.broadcast(a[0], b[0]).shape))
-    x[0], x[2] = a
-    y[0], y[1] = b
-    x[1], x[3], y[2], y[3] = x[0], x[2], y[0], y[1]
-    product, error = _product(x, y)
-    least, most = _below(product, error).min(axis=0), _above(product, error).max(axis=0)
-    if (least == -_LEAST).any():  # the next float below 0
-        least = np.where(_same(a, b), np.maximum(least, 0.0), least)
-    if (most == _LEAST).any():
-        most = np.where(_other(a, b), np.minimum(most, 0.0), most)
+    product, error = (part.reshape(4, *part.shape[2:]) for part in _product(np.array(a)[:, None], np.array(b)))
+    least, most = np.minimum.reduce(product), np.maximum.reduce(product)
+    least = np.where(((product == least) > (error >= 0.0)).any(axis=0), down(least), least)
+    most = np.where(((product == most) > (error <= 0.0)).any(axis=0), up(most), most)
+    if np.isnan(error).any():  # what underflows may move beyond 0
+        same, other, _ = _signs(a, b)
+        least = np.where(same, np.maximum(least, 0.0), least)
+        most = np.where(other, np.minimum(most, 0.0), most)
     return least, most
 
 
@@ -95,9 +94,9 @@ def scale(a: Pair, b: Pair) -> Pair:
         low, high = _ends([np.where((x == 0) | (y == 0), 0.0, x * y) for x in a for y in b])
     least, most, edges = down(low), up(high), (low == 0, high == 0)
     if edges[0].any() or edges[1].any():
-        none = _zero(a) | _zero(b)  # a true 0 (both ends of one factor 0) stays
-        least = np.where(edges[0] & (none | _same(a, b)), 0.0, least)
-        most = np.where(edges[1] & (none | _other(a, b)), 0.0, most)
+        same, other, none = _signs(a, b)  # a true 0 (both ends of one factor 0) stays
+        least = np.where(edges[0] & (none | same), 0.0, least)
+        most = np.where(edges[1] & (none | other), 0.0, most)
     return least, most
 
 
@@ -107,18 +106,10 @@ def _ends(products: list[Array]) -> Pair:
     return np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
 
 
-def _zero(a: Pair) -> Flags:
-    return np.asarray((a[0] == 0) & (a[1] == 0))
-
-
-def _same(a: Pair, b: Pair) -> Flags:
-    """No product is negative."""
-    return np.asarray(((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0)))
-
-
-def _other(a: Pair, b: Pair) -> Flags:
-    """No product is positive."""
-    return np.asarray(((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0)))
+def _signs(a: Pair, b: Pair) -> tuple[Flags, Flags, Flags]:
+    """Where no product is negative, where none is positive, and where one factor is 0."""
+    (a_up, a_down), (b_up, b_down) = (((ends[0] >= 0), (ends[1] <= 0)) for ends in (a, b))
+    return (a_up & b_up) | (a_down & b_down), (a_up & b_down) | (a_down & b_up), (a_up & a_down) | (b_up & b_down)
 
 
 def reciprocal(a: Pair) -> Pair:
@@ -127,13 +118,13 @@ def reciprocal(a: Pair) -> Pair:
     positive, negative = low > 0, high < 0
     clear = positive | negative
     if clear.all():
-        least, most = _inverse_down(high), _inverse_up(low)
+        least, most = _inverted(low, high)
         return np.where(positive, np.maximum(least, 0.0), least), np.where(negative, np.minimum(most, 0.0), most)
-    safe_low, safe_high = np.where(clear, low, 1.0), np.where(clear, high, 1.0)
-    least, most = _inverse_down(safe_high), _inverse_up(safe_low)
+    least, most = _inverted(np.where(clear, low, 1.0), np.where(clear, high, 1.0))
     least, most = np.where(positive, np.maximum(least, 0.0), least), np.where(negative, np.minimum(most, 0.0), most)
-    one_sided_low = np.where((low == 0) & (high > 0), _inverse_down(np.where(high > 0, high, 1.0)), -np.inf)
-    one_sided_high = np.where((high == 0) & (low < 0), _inverse_up(np.where(low < 0, low, 1.0)), np.inf)
+    below, above = _inverted(np.where(low < 0, low, 1.0), np.where(high > 0, high, 1.0))
+    one_sided_low = np.where((low == 0) & (high > 0), below, -np.inf)
+    one_sided_high = np.where((high == 0) & (low < 0), above, np.inf)
     return np.where(clear, least, one_sided_low), np.where(clear, most, one_sided_high)
 
 
@@ -143,10 +134,10 @@ def power(a: Pair, n: int) -> Pair:
         return reciprocal(power(a, -n))
     if n == 1:
         return a
-    low, high = a
-    size_low, size_high = absolute(a)
     if n % 2 == 0:
-        return power_down(size_low, n), power_up(size_high, n)
+        least, most = _repeated(np.array(absolute(a)), n, _outside)
+        return least, most
+    low, high = a
     least = np.where(low >= 0, power_down(np.maximum(low, 0.0), n), -power_up(np.maximum(-low, 0.0), n))
     most = np.where(high >= 0, power_up(np.maximum(high, 0.0), n), -power_down(np.maximum(-high, 0.0), n))
     return least, most
@@ -212,35 +203,41 @@ def _sum(x: Array, y: Array) -> Pair:
     return total, (x - (total - part)) + (y - part)
 
 
+def _outside(value: Array, error: Array) -> Array:
+    """`_below` of the first half, `_above` of the second."""
+    return np.array((_below(value[0], error[0]), _above(value[1], error[1])))
+
+
+def _split(x: Array) -> Pair:
+    """Two numbers of half the digits, whose sum is x."""
+    t = _SPLIT * x
+    high = t - (t - x)
+    return high, x - high
+
+
 def _residual(x: Array, y: Array, product: Array) -> Array:
     """x y - product, exact."""
-    t = _SPLIT * x
-    x_high = t - (t - x)
-    t = _SPLIT * y
-    y_high = t - (t - y)
-    x_low, y_low = x - x_high, y - y_high
+    x_high, x_low = _split(x)
+    y_high, y_low = (x_high, x_low) if y is x else _split(y)
     return ((x_high * y_high - product) + x_high * y_low + x_low * y_high) + x_low * y_low
 
 
 def _product(x: Array, y: Array) -> Pair:
     """The rounded product and its error, NaN where that is not known; 0 times infinity is 0."""
-    zero = (x == 0) | (y == 0)
-    product = np.where(zero, 0.0, x * y)
+    product = x * y
     size = np.abs(product)
-    known = (size > _SMALL) & (size < _LARGE) & (np.abs(x) < _LARGE) & (np.abs(y) < _LARGE)
-    error = np.where(known, _residual(x, y, product), np.nan)
-    return product, np.where(zero, 0.0, error)
+    known, error = (size > _SMALL) & (size < _LARGE), _residual(x, y, product)  # NaN of factors beyond _LARGE
+    if known.all():
+        return product, error
+    zero = (x == 0) | (y == 0)
+    return np.where(zero, 0.0, product), np.where(zero, 0.0, np.where(known, error, np.nan))
 
 
-def _inverse_down(x: Array) -> Array:
-    """A float below 1/x or equal, x not 0; 1/inf is 0, from the side that x says."""
-    inverse, rest = _inverse(x)
-    return np.where(np.isinf(x), np.minimum(inverse, 0.0), _below(inverse, rest))
-
-
-def _inverse_up(x: Array) -> Array:
-    inverse, rest = _inverse(x)
-    return np.where(np.isinf(x), np.maximum(inverse, 0.0), _above(inverse, rest))
+def _inverted(low: Array, high: Array) -> Pair:
+    """A float below 1/high or equal, and one above 1/low, neither of them 0; 1/inf is 0, from the side that x says."""
+    inverse, rest = _inverse(np.array((high, low)))
+    least = np.where(np.isinf(high), np.minimum(inverse[0], 0.0), _below(inverse[0], rest[0]))
+    return least, np.where(np.isinf(low), np.maximum(inverse[1], 0.0), _above(inverse[1], rest[1]))
 
 
 def _inverse(x: Array) -> Pair:
