@@ -9,9 +9,11 @@ from hgogen.intervals.outward import Array
 
 def middle(low: Array, high: Array) -> Array:
     """The point at which a side is cut: its midpoint; for an unbounded one 0, or beyond 0 twice its end and one."""
+    centre = low / 2.0 + high / 2.0
+    if np.isfinite(centre).all():
+        return np.clip(centre, low, high)
     both = np.isinf(low) & np.isinf(high)
     right, left = np.isinf(high) & ~both, np.isinf(low) & ~both
-    centre = low / 2.0 + high / 2.0
     centre = np.where(right, np.where(low < 0, 0.0, 2.0 * low + 1.0), centre)
     centre = np.where(left, np.where(high > 0, 0.0, 2.0 * high - 1.0), centre)
     return np.clip(np.where(both, 0.0, centre), low, high)

@@ -214,28 +214,47 @@ def split_tree(splits: list[tuple[int, int]]) -> Tree:
 
 def _boxes(problem: _Problem, low: Array, high: Array, node: NDArray[np.int64], inner: Inner) -> tuple[Leaves, Inner]:
     """Ranges on boxes (m x k), and the inner values with their centres'."""
-    m, k = low.shape
+    k = low.shape[1]
     parts = enclose(problem.program, low, high, slopes=True)
     first = parts[0]
     value = _common(parts)
     sound = first.defined & first.continuous
     slope = _slopes(parts, sound)
     sound = sound & np.isfinite(slope[0]).all(axis=0) & np.isfinite(slope[1]).all(axis=0)
-    down, up = _centres(low, high, slope, sound)
-    centres = problem.points(np.concatenate((down, up), axis=1))
-    at = enclose(problem.program, *centres)
-    inner = _better(inner, np.concatenate((down, up), axis=1), at)
-    there = _common(at)
-    for side, centre in enumerate((down, up)):
-        here = there[0][side * k : (side + 1) * k], there[1][side * k : (side + 1) * k]
-        known = sound & at[0].defined[side * k : (side + 1) * k]
-        form = _mean_value(here, (low, high), centre, slope)
-        form = np.where(known, form[0], -np.inf), np.where(known, form[1], np.inf)
-        value = _meet(value, form)
-    if m > 1:
-        value = _on_faces(problem, (low, high), slope, sound, value)
+    centres, faces = _centres(low, high, slope, sound), _faces(low, high, slope, sound)
+    points = np.concatenate(centres, axis=1)
+    ends = zip(problem.points(points), *faces, strict=True)
+    at = _Values.of(problem.program, *(np.concatenate(end, axis=1) for end in ends))
+    inner = _better(inner, points, at.only(slice(2 * k)))
+    for side, centre in enumerate(centres):
+        here = at.only(slice(side * k, (side + 1) * k))
+        form = _mean_value(here.value, (low, high), centre, slope)
+        known = sound & here.defined
+        value = _meet(value, (np.where(known, form[0], -np.inf), np.where(known, form[1], np.inf)))
+    if faces:
+        least, most = at.only(slice(2 * k, 3 * k)), at.only(slice(3 * k, None))
+        bottom, top = np.where(least.defined, least.value[0], -np.inf), np.where(most.defined, most.value[1], np.inf)
+        value = _meet(value, (bottom, top))
     cut = _cuts(problem, low, high, slope, sound)
     return Leaves(low, high, value[0], value[1], first.defined, first.continuous, node, cut), inner
+
+
+@dataclass(frozen=True)
+class _Values:
+    """What all forms say of the value on boxes, and where it is defined."""
+
+    value: Pair
+    defined: Flags
+
+    @classmethod
+    def of(cls, program: Tape, low: Array, high: Array) -> "_Values":
+        """The values of one walk of the tape, which costs little more for twice the boxes."""
+        parts = enclose(program, low, high)
+        return cls(_common(parts), parts[0].defined)
+
+    def only(self, columns: slice) -> "_Values":
+        """Those on some of the boxes."""
+        return _Values((self.value[0][columns], self.value[1][columns]), self.defined[columns])
 
 
 def _common(parts: list[Enclosure]) -> Pair:
@@ -290,24 +309,16 @@ def _mean_value(here: Pair, box: Pair, centre: Array, slope: Pair) -> Pair:
     return total
 
 
-def _on_faces(problem: _Problem, box: Pair, slope: Pair, sound: Flags, value: Pair) -> Pair:
-    """The lower and upper bounds on the faces where the expression is least and most."""
-    low, high = box
+def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
+    """The faces where the expression is least, and those where it is most, of what is not monotone the boxes; nothing
+    where none is, or where the faces are the centres."""
     rising = sound & (slope[0] >= 0)
     falling = sound & (slope[1] <= 0) & ~rising  # not both, of a slope that is 0: one face is as good as the other
-    some = (rising | falling).any(axis=0)
-    if not some.any():
-        return value
+    if len(low) == 1 or not (rising | falling).any():
+        return []
     bottom = np.where(falling, high, low), np.where(rising, low, high)
     top = np.where(rising, high, low), np.where(falling, low, high)
-    faces = np.concatenate((bottom[0], top[0]), axis=1), np.concatenate((bottom[1], top[1]), axis=1)
-    parts = enclose(problem.program, *faces)
-    k = low.shape[1]
-    there = _common(parts)
-    defined = parts[0].defined
-    least = np.where(some & defined[:k], there[0][:k], -np.inf)
-    most = np.where(some & defined[k:], there[1][k:], np.inf)
-    return _meet(value, (least, most))
+    return [bottom, top]
 
 
 def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags) -> NDArray[np.int64]:
@@ -332,10 +343,9 @@ def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags)
 # --- values that are attained ---------------------------------------------------------------------------------------
 
 
-def _better(inner: Inner, x: Array, at: list[Enclosure]) -> Inner:
+def _better(inner: Inner, x: Array, at: _Values) -> Inner:
     """The inner values, with those at points x (m x k)."""
-    value = _common(at)
-    known = at[0].defined
+    value, known = at.value, at.defined
     lost = inner.lost
     if lost is None and not known.all():
         lost = x[:, int(np.argmin(known))]
@@ -357,7 +367,7 @@ def _explore(problem: _Problem, inner: Inner) -> Inner:
     if m == 0:
         return inner
     start = np.concatenate((corners(low, high), placed(low, high, spread(m, _SPREAD))), axis=1)
-    inner = _better(inner, start, enclose(problem.program, *problem.points(start)))
+    inner = _better(inner, start, _Values.of(problem.program, *problem.points(start)))
     for round in range(_ROUNDS if m > 1 else 0):
         clusters = [
             placed(np.maximum(low, at - reach), np.minimum(high, at + reach), spread(m, _AROUND))
@@ -368,7 +378,7 @@ def _explore(problem: _Problem, inner: Inner) -> Inner:
         if not clusters:
             break
         x = np.concatenate(clusters, axis=1)
-        inner = _better(inner, x, enclose(problem.program, *problem.points(x)))
+        inner = _better(inner, x, _Values.of(problem.program, *problem.points(x)))
     return inner
 
 
