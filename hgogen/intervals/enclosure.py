@@ -6,10 +6,11 @@ is finite. What may jump on a box (sign, floor, Heaviside, Piecewise) is not con
 A condition is a number, 1 for true and 0 for false.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
+from operator import and_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,8 @@ class Enclosure:
     """What is known on each of k boxes.
 
     `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
-    on the whole closed box; `continuous` there; `slope`: (low, high), m x k each, None where it was not asked for;
-    `fixed`: a constant, whose slope is 0.
+    on the whole closed box; `continuous` there; `slope`: (low, high), a row for each symbol that it was asked for, k
+    each, None where it was asked for none; `fixed`: a constant, whose slope is 0.
     """
 
     value: Pair
@@ -40,10 +41,12 @@ class Enclosure:
     fixed: bool = False
 
 
-def enclose(program: Tape, low: Array, high: Array, *, slopes: bool = False) -> list[Enclosure]:
-    """One enclosure for each output of the tape, on the boxes low <= x <= high (m x k)."""
+def enclose(program: Tape, low: Array, high: Array, *, slopes: bool | Sequence[int] = False) -> list[Enclosure]:
+    """One enclosure for each output of the tape, on the boxes low <= x <= high (m x k), with `slopes` in all symbols,
+    or in those of some indices."""
+    by = (range(len(low)) if slopes else None) if isinstance(slopes, bool) else slopes
     with np.errstate(all="ignore"):
-        walk = _Walk(low, high, slopes, [])
+        walk = _Walk(low, high, by, [])
         for instruction in program.instructions:
             walk.values.append(walk.run(instruction))
         return [walk.values[place] for place in program.outputs]
@@ -53,8 +56,20 @@ def enclose(program: Tape, low: Array, high: Array, *, slopes: bool = False) -> 
 class _Walk:
     low: Array
     high: Array
-    slopes: bool
+    by: Sequence[int] | None
     values: list[Enclosure]
+
+    @cached_property
+    def _yes(self) -> Flags:
+        return np.ones(self.low.shape[1:], dtype=bool)
+
+    @cached_property
+    def _level(self) -> Pair | None:
+        """The slope of a constant."""
+        if self.by is None:
+            return None
+        zero = np.zeros((len(self.by), *self.low.shape[1:]))
+        return zero, zero
 
     def run(self, instruction: Instruction) -> Enclosure:
         op, value = instruction.op, instruction.value
@@ -62,7 +77,7 @@ class _Walk:
         if op == "symbol":
             return self._symbol(int(value or 0))
         if op == "number":
-            return self._constant(outward.number(Fraction(value or 0)))
+            return self._constant(outward.number(value))
         if op in _CONSTANTS:
             return self._constant(_CONSTANTS[op])
         if op == "constant":
@@ -74,35 +89,30 @@ class _Walk:
         if op == "table":
             return _table(args, *value)
         if op == "direction":
-            return _direction(args, int(value or 0), self.slopes)
+            return _direction(args, int(value or 0), self.by is not None)
         if op in endpoints.FUNCTIONS:
             return _elementary(op, args[0])
         return _RULES[op](args)
 
     def _symbol(self, index: int) -> Enclosure:
         low, high = self.low[index], self.high[index]
-        yes = np.ones(low.shape, dtype=bool)
-        if not self.slopes:
-            return Enclosure((low, high), yes, yes)
-        unit = np.zeros(self.low.shape)
-        unit[index] = 1.0
-        return Enclosure((low, high), yes, yes, (unit, unit))
+        if self.by is None or index not in self.by:
+            return Enclosure((low, high), self._yes, self._yes, self._level)
+        unit = np.zeros((len(self.by), *low.shape))
+        unit[self.by.index(index)] = 1.0
+        return Enclosure((low, high), self._yes, self._yes, (unit, unit))
 
     def _constant(self, ends: tuple[float, float]) -> Enclosure:
         shape = self.low.shape[1:]
-        yes = np.ones(shape, dtype=bool)
-        slope = (np.zeros(self.low.shape), np.zeros(self.low.shape)) if self.slopes else None
-        return Enclosure((np.full(shape, ends[0]), np.full(shape, ends[1])), yes, yes, slope, fixed=True)
+        value = np.full(shape, ends[0]), np.full(shape, ends[1])
+        return Enclosure(value, self._yes, self._yes, self._level, fixed=True)
 
 
 _CONSTANTS = {"pi": endpoints.PI, "e": endpoints.E, "true": (1.0, 1.0), "false": (0.0, 0.0)}
 
 
 def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
-    return (
-        np.logical_and.reduce([a.defined for a in args]),
-        np.logical_and.reduce([a.continuous for a in args]),
-    )
+    return reduce(and_, [a.defined for a in args]), reduce(and_, [a.continuous for a in args])
 
 
 def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair | None:

@@ -149,12 +149,11 @@ def _ends(field: Field, root: Pair, low: Array, high: Array, points: Array) -> t
 
 
 def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
-    rows = enclose(field.program, low, high, slopes=True)
+    rows = enclose(field.program, low, high, slopes=field.states)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
     continuous = np.logical_and.reduce([row.continuous for row in rows])
     slopes = [row.slope for row in rows if row.slope is not None]
-    picked = list(field.states)
-    matrix = np.stack([slope[0][picked] for slope in slopes]), np.stack([slope[1][picked] for slope in slopes])
+    matrix = np.stack([slope[0] for slope in slopes]), np.stack([slope[1] for slope in slopes])
     return _Slopes(matrix, smooth, continuous)
 
 
@@ -198,15 +197,21 @@ def _norm(matrix: Pair) -> Array:
     (low, high), exponent = _scaled(matrix)
     size = np.maximum(np.abs(low), np.abs(high))
     plain = _frobenius(size)
+    norm = plain if 1 in low.shape[:2] else np.fmin(plain, _sharper(low, high, size, plain))
+    norm = np.where(np.isnan(norm), np.inf, up(norm + _LOST))
+    zero = ((low == 0) & (high == 0)).all(axis=(0, 1))
+    return np.asarray(np.where(zero & (exponent == 0), 0.0, up(np.ldexp(norm, exponent))))
+
+
+def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
+    """Upper bounds of the norms that may lie below those of Frobenius, `plain`; of a single row or column these are the
+    norms themselves."""
     centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
     radius = np.maximum(up(high - centre), up(centre - low))
     sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius(radius))
     sums = _largest_sum(size), _largest_sum(np.swapaxes(size, 0, 1))
     mixed = up(np.sqrt(up(sums[0] * sums[1])))
-    norm = np.fmin(np.fmin(plain, mixed), sharp)
-    norm = np.where(np.isnan(norm), np.inf, up(norm + _LOST))
-    zero = ((low == 0) & (high == 0)).all(axis=(0, 1))
-    return np.asarray(np.where(zero & (exponent == 0), 0.0, up(np.ldexp(norm, exponent))))
+    return np.fmin(mixed, sharp)
 
 
 def _scaled(matrix: Pair) -> tuple[Pair, NDArray[np.int64]]:
@@ -263,7 +268,8 @@ def _swap(matrix: Pair) -> Pair:
 def _product(a: Pair, b: Pair) -> Pair:
     """The product of interval matrices (n x m x k) (m x l x k)."""
     low, high = scale((a[0][:, :, None], a[1][:, :, None]), (b[0][None], b[1][None]))  # n x m x l x k
-    return reduce(add_down, np.moveaxis(low, 1, 0)), reduce(add_up, np.moveaxis(high, 1, 0))
+    terms = range(low.shape[1])
+    return reduce(add_down, (low[:, j] for j in terms)), reduce(add_up, (high[:, j] for j in terms))
 
 
 def _attained(slopes: _Slopes, points: Array) -> Attained:
