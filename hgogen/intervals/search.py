@@ -164,7 +164,9 @@ class _Problem:
 
 
 def _search(problem: _Problem, goal: Goal, limit: int) -> Outcome:
-    inner = _explore(problem, Inner(math.inf, -math.inf, None, None, None))
+    inner = Inner(math.inf, -math.inf, None, None, None)
+    if goal not in (everywhere, regular):  # these ask for no values
+        inner = _explore(problem, inner)
     low, high = problem.root
     leaves, inner = _boxes(problem, low[:, None], high[:, None], np.zeros(1, dtype=np.int64), inner)
     boxes, splits = 1, list[tuple[int, int]]()

@@ -16,7 +16,8 @@ from hgogen.algebra.tabulated import held
 from hgogen.analysis.lie import size
 from hgogen.check import Check
 from hgogen.form import Form
-from hgogen.intervals.bounds import Box, bound, box
+from hgogen.intervals.bounds import Box, bound, box, problem_of
+from hgogen.intervals.search import everywhere
 from hgogen.intervals.singular import singular
 from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in
@@ -24,7 +25,6 @@ from hgogen.structure.inverse import inverse, tidy
 from hgogen.system import System
 
 BOXES = 2000
-_LOOSE = 1e6  # of a range that is asked only whether it is there
 _RANGES = 300  # the ranges of z are where b is clamped: a few percent wider is no harm
 _POLES = 200  # b is large, and with poles in the box of z, as they often are, more boxes do not help
 
@@ -65,7 +65,7 @@ class Carried:
         psi = {x: held(e.xreplace(rename)) for x, e in back.items()}
         b = tuple(min((e := held(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)
         around = box((*states, *plant.inputs, *plant.parameters), plant.nominal)
-        direct = not recovered and all(row.is_number or _defined(row, around) for row in b)
+        direct = not recovered and all(row.is_number or _defined(row, around, _POLES) for row in b)
         return Form(
             system=plant,
             kind=self.kind,
@@ -97,17 +97,15 @@ def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, ti
     return Signal(name, source.unit, meaning, low=low, high=high)
 
 
-def _defined(row: sp.Expr, around: Box) -> bool:
-    return not singular([exact(row)], around) or bound(row, around, boxes=_POLES).defined
+def _defined(e: sp.Expr, around: Box, boxes: int) -> bool:
+    if not singular([exact(e)], around):
+        return True
+    problem = problem_of(e, around)
+    return problem is not None and problem.search(everywhere, boxes).defined
 
 
 def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
     """The first expression that is not proved to be finite and real on the whole box."""
     box_x = box(plant.signals, plant.nominal)
-    return next((e for e in dict.fromkeys(expressions) if not e.is_number and not _finite(e, box_x)), None)
-
-
-def _finite(e: sp.Expr, box_x: Box) -> bool:
-    if e.is_polynomial() or not singular([exact(e)], box_x):
-        return True
-    return bound(e, box_x, boxes=BOXES, relative=_LOOSE).defined
+    doubtful = (e for e in dict.fromkeys(expressions) if not (e.is_number or e.is_polynomial()))
+    return next((e for e in doubtful if not _defined(e, box_x, BOXES)), None)
