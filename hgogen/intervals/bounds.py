@@ -95,7 +95,8 @@ def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: flo
     problem = problem_of(expression, dict(ends))
     if problem is None:
         return NOWHERE
-    outcome = problem.search(tight(relative), min(boxes, _FIRST))
+    first = min(boxes, _FIRST)
+    outcome = problem.search(tight(relative), first)
     if outcome.finished:
         return range_of(problem, outcome, relative)
     if not outcome.defined:
@@ -103,7 +104,9 @@ def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: flo
         if special:  # more boxes would not help
             note = because("it is not a finite real number at {point}", point=equations(special[1]))
             return replace(range_of(problem, outcome, relative), note=note)
-    return range_of(problem, problem.search(tight(relative), boxes), relative)
+    if first < boxes and outcome.boxes + 2 > first:  # else more boxes would change nothing
+        outcome = problem.search(tight(relative), boxes)
+    return range_of(problem, outcome, relative)
 
 
 NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a finite real number"), (), "leaf")

@@ -88,9 +88,10 @@ def _lipschitz_bound(
         return _constant(rows, around, boxes)
     vector = _field([bent(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
-    outcome = steepest(vector, around.outer, relative, min(boxes, _FIRST))
+    first = min(boxes, _FIRST)
+    outcome = steepest(vector, around.outer, relative, first)
     steep = None if outcome.bounded else _endless(rows, read, around)
-    if not (outcome.finished or steep) and boxes > _FIRST:
+    if not (outcome.finished or steep) and first < boxes and outcome.boxes + 2 > first:  # else they change nothing
         outcome = steepest(vector, around.outer, relative, boxes)
     if outcome.bounded:
         loose = because("{boxes} boxes bring it no closer to the slopes that are attained", boxes=outcome.boxes)
