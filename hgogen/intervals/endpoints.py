@@ -102,8 +102,8 @@ def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
     else:  # an infinite end is no value
         inside, outside = (a[0] > first) & ((a[1] < last) | (last == _INF)), (a[1] <= first) | (a[0] >= last)
     low, high = np.clip(a[0], first, last), np.clip(a[1], first, last)
-    left, right = (high, low) if rule.falls else (low, high)
-    least, most = _at(name, left)[0], _at(name, right)[1]
+    below, above = _at(name, np.array((high, low) if rule.falls else (low, high)))
+    least, most = below[0], above[1]
     return (np.where(outside, -np.inf, least), np.where(outside, np.inf, most)), inside
 
 
@@ -118,9 +118,9 @@ def _turns(a: Pair, phase: float) -> Flags:
 def _wave(name: str, a: Pair) -> Pair:
     top = 0.0 if name == "cos" else _HALF_PI[0]
     bounded = np.where(np.isfinite(a[0]), a[0], 0.0), np.where(np.isfinite(a[1]), a[1], 0.0)
-    left, right = _at(name, bounded[0]), _at(name, bounded[1])
-    low = np.where(_turns(a, top - PI[0]), -1.0, np.minimum(left[0], right[0]))
-    high = np.where(_turns(a, top), 1.0, np.maximum(left[1], right[1]))
+    below, above = _at(name, np.array(bounded))
+    low = np.where(_turns(a, top - PI[0]), -1.0, np.minimum(*below))
+    high = np.where(_turns(a, top), 1.0, np.maximum(*above))
     return np.maximum(low, -1.0), np.minimum(high, 1.0)
 
 
