@@ -278,10 +278,12 @@ def test_a_direction_of_a_range_of_one_point_is_every_number_of_it() -> None:
 
 @pytest.mark.parametrize("at", [0, 1])
 def test_a_direction_at_a_face_leaves_the_other_factor_its_range(at: int) -> None:
-    """Its slope is 0 within the box: of a box with both ends exchanged y sign(x) would be 0."""
+    """Its slope is 0 within the box: of a box with both ends exchanged y + sign(x) would be 0."""
     box = {x: (Fraction(0), Fraction(1)), y: (Fraction(-1), Fraction(1))}
-    enclosure = bound(y * Direction(sp.Integer(0), x - at), box)
-    assert (enclosure.low, enclosure.high) == (-1, 1)
+    direction = Direction(sp.Integer(0), x - at)
+    product, total = bound(y * direction, box), bound(y + direction, box)
+    assert (product.low, product.high) == (-1, 1)
+    assert (total.low, total.high) == (-2 * at, 2 - 2 * at)
     assert nonzero(slope(x * y * sp.sign(x) + x, x), box).verdict is not Verdict.PROVED
 
 
