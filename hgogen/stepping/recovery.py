@@ -142,7 +142,7 @@ class Recovery:
     def signs(self) -> tuple[Sign, ...]:
         """What is counted of this observer."""
         outputs = [j for j in self.judged if self._spans[j] < INF]
-        ranges = not self.observer.practical and not outside(self.observer).is_constant()
+        ranges = not self.observer.practical and not self._outside.is_constant()
         longest = LONGEST // max(1, len(outputs) + ranges)
         if not self.clock.guarded or not (outputs or ranges):
             return ()
@@ -158,6 +158,11 @@ class Recovery:
             meaning = f"the estimate is out of a range by {MARGIN:.0%} of it"
             signs.append(Sign("range", None, meaning, wait * dt / p, wait, min(DOUBLED * wait, longest)))
         return tuple(signs)
+
+    @cached_property
+    def _outside(self) -> Graph:
+        """Whether the estimate is outside a declared range; SX."""
+        return outside(self.observer)
 
     @cached_property
     def _readings(self) -> list[tuple[float, float]]:
@@ -189,14 +194,14 @@ class Recovery:
 
         `says`: whether this section also raises OUTSIDE_BOX.
         """
-        bit = {Place("status", "OUTSIDE_BOX"): outside(self.observer)} if says else {}
+        bit = {Place("status", "OUTSIDE_BOX"): self._outside} if says else {}
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
             return (Block("is the estimate outside the declared box?", bit),) if bit else ()
         signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
         rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
         sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
-        beyond = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
+        beyond = [self._outside if sign.output is None else self._beyond(sign, samples) for sign in signs]
         doubtful = any_of([*beyond, ca.logic_not(sym("state", "doubt_sum") <= 0), rejected])
         shows = {sign: self._shows(sign, samples) for sign in signs}
         judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
@@ -222,12 +227,12 @@ class Recovery:
         spoiled = Block("was doubt or patience spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
         return (spoiled, When(Place("work", "spoiled"), self.calm))
 
-    @property
+    @cached_property
     def calm(self) -> Program:
         """Doubt and patience as after a reset."""
         return fresh("state", self.fields, part="clear_doubt")
 
-    @property
+    @cached_property
     def rest(self) -> Program:
         """What is remembered beside the estimate as after a reset, but for what lasts; members start from the
         estimate."""
