@@ -37,14 +37,18 @@ class _Way:
 
 
 def chosen(part: Riccati, clock: Clock) -> Pieces:
-    """The pieces of the shorter program, or of the faster one if it is not too long, with a sentence on the choice."""
+    """The pieces of the shorter program, or of the faster one if it is not too long, with a sentence on the choice.
+    Where straight-line code is short, loops are not made to be counted."""
     n = part.dynamics.n
     if n <= FULL and not admits(part):
         return replace(unrolled(part, clock), choice="the covariance in straight-line code, as for full matrices")
-    loops = _Way("loops", looped(part, clock))
     if n > LARGE:
-        return replace(loops.pieces, choice=f"the covariance in loops, as for more than {LARGE} states in any case")
+        choice = f"the covariance in loops, as for more than {LARGE} states in any case"
+        return replace(looped(part, clock), choice=choice)
     straight = _Way("straight-line code", unrolled(part, clock))
+    if straight.longest <= LONGER[clock.prefer]:
+        return replace(straight.pieces, choice=f"the covariance {straight}, too few for loops to be shorter by enough")
+    loops = _Way("loops", looped(part, clock))
     longer = straight.longest - loops.longest > LONGER[clock.prefer]
     taken, other = (loops, straight) if longer else (straight, loops)
     return replace(taken.pieces, choice=f"the covariance {taken}; {other}")
