@@ -189,7 +189,9 @@ class Block:
     @cached_property
     def reads(self) -> tuple[tuple[Place, int], ...]:
         """The places read, with their sizes, sorted."""
-        symbols = ca.symvar(ca.veccat(*self.writes.values(), *self.names.values()))
+        values = list(map(sx, (*self.writes.values(), *self.names.values())))
+        # as ca.symvar does, which asks for one column of them
+        symbols = ca.Function("reads", [], values, {"allow_free": True}).free_sx()
         return tuple(sorted({(place, size) for place, _, size in map(address, symbols)}))
 
     @cached_property
@@ -208,14 +210,14 @@ class Block:
         """SX function from the places read to the places written, then the named values."""
         inputs = [sym(*place, size) for place, size in self.reads]
         values = [dense(value) for value in (*self.writes.values(), *self.names.values())]
-        return ca.Function("block", inputs, ca.cse(values))
+        return ca.Function("block", inputs, values, {"cse": True})
 
 
 def _sources(value: Graph) -> set[Place] | None:
     """The places whose symbols the elements of an SX are; None where one is no symbol."""
     sources: set[Place] = set()
-    for index in range(value.numel()):
-        if not (element := value[index]).is_symbolic():
+    for element in dense(value).nonzeros():
+        if not element.is_symbolic():
             return None
         sources.add(address(element)[0])
     return sources

@@ -13,7 +13,7 @@ import casadi as ca
 
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.graph import Graph, sx
+from hgogen.graph import Graph, dense
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
@@ -292,8 +292,8 @@ def _written(program: Program) -> dict[Place, set[int]]:
     changed: dict[Place, set[int]] = {}
     blocks = [statement for statement in walk(program) if isinstance(statement, Block)]
     for block, place, size in ((s, *item) for s in blocks for item in s.written if item[0].struct == "state"):
-        value, same = ca.densify(sx(block.writes[place])), sym(*place, size)
-        elements = {k for k in range(size) if not ca.is_equal(value[k], same[k], 1)}
+        values, same = dense(block.writes[place]).nonzeros(), sym(*place, size).nonzeros()
+        elements = {k for k in range(size) if values[k].element_hash() != same[k].element_hash()}
         if elements and not _of_member(block, place):
             changed.setdefault(place, set()).update(elements)
     for kernel in (s for s in walk(program) if isinstance(s, Kernel)):
