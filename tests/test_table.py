@@ -371,7 +371,7 @@ int main(void)
 {{
     {type} x;
     while (fread(&x, sizeof x, 1, stdin) == 1) {{
-        const {type} values[3] = {{{calls}}};
+        const {type} values[] = {{{calls}}};
         fwrite(values, sizeof values, 1, stdout);
     }}
     return 0;
@@ -379,8 +379,9 @@ int main(void)
 """
 
 
-def program(cells: Cells, real: str, folder: Path, *flags: str) -> Path:
-    lookups = [Lookup(cells, (order,)) for order in range(3)]
+def program(all_cells: Iterable[Cells], real: str, folder: Path, *flags: str) -> Path:
+    """What gives at each number the value and two slopes of each table."""
+    lookups = [Lookup(cells, (order,)) for cells in all_cells for order in range(3)]
     text = "\n".join((tables(C, "t", real, lookups) + code("")).lines)
     calls = ", ".join(f"t_{each.name}(x)" for each in lookups)
     return emitted.compiled("gcc", {"main.c": _MAIN.format(text=text, type=real, calls=calls)}, folder, *flags)
@@ -402,13 +403,16 @@ def test_c_and_python_and_casadi_have_the_same_bits(kind: str, real: str, tmp_pa
     bounds, which the sanitizers would tell."""
     emitted.tool("gcc")
     draw = Random(9)
+    curves = []
     for count in (2, 3, 4, 5, 8, 9, 200):
-        xs = sorted(draw.sample(range(-4000, 4000), count))
-        cells = curve([x / 700 for x in xs], [draw.uniform(-3, 3) for _ in xs], kind, "t").holding(count % 2 == 0)
-        binary = program(cells, real, tmp_path, "-O2", "-ffp-contract=off", "-fsanitize=address,undefined")
+        points = [x / 700 for x in sorted(draw.sample(range(-4000, 4000), count))]
+        cells = curve(points, [draw.uniform(-3, 3) for _ in points], kind, f"t{count}")
+        curves.append(cells.holding(count % 2 == 0))
+    binary = program(curves, real, tmp_path, "-O2", "-ffp-contract=off", "-fsanitize=address,undefined")
+    for k, cells in enumerate(curves):
         xs = numbers(cells, real)
         run = emitted.subprocess.run([binary], input=xs.tobytes(), capture_output=True, check=True)
-        seen = np.frombuffer(run.stdout, DTYPE[real]).reshape(len(xs), 3)
+        seen = np.frombuffer(run.stdout, DTYPE[real]).reshape(len(xs), -1)[:, 3 * k : 3 * k + 3]
         x = ca.SX.sym("x")
         for order in range(3):
             lookup = Lookup(cells, (order,))
@@ -419,8 +423,7 @@ def test_c_and_python_and_casadi_have_the_same_bits(kind: str, real: str, tmp_pa
             assert np.isnan(seen[~np.isfinite(xs), order]).all()
             finite = np.abs(xs) < 1e3
             if real == "double":
-                values = np.array([float(graph(v)) for v in xs[finite]])
-                assert (values == seen[finite, order]).all()
+                assert (graph.map(int(finite.sum()))(xs[finite]).full()[0] == seen[finite, order]).all()
 
 
 def same(a: np.ndarray, b: np.ndarray) -> bool:
