@@ -89,6 +89,11 @@ def binary(operation: int, a: Graph, b: Graph) -> Graph:
     return ca.SX.binary(operation, a, b)
 
 
+def leaves(value: Graph, low: float, high: float) -> Graph:
+    """Whether a value is below its range, or above it; SX."""
+    return binary(ca.OP_OR, binary(ca.OP_LT, value, low), binary(ca.OP_LT, high, value))
+
+
 def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
     """The expressions as SX graphs, one scalar each; a subexpression is built once.
 

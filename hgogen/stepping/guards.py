@@ -6,14 +6,14 @@ its box; each guard says in the status what it did.
 
 from collections.abc import Iterable
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from itertools import compress
 
 import casadi as ca
 
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.graph import Graph, dense
+from hgogen.graph import Graph, binary, dense, leaves
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
@@ -107,7 +107,7 @@ def outside(observer: Observer, margin: float = 0.0) -> Graph:
     `margin` of its width, so that the model is evaluated at the edge; SX."""
     z, dynamics = observer.z, observer.dynamics
     ends = [widened(*end, margin) for end in dynamics.box]
-    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(ends) if low > -INF]
+    tests = [leaves(z[i], *end) for i, end in enumerate(ends) if end[0] > -INF]
     return any_of(tests + dynamics.beyond(z, sym("state", "u", len(observer.form.system.inputs)), margin))
 
 
@@ -134,7 +134,7 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
 def any_of(tests: Iterable[Graph]) -> Graph:
     """Whether one of the truth values holds; 0 for none."""
     tests = list(tests)
-    return reduce(ca.logic_or, tests) if tests else ca.SX(0)
+    return reduce(partial(binary, ca.OP_OR), tests) if tests else ca.SX(0)
 
 
 def _within(value: Graph, limit: float) -> Graph:
@@ -153,7 +153,7 @@ def guard_inputs(observer: Observer) -> Block:
         values.append(clamp(taken, low, high))
         writes[Place("status", f"REUSED_{signal.name}")] = ca.logic_not(usable)
         if signal.bounded:
-            writes[Place("status", f"CLAMPED_{signal.name}")] = ca.logic_or(taken < low, taken > high)
+            writes[Place("status", f"CLAMPED_{signal.name}")] = leaves(taken, low, high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": taken}
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names)
 
@@ -314,7 +314,5 @@ def _in_its_box(field: Field, each: bool) -> Block:
         values = [ca.if_else(_within(value[i], LOST), v, field.initial[i]) for i, v in enumerate(values)]
     writes = {Place("state", field.name): column(values)}
     if field.outer:
-        writes[Place("status", "STATE_LIMITED")] = any_of(
-            ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(ends)
-        )
+        writes[Place("status", "STATE_LIMITED")] = any_of(leaves(value[i], *end) for i, end in enumerate(ends))
     return Block(f"keep {field.name} in its box", writes)

@@ -20,7 +20,7 @@ from hgogen.algebra.lookup import hessian, jacobian
 from hgogen.analysis.determinant import determinant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.graph import Graph, binary, to_casadi
+from hgogen.graph import Graph, binary, leaves, to_casadi
 from hgogen.intervals.box import Box, box
 from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.intervals.one_sided import computed
@@ -189,7 +189,7 @@ class Dynamics:
         raw = self._unranged(z, u)
         ends = [widened(*s.interval, margin) for s in self.form.system.states]
         return [
-            ca.logic_or(raw[i] < ends[i][0], raw[i] > ends[i][1])
+            leaves(raw[i], *ends[i])
             for i, (s, e) in enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
             if s.bounded and not (e.is_Symbol or (-e).is_Symbol)
         ]
