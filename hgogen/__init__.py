@@ -189,8 +189,8 @@ def __getattr__(name: str) -> object:
         value: object = import_module(f"{__name__}.{_MODULES[name]}")
     elif name in _NAMES:
         value = getattr(import_module(f"{__name__}.{_NAMES[name]}"), name)
-    elif name == "__version__":  # that of pyproject.toml, as it was installed
-        value = import_module("importlib.metadata").version(__name__)
+    elif name == "__version__":
+        value = import_module(f"{__name__}.reading.release").version()
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     globals()[name] = value

@@ -43,7 +43,6 @@ A claim is "proved" or "refuted" here only if its evidence is verified by `hgoge
 
 import json
 from collections.abc import Iterable, Mapping
-from importlib.metadata import version
 from typing import Any
 
 import sympy as sp
@@ -54,6 +53,7 @@ from hgogen.evidence.grammar import end, exactly, text
 from hgogen.evidence.grounds import Grounds, texts
 from hgogen.form import Form
 from hgogen.intervals.box import box
+from hgogen.reading.release import version
 from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
 from hgogen.recheck.rules import OBSERVERS
 from hgogen.recheck.text import Unreadable
@@ -158,7 +158,7 @@ def _demoted(claim: Mapping[str, Any], failed: Mapping[str, str]) -> dict[str, A
 def _model(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
     """The head of a certificate, and what it is about."""
     about = {"plant": _plant(form), "form": _form(form), "observer": _observer(form, checks, observer)}
-    return {"format": FORMAT, "version": VERSION, "hgogen": version("hgogen"), **about, "model": model_digest(about)}
+    return {"format": FORMAT, "version": VERSION, "hgogen": version(), **about, "model": model_digest(about)}
 
 
 def _plant(form: Form) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from importlib.metadata import version
 from typing import Any
 
 from hgogen.ecosystems.ecosystem import Ecosystem, Text, common, template
@@ -16,6 +15,7 @@ from hgogen.emit.described import described, of_signal, parameters
 from hgogen.emit.fold import folded
 from hgogen.emit.manual import marked
 from hgogen.emit.syntax import Real
+from hgogen.reading.release import version
 from hgogen.reading.time_unit import pace, seconds
 from hgogen.signal import Signal, resting
 from hgogen.step import Step
@@ -67,7 +67,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
     ]
     outer = [each for each in structs(step) if each.name in ("s", "p")]
     inner = [each.local for each in structs(step) if each not in outer]
-    release = re.match(r"\d+\.\d+\.\d+", version("hgogen"))
+    release = re.match(r"\d+\.\d+\.\d+", version())
     period = (seconds(step.time) or 1.0) * step.dt
     return {
         "name": step.name,

@@ -6,7 +6,6 @@ comments are Doxygen's, too."""
 import re
 from collections.abc import Iterable
 from dataclasses import replace
-from importlib.metadata import version
 from string import Template
 
 from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
@@ -34,6 +33,7 @@ from hgogen.emit.manual import (
 )
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
+from hgogen.reading.release import version
 from hgogen.reading.time_unit import pace, plural
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -199,7 +199,7 @@ def _constants(step: Step, real: Real) -> list[str]:
     """What firmware compares: the period of its timer, and of a state that it restores who wrote it."""
     period = f"the period that is compiled in, in {plural(step.time)}"
     rows = [("DT", C.literal(step.dt, real), period)]
-    rows += [("VERSION", f'"{version("hgogen")}"', "the version of hgogen that a restored state is of")]
+    rows += [("VERSION", f'"{version()}"', "the version of hgogen that a restored state is of")]
     digest = model_digest(step.observer)
     rows += [("MODEL", f'"{digest}"', "the model that a restored state is of")] if digest else []
     if step.mark:
