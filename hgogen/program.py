@@ -190,7 +190,6 @@ class Block:
     def reads(self) -> tuple[tuple[Place, int], ...]:
         """The places read, with their sizes, sorted."""
         values = list(map(sx, (*self.writes.values(), *self.names.values())))
-        # as ca.symvar does, which asks for one column of them
         symbols = ca.Function("reads", [], values, {"allow_free": True}).free_sx()
         return tuple(sorted({(place, size) for place, _, size in map(address, symbols)}))
 
@@ -215,12 +214,8 @@ class Block:
 
 def _sources(value: Graph) -> set[Place] | None:
     """The places whose symbols the elements of an SX are; None where one is no symbol."""
-    sources: set[Place] = set()
-    for element in dense(value).nonzeros():
-        if not element.is_symbolic():
-            return None
-        sources.add(address(element)[0])
-    return sources
+    elements = dense(value).nonzeros()
+    return {address(each)[0] for each in elements} if all(each.is_symbolic() for each in elements) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,6 +302,7 @@ class Call:
 
 Statement = Block | Loop | Repeat | When | Copy | Kernel | Call
 Program = tuple[Statement, ...]
+_AROUND = (Loop, Repeat, When)  # others; a union would be made anew at each statement
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,12 +317,13 @@ class Section:
 
 def walk(program: Sequence[Statement]) -> Iterator[Statement]:
     """Every statement, outer ones first."""
-    for statement in program:
-        yield statement
-        if isinstance(statement, Loop | Repeat | When):
-            yield from walk(statement.body)
+    left = list(reversed(program))
+    while left:
+        yield (statement := left.pop())
         if isinstance(statement, When):
-            yield from walk(statement.otherwise)
+            left += reversed(statement.otherwise)
+        if isinstance(statement, _AROUND):
+            left += reversed(statement.body)
 
 
 def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
