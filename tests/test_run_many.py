@@ -34,6 +34,12 @@ def step(name: str, real: Real = "double") -> hg.Step:
     return made.made_again(real=real)
 
 
+@cache
+def started(real: Real, x1: float) -> bytes:
+    """The state of a step that starts from an estimate."""
+    return step("fitzhugh_nagumo", real).started(lambda _: {"x1": x1, "eta": 0.25}).save()
+
+
 def signals(made: hg.Step, count: int = COUNT, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
     """Records u (B, N, m), y (B, N, p) of walks in the declared ranges; some jump and stay away, some have gaps, the
     worst numbers or both."""
@@ -157,7 +163,7 @@ def test_records_differ_by_parameters_and_starts(engine: Engine, real: Real) -> 
     before = made.tuned
     for k in range(4):
         made.tune(Q=Q[k], R=0.3, theta_1=wanted["theta_1"][k])
-        made.restore(made.started(lambda _, k=k: {"x1": starts[k], "eta": 0.25}).save())
+        made.restore(started(real, starts[k]))
         assert is_run(many, k, made.run(u[0], y[k], engine)), k
         assert made.save() == many.states[k]
     made.tune(**before)
