@@ -247,9 +247,24 @@ def step(name: str) -> hg.Step:
     return STEPS[name]()
 
 
-@cache
 def files(name: str, real: str = "float") -> Mapping[str, str]:
+    """The C of a step, with its self-check."""
+    return _files(name, real)
+
+
+def crate(name: str, real: str = "float") -> str:
+    """The Rust of a step."""
+    return _crate(name, real)
+
+
+@cache  # by both, whether the second was said or not
+def _files(name: str, real: str) -> Mapping[str, str]:
     return hg.targets.c99(step(name), real=real)
+
+
+@cache
+def _crate(name: str, real: str) -> str:
+    return hg.targets.rust(step(name), real=real, check=False)[f"{step(name).name}.rs"]
 
 
 # --- tools --------------------------------------------------------------------------------------------------

@@ -152,7 +152,7 @@ def test_no_number_harms_it_and_python_agrees(name: str, tmp_path: Path) -> None
     for table in (u, y):
         hit = rng.random(table.shape) < 0.2
         table[hit] = rng.choice(values, hit.sum())
-    texts = {**hg.targets.rust(made, real="double", check=False), "driver.rs": driver(made, u, y)}
+    texts = {f"{made.name}.rs": emitted.crate(name, "double"), "driver.rs": driver(made, u, y)}
     lines = run([str(built(texts, made.name, tmp_path))], tmp_path).splitlines()
     printed = np.array([list(map(int, line.split())) for line in lines], np.uint64)
     made.reset()
@@ -170,7 +170,7 @@ def test_no_counter_harms_it(name: str, tmp_path: Path) -> None:
     assert counters
     for value in ("u32::MAX", "u32::MAX - 1"):
         spoiled = " ".join(f"{text} = {value};" for text in counters)
-        texts = {**hg.targets.rust(made, real="double", check=False), "driver.rs": driver(made, u, y, spoiled)}
+        texts = {f"{made.name}.rs": emitted.crate(name, "double"), "driver.rs": driver(made, u, y, spoiled)}
         assert run([str(built(texts, made.name, tmp_path))], tmp_path).count("\n") == 100
 
 
@@ -232,8 +232,7 @@ def test_the_page_s_lines_compile_and_its_commands_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", NAMES)
 def test_it_is_plain_and_safe(name: str, real: Real) -> None:
-    made, other = step(name), KINDS[REALS[real == "float"]][0]
-    source = hg.targets.rust(made, real=real, check=False)[f"{made.name}.rs"]
+    source, other = emitted.crate(name, real), KINDS[REALS[real == "float"]][0]
     for attribute in ("#![no_std]", "#![forbid(unsafe_code)]"):
         assert f"\n{attribute}\n" in source
     spoken = re.sub(r"//.*", "", source)
@@ -247,7 +246,7 @@ def test_the_same_memory_as_in_c() -> None:
     """The fields of the state, in order, by name and size; the C has the mark of a state before them."""
     for name in NAMES:
         made = step(name)
-        rust, c = hg.targets.rust(made, check=False)[f"{made.name}.rs"], emitted.files(name)[f"{made.name}.h"]
+        rust, c = emitted.crate(name), emitted.files(name)[f"{made.name}.h"]
         (inner,) = re.findall(r"pub struct State \{\n(.*?)\n\}", rust, re.DOTALL)
         (typed,) = re.findall(rf"typedef struct \{{\n((?:(?!typedef).)*)\}} {made.name}_state;", c, re.DOTALL)
         fields = re.findall(r"pub (\w+): (?:\[\w+; (\d+)\]|\w+),", inner)

@@ -5,8 +5,6 @@ import re
 import emitted
 import pytest
 
-import hgogen as hg
-
 each = pytest.mark.parametrize("name", emitted.STEPS)
 
 
@@ -40,9 +38,7 @@ def test_neither_sample_nor_innovation_is_a_number_of_a_section(name: str) -> No
 
 @each
 def test_rust_has_the_same_words(name: str) -> None:
-    step = emitted.step(name)
-    text = code(hg.targets.rust(step, check=False)[f"{step.name}.rs"], r"//[^\n]*")
-    c = source(name)
+    text, c = code(emitted.crate(name), r"//[^\n]*"), source(name)
     words = {r"\bmeasurement\b": "measurement", r"\boutput_error\b": "output_error", r"\bsample\b": "sample"}
     assert {word for pattern, word in words.items() if re.search(pattern, text)} == {
         word for pattern, word in words.items() if re.search(pattern, c)
