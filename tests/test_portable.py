@@ -5,6 +5,7 @@ import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import emitted
 import plants
@@ -23,12 +24,14 @@ from hgogen.emit.syntax import Number, Syntax
 from hgogen.program import Kernel, walk
 
 
+@cache
 def forgetting() -> hg.Step:
     """The information of each state is renewed."""
     form = hg.forms.state_affine(plants.chain(12))
     return hg.sample(hg.observers.kalman_like(form, rho=1.0, R=1.0), dt=0.01)
 
 
+@cache
 def bilinear() -> hg.Step:
     """A resolvent of a balanced matrix."""
     observer = hg.observers.high_gain(hg.forms.triangular(plants.chain(3)), theta=5, poles=(-1, -1, -1))
@@ -69,8 +72,8 @@ def test_loops_over_whole_vectors_have_the_same_bits(real: str, flags: tuple[str
     """GCC makes them; of what says that it is another compiler they are as for a board."""
     if native.compiler() is None:
         pytest.skip("no C compiler")
-    made = STEPS["many_states"]()
-    files, upper = hg.targets.c99(made, real=real), made.name.upper()
+    made, files = emitted.step("many_states"), emitted.files("many_states", real)
+    upper = made.name.upper()
     assert f"{upper}_VECTOR*{upper}_VECTOR" in files[f"{made.name}.c"]
     assert f"static {upper}_OFTEN {real} {made.name}_abs" in files[f"{made.name}.c"]
     exact = ("-ffp-contract=off", f"-D{upper}_EXACT")
