@@ -234,6 +234,19 @@ def test_a_forged_number_fails(observer: str, lie: str) -> None:
     assert verdict(content) == "fails"
 
 
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+@pytest.mark.parametrize("sizes", [(1, 100, 10**4), (10**4, 100, 1)])
+def test_a_norm_is_the_same_at_any_size(observer: str, sizes: tuple[int, ...]) -> None:
+    """Each counts with the value that it has itself at the start, and not with that of another."""
+    content = copy.deepcopy(certified(observer))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".start"))
+    evidence = claim["evidence"]
+    for one, size in zip((evidence["clear"], *evidence["peaks"]), sizes, strict=True):
+        one["P"] = [[str(Fraction(x) * size) for x in row] for row in one["P"]]
+        one["S"] = [str(Fraction(x) * size) for x in one["S"]]
+    assert verdict(content) == "verified"
+
+
 def test_what_is_verified_says_which_limits_are_not_met() -> None:
     content = copy.deepcopy(certified("high_gain"))
     (claim,) = (each for each in content["claims"] if each["id"].endswith(".start"))
