@@ -15,7 +15,7 @@ from hgogen.errors import BadArgument, HgogenError
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _DOTS = ("", "_dot", "_ddot", "_dddot")
-LARGEST = 1e30  # of the ends of a range: an estimate beyond it is taken for lost
+LOST = 1e30  # a value of the state beyond it, or none at all, is lost; no range and no gain goes beyond it
 
 
 @dataclass(eq=False)
@@ -72,8 +72,8 @@ def _range(name: str, low: Any, high: Any, names: tuple[str, str] = ("low", "hig
     if low is not None and high is not None and not low < high:
         raise BadRange(name, f"{names[0]} = {low:g} is not below {names[1]} = {high:g}; swap or widen them")
     for what, end in zip(names, (low, high), strict=True):
-        if end is not None and abs(end) > LARGEST:
-            raise BadRange(name, f"{what} = {end:g} is beyond {LARGEST:g}; give it in another unit, or leave it out")
+        if end is not None and abs(end) > LOST:
+            raise BadRange(name, f"{what} = {end:g} is beyond {LOST:g}; give it in another unit, or leave it out")
     return low, high
 
 

@@ -27,7 +27,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.reading.door import remembers
 from hgogen.reading.given import BadGain, positive
-from hgogen.signal import LARGEST, Signal
+from hgogen.signal import LOST, Signal
 from hgogen.stepping.guards import readings
 from hgogen.system import System
 
@@ -182,7 +182,7 @@ def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
     try:
         return rule(observer).gains(numbers)
     except ArithmeticError:
-        return f"they are beyond {LARGEST:g}; give the signals other units"
+        return f"they are beyond {LOST:g}; give the signals other units"
 
 
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
@@ -276,6 +276,6 @@ def two(value: float) -> float:
 
 def weight(value: float) -> float:
     """Two digits. Raises: `OverflowError` for more than an observer takes as a weight."""
-    if not value <= LARGEST:
+    if not value <= LOST:
         raise OverflowError
     return two(value)

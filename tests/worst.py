@@ -18,7 +18,7 @@ from hgogen.guarantees.inclusion import of_state
 from hgogen.guarantees.quadratic import floats, rational
 from hgogen.guarantees.stagewise import Inputs, corners
 from hgogen.program import Field
-from hgogen.stepping.guards import LOST
+from hgogen.signal import LOST
 
 Array = np.ndarray
 SLOPES = 16  # corners of the slopes whose responses are taken

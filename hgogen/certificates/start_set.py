@@ -27,8 +27,8 @@ from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.sentence import Sentence, because
+from hgogen.signal import LOST
 from hgogen.step import Step, demand_step
-from hgogen.stepping.guards import LOST
 
 _STATES = 8  # up to which all corners of the first errors are asked
 _ROUNDED = Fraction(1, 10**9)  # of a limit: more than what its floats may be off

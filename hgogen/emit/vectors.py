@@ -21,9 +21,8 @@ from hgogen.emit.exact import machine
 from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.syntax import Real
 from hgogen.program import Place, address
-from hgogen.signal import Signal
+from hgogen.signal import LOST, Signal
 from hgogen.step import Step
-from hgogen.structure.dynamics import HUGE
 
 SAMPLES = 64
 MISSING, ABSURD, UNDATED, LOST_INPUT, EXCESSIVE = 20, 30, 35, 40, 50  # samples at which a guard is exercised
@@ -68,7 +67,7 @@ def record(step: Step, real: Real) -> Vectors:
 
 def _before_lost(runs: Iterable[np.ndarray]) -> int:
     """How many samples there are, from the first, after which every run sees plausible numbers."""
-    sound = np.all([(np.abs(seen) <= HUGE * HUGE).all(axis=1) for seen in runs], axis=0)
+    sound = np.all([(np.abs(seen) <= LOST).all(axis=1) for seen in runs], axis=0)
     return len(sound) if sound.all() else int(np.argmin(sound))
 
 

@@ -29,7 +29,7 @@ from hgogen.kalman.prior import prior_status
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, When, column, scalar, sym
-from hgogen.structure.dynamics import HUGE
+from hgogen.signal import LOST
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
@@ -172,7 +172,7 @@ def largest(part: Riccati) -> np.ndarray:
     unit = np.sqrt(part.cap)
     F = part.slopes(POINTS)[0] * unit / unit[:, None]
     mu = np.linalg.eigvalsh((F + np.swapaxes(F, 1, 2)) / 2).max(initial=0.0)
-    return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, HUGE * HUGE))
+    return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, LOST))
 
 
 def diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:

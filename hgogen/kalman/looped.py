@@ -13,7 +13,7 @@ from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, When, column, sym
 from hgogen.reading.given import BadGain
-from hgogen.structure.dynamics import HUGE
+from hgogen.signal import LOST
 
 _COLUMNS, _D = Place("column", "v"), Place("state", "D")
 
@@ -116,7 +116,7 @@ def _limit(part: Riccati) -> Program:
 def _limited(n: int) -> Program:
     """Where a variance was beyond its cap or is not a number, as it is where an entry of L is none."""
     v = sym("column", "v", n)
-    restarted = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
+    restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
     return (
         Block("limited", {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}),
         Loop("column", n, (Block("a lost value restarts", {_COLUMNS: restarted}),)),

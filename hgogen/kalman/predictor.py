@@ -15,12 +15,13 @@ from hgogen.graph import Graph
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Field, scalar
 from hgogen.reading.named import Values, of_outputs
+from hgogen.signal import LOST
 from hgogen.structure.dynamics import HUGE, Dynamics, clamp, inside
 from hgogen.theorem import Hypothesis
 
 Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
 POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
-MOST = HUGE * HUGE  # of a squared error
+MOST = LOST  # of a squared error
 INNOVATION = scalar("innovation", 0, low=0.0, high=MOST, unit="y^2 s", meaning="innovation I_d")
 
 

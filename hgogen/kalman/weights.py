@@ -13,6 +13,7 @@ from hgogen.discretisation.stability import steady_covariance
 from hgogen.observer import gain
 from hgogen.program import Bit, Field
 from hgogen.reading.given import BadGain, reals
+from hgogen.signal import LOST
 from hgogen.structure.dynamics import HUGE, Dynamics
 from hgogen.structure.scaling import Scaling
 
@@ -34,7 +35,7 @@ def cap(
     F, C = dynamics.linearised(12)
     steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak, scaling), axis1=1, axis2=2)
     largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
-    return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
+    return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), LOST))
 
 
 def limited(meaning: str, action: str) -> Bit:
@@ -52,8 +53,8 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
         matrix = np.diag(matrix)
     if matrix.shape != (n, n):
         raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
-    if not (np.abs(matrix) <= HUGE**2).all():
-        raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE**2:g}")
+    if not (np.abs(matrix) <= LOST).all():
+        raise BadGain(name, f"must be finite, none of its numbers beyond {LOST:g}")
     even = symmetric(definite.rationals(matrix))
     if even is None:
         raise BadGain(name, unsymmetric(name))
@@ -79,8 +80,8 @@ def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
     numbers = tuple(map(float, array if array.ndim else [array] * outputs))
     if array.ndim > 1 or len(numbers) != outputs:
         raise BadGain(f"{name} of shape {array.shape}", f"must have one number for each of {outputs} outputs")
-    if any(not HUGE**-2 <= number <= HUGE**2 for number in numbers):
-        raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {HUGE**2:g}")
+    if any(not HUGE**-2 <= number <= LOST for number in numbers):
+        raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {LOST:g}")
     return numbers
 
 

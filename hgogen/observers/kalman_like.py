@@ -54,9 +54,10 @@ from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.given import positive as above_zero
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs
+from hgogen.signal import LOST
 from hgogen.starting import starts, two
 from hgogen.structure.affine import known
-from hgogen.structure.dynamics import HUGE, Dynamics
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Hammouri, de Leon Morales, Observer synthesis for state-affine systems, CDC 1990"
@@ -183,4 +184,4 @@ def _unseen(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarr
     correlated = np.linalg.eigvalsh(start / np.outer(deviation, deviation))[-1]
     half = np.array([(high - low) / 2 for low, high in box])
     wide = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
-    return np.asarray(np.maximum(np.minimum(wide, HUGE * HUGE), 4 * correlated * np.diag(start)))
+    return np.asarray(np.maximum(np.minimum(wide, LOST), 4 * correlated * np.diag(start)))

@@ -19,10 +19,9 @@ from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Kernel, Place, Program, When, column, sym, walk
-from hgogen.signal import Signal
+from hgogen.signal import LOST, Signal
 from hgogen.structure.dynamics import HUGE, clamp, inside, widened
 
-LOST = HUGE * HUGE  # a value of the state beyond it, or none at all, is lost
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
 STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups

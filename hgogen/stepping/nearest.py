@@ -21,8 +21,9 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Place, Program, column, sym
+from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
-from hgogen.structure.dynamics import HUGE, clamp
+from hgogen.structure.dynamics import clamp
 
 SWEEPS = 3
 FLAT = 1e-2  # of what an output can span: a slope that moves it by less over the whole outer box tells nothing
@@ -57,7 +58,7 @@ def nearest(
 
 def _number(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
     """A value clamped to a range, another where it is lost; of a plausible sample none is, which an analyser sees."""
-    return ca.if_else(ca.fabs(value) <= HUGE * HUGE, clamp(value, *end), other)
+    return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
 
 
 def _placed(shown: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:

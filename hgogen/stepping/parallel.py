@@ -19,6 +19,7 @@ from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Call, Copy, Field, Group, Loop, Place, Program, Section, When, scalar, sym
 from hgogen.reading.given import BadGain
+from hgogen.signal import LOST
 from hgogen.stepping.guards import boxed, guard_state, guarded
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.structure.dynamics import HUGE
@@ -163,7 +164,7 @@ def judge_lengths(part: Parallel, dt: float) -> tuple[Lengths, ...]:
 
 
 def _newest(part: Parallel, clock: Clock) -> Pieces:
-    worst = HUGE * HUGE  # a member that is lost restarts with
+    worst = LOST  # a member that is lost restarts with
 
     def add(j: int) -> Program:
         error = sym("work", "measurement") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
@@ -222,7 +223,7 @@ def _choose(part: Parallel, period: int) -> Program:
         Block("every member may be chosen", every),
         When(Place("work", "due"), (Block("but the one that restarts", others),)),
         Block("none is chosen yet", {Place("work", "choice"): selected}),
-        Block("any score is better", {Place("work", "best"): ca.SX(2 * HUGE * HUGE)}),
+        Block("any score is better", {Place("work", "best"): ca.SX(2 * LOST)}),
         Loop("member", part.count, compare, Place("work", "first"), Place("work", "staying"), Place("work", "at")),
         Loop("member", 1, (clearly,), Place("state", "selected")),
         When(
