@@ -73,7 +73,7 @@ def _range(name: str, low: Any, high: Any, names: tuple[str, str] = ("low", "hig
         raise BadRange(name, f"{names[0]} = {low:g} is not below {names[1]} = {high:g}; swap or widen them")
     for what, end in zip(names, (low, high), strict=True):
         if end is not None and abs(end) > LOST:
-            raise BadRange(name, f"{what} = {end:g} is beyond {LOST:g}; give it in another unit, or leave it out")
+            raise BadRange(name, f"{what} = {end} is beyond {LOST:g}; give it in another unit, or leave it out")
     return low, high
 
 

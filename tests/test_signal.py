@@ -105,6 +105,7 @@ def test_the_name_that_an_error_offers_is_good(name: str) -> None:
         ({"rates": 3}, "rates = 3 is no list"),
         ({"rates": ((None, None),)}, "no pair of numbers"),
         ({"low": -2e30, "high": 1}, "low = -2e+30 is beyond 1e+30; give it in another unit"),
+        ({"low": -1.0000001e30, "high": 1}, "low = -1.0000001e+30 is beyond 1e+30"),
         ({"low": 0, "high": 1.7e308}, "high = 1.7e+308 is beyond 1e+30; give it in another unit"),
         ({"rates": ((-1, 1e31),)}, "high end of rate 1 = 1e+31 is beyond 1e+30; give it in another unit"),
         ({"nominal": 3, "low": 0, "high": 2}, "nominal = 3 lies outside [0, 2]; widen"),
