@@ -387,3 +387,14 @@ def test_errors_name_the_thing():
     for start in (-1.0, 0.0):
         with pytest.raises(NotDefinite, match="not positive definite"):
             pendulum().limit(start, 2.0, RK4, "covariance")
+
+
+def test_a_rise_is_named_where_no_theta_at_rest_loses_the_covariance():
+    """Of a double integrator, which from P(0) = 0.1 holds at theta = 1 by steps in which it is lost at 3."""
+    F, C = np.array([[[0.0, 1.0], [0.0, 0.0]]]), np.array([[1.0, 0.0]])
+    rest, rise = (
+        covariance_limits(F, C, np.eye(2), np.eye(1), 0.1 * np.eye(2), theta, RK4, "information", 1.0)[0]
+        for theta in (1.0, 3.0)
+    )
+    assert rise.why.endswith("on the way from P(0) (theta rising from 1)")
+    assert rise.dt < rest.dt
