@@ -34,6 +34,7 @@ from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Place, Repeat, address, sym
 from hgogen.sentence import NONE, Reason, because
+from hgogen.structure.jacobians import jacobians_on_box
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 Rate = Callable[[Values, float | Graph], Values]
@@ -253,7 +254,7 @@ class Explicit:
         limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         return Lengths(
             refused=limits[-1].dt,
-            take=min(limits[0].dt, pace(part.dynamics.linearised(POINTS)[0])),
+            take=min(limits[0].dt, pace(jacobians_on_box(part.dynamics, POINTS)[0])),
             why=f"even where the declared box admits the longest, {limits[-1].why}",
             other=FACTORED,
             basis=EVERYWHERE,

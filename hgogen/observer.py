@@ -19,7 +19,8 @@ from hgogen.program import INF, Block, Field
 from hgogen.reading.given import BadGain, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
-from hgogen.structure.dynamics import Dynamics, Singular
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.jacobians import Singular, jacobians_on_box
 from hgogen.structure.scaling import exponents
 from hgogen.system import System
 from hgogen.theorem import Theorem
@@ -250,7 +251,7 @@ def founded(
 
 def linearised(_: str, form: Form) -> None:
     """For an observer that evaluates the Jacobian at the estimate. Raises: `Singular` where that is not finite."""
-    Dynamics(form).linearised()
+    jacobians_on_box(Dynamics(form))
 
 
 def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, reported: Collection[Check | None]) -> str:

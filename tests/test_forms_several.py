@@ -13,6 +13,7 @@ from hgogen.forms.block_triangular import NoAlignment
 from hgogen.forms.uniform import OneOutputOnly
 from hgogen.reading.given import BadGain
 from hgogen.signal import Signal
+from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.system import System
 from tests.sweep import sweep
 
@@ -152,7 +153,7 @@ def test_the_jacobian_of_a_slope_of_the_measured_state() -> None:
     system = plant([(3 + X1) * X2, -X1], X1)
     form = forms.triangular(system, measured=True)
     observer = hg.observers.riccati(form, Q=(1, 1), R=1)
-    F, _ = observer.dynamics.linearised(0)
+    F, _ = jacobians_on_box(observer.dynamics, 0)
     point = {s: sp.Rational(1, 2) for s in (X1, X2)}  # the middle of the box
     assert np.allclose(F[0], np.array(sp.Matrix(system.flow).jacobian(system.states).subs(point), dtype=float))
     with pytest.raises(BadGain, match="a_2 = z1 \\+ 3 depends on the state"):

@@ -31,7 +31,7 @@ from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.sentence import because
-from hgogen.structure.dynamics import Singular
+from hgogen.structure.jacobians import Singular
 
 NAN = float("nan")
 MODELS = Path(__file__).resolve().parents[1] / "models"

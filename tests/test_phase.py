@@ -18,8 +18,9 @@ from hgogen.analysis.determinant import Determinant
 from hgogen.check import Check, Refuted, Verdict
 from hgogen.forms.phase import NoPhase
 from hgogen.reading.given import BadGain
-from hgogen.structure.dynamics import Dynamics, NoDeterminant
+from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.inverse import inverse
+from hgogen.structure.jacobians import NoDeterminant, largest_determinant
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate, t
 
@@ -365,7 +366,7 @@ def test_a_determinant_that_is_nowhere_a_number_is_refused() -> None:
     x1, x2 = x = states((-1, 0.5), (-2, 2))
     form = hg.forms.phase(plant("nowhere", x, [x2 * sp.sqrt(x1 - 1), -x1], x1), original=True)
     with pytest.raises(NoDeterminant, match="det dPhi/dx of nowhere is a finite real number at no sample point"):
-        Dynamics(form).largest_determinant()
+        largest_determinant(Dynamics(form))
     with pytest.raises(NoDeterminant):
         stepped(form, 5)
 

@@ -31,6 +31,7 @@ from hgogen.reading.given import positive as above_zero
 from hgogen.reading.named import BadNames, Matrix, Values, in_order, names_of, of_coordinates, of_outputs
 from hgogen.signal import Signal
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.jacobians import jacobians_at
 from hgogen.structure.scaling import exponents
 
 Rows = tuple[tuple[float, ...], ...]
@@ -69,7 +70,7 @@ def steady_gain(
     noise, level = spd("Q", of_coordinates("Q", Q, form), form.n), above_zero("theta", theta)
     variances = np.array(positive("R", of_outputs("R", R, form), len(form.output)))
     point, said = _point(form, at, u)
-    (F,), (C,) = Dynamics(form).slopes(point[None])
+    (F,), (C,) = jacobians_at(Dynamics(form), point[None])
     A, powers = _linear(form, point), np.array(exponents(form), dtype=float)
 
     def at_theta(value: float) -> np.ndarray:

@@ -27,6 +27,7 @@ from hgogen.discretisation.growth import GROWTH, WIDER, continuous, growth, long
 from hgogen.discretisation.runge_kutta import HEUN, RK4
 from hgogen.discretisation.stability import pace, steady_covariance
 from hgogen.kalman.riccati_part import Riccati
+from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.structure.scaling import Scaling
 
 Array = np.ndarray
@@ -150,7 +151,7 @@ def advised(part: Riccati, dt: float) -> tuple[float, float]:
     the one that is: up to it no error grows much at a point of the box, and the motion of the model is
     followed, inf where nothing up to `dt` is too long for that."""
     F, C = part.slopes(POINTS, EDGE)
-    whole = F if part.known is None else part.dynamics.linearised(POINTS, edge=EDGE)[0]
+    whole = F if part.known is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]
     low, peak = min(part.theta.late, part.theta.rest or part.theta.peak), part.theta.peak
     every = [loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})]
     inputs = math.inf if part.period is None else part.period / SAMPLES

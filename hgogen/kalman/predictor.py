@@ -17,6 +17,7 @@ from hgogen.program import Field, scalar
 from hgogen.reading.named import Values, of_outputs
 from hgogen.signal import LOST
 from hgogen.structure.dynamics import HUGE, Dynamics, clamp, inside
+from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.theorem import Hypothesis
 
 Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
@@ -77,7 +78,7 @@ class Predictor:
     @property
     def lengths(self) -> Lengths:
         """The step lengths at which the tableau follows the model's decay."""
-        limits = decay_limits(self.dynamics.linearised(POINTS)[0], self.tableau.polynomial)
+        limits = decay_limits(jacobians_on_box(self.dynamics, POINTS)[0], self.tableau.polynomial)
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 

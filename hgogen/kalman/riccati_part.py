@@ -19,6 +19,7 @@ from hgogen.graph import Graph
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Field, sym
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.structure.scaling import Scaled, Scaling, scaling
 
 
@@ -103,7 +104,7 @@ class Riccati(Part):
 
     def slopes(self, samples: int, edge: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """F (k, n, n) and dh/dz (k, p, n) at points of the box, its corners by `edge` of each range inside."""
-        return self.dynamics.linearised(samples, affine=self.known is not None, edge=edge)
+        return jacobians_on_box(self.dynamics, samples, affine=self.known is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: of P, rho is a growth of the model."""

@@ -15,6 +15,7 @@ from hgogen.program import Bit, Field
 from hgogen.reading.given import BadGain, reals
 from hgogen.signal import LOST
 from hgogen.structure.dynamics import HUGE, Dynamics
+from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.structure.scaling import Scaling
 
 
@@ -32,7 +33,7 @@ def cap(
     """
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
-    F, C = dynamics.linearised(12)
+    F, C = jacobians_on_box(dynamics, 12)
     steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak, scaling), axis1=1, axis2=2)
     largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), LOST))

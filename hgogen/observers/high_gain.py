@@ -34,6 +34,7 @@ from hgogen.reading.given import BadGain, real
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.jacobians import largest_determinant
 from hgogen.structure.saturation import Limits, described, saturated
 from hgogen.structure.spare import mean, shown, unused, weighted
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Hypothesis, Theorem, large_theta
@@ -204,7 +205,7 @@ def _least(dynamics: Dynamics, share: float) -> float | None:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")
     form = dynamics.form
     proved = any(check.verdict is Verdict.PROVED for check in form.about("rank"))
-    return None if form.jacobian is None or proved else share * dynamics.largest_determinant()
+    return None if form.jacobian is None or proved else share * largest_determinant(dynamics)
 
 
 def _notices(dynamics: Dynamics, least: float) -> tuple[Block, ...]:

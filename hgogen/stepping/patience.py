@@ -24,7 +24,7 @@ from hgogen.kalman.riccati_part import Around, Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
 from hgogen.stepping.parallel import Parallel
-from hgogen.structure.dynamics import Singular
+from hgogen.structure.jacobians import Singular, jacobians_on_box
 
 FINE = 100  # an error so many times smaller than the declared box has settled
 HIDDEN = 1e-6  # of the fastest rate: a mode so much slower is not seen, of rounding
@@ -41,7 +41,7 @@ def patience(observer: Observer, clock: Clock, r: float) -> float:
 def plant_rate(observer: Observer) -> float | None:
     """The rate lambda of the module; None where the Jacobian is 0, or not finite at a point of the box."""
     try:
-        slopes, _ = observer.dynamics.linearised(POINTS)
+        slopes, _ = jacobians_on_box(observer.dynamics, POINTS)
     except Singular:
         return None
     return _typical(np.abs(np.linalg.eigvals(slopes)))

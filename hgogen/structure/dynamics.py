@@ -13,12 +13,10 @@ from functools import cached_property, lru_cache, partial, reduce
 from typing import Any
 
 import casadi as ca
-import numpy as np
 import sympy as sp
 
 from hgogen.algebra.lookup import hessian, jacobian
 from hgogen.analysis.determinant import determinant
-from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, leaves, to_casadi
 from hgogen.intervals.box import Box, box
@@ -31,21 +29,6 @@ from hgogen.structure.sided import Sided, sided
 
 # A value beyond this is absurd in any unit; its square still is a float.
 HUGE = 1e15
-
-
-@dataclass(eq=False)
-class Singular(HgogenError):
-    """A model whose Jacobian is not finite at a point of the declared box, where an observer may evaluate it."""
-
-    system: str
-    point: dict[str, float]
-
-    def __str__(self) -> str:
-        at = ", ".join(f"{name} = {value:g}" for name, value in self.point.items())
-        return (
-            f"the Jacobian of {self.system} has numbers that are not finite at {at}, a point of the declared box; "
-            "narrow the ranges so that they stay away from there, for a root by low = 1e-3 in place of 0"
-        )
 
 
 def clamp(value: Graph, low: float, high: float) -> Graph:
@@ -68,19 +51,6 @@ def widened(low: float, high: float, share: float) -> tuple[float, float]:
     """The range, longer by a share of its width at each end."""
     more = share * (high - low) if high - low < INF else 0.0
     return low - more, high + more
-
-
-@dataclass(eq=False)
-class NoDeterminant(HgogenError):
-    """A form whose det dPhi/dx is undefined wherever it was asked."""
-
-    system: str
-
-    def __str__(self) -> str:
-        return (
-            f"det dPhi/dx of {self.system} is a finite real number at no sample point of the box: an observer would "
-            "never correct; narrow the ranges to where the plant's equations are defined"
-        )
 
 
 @dataclass(frozen=True)
@@ -231,64 +201,6 @@ class Dynamics:
     def determinant(self, z: Graph, u: Graph) -> Graph:
         """The determinant of dPhi/dx."""
         return self._convert([determinant(self._map.tolist()).value], z, u)[0]
-
-    def largest_determinant(self) -> float:
-        """The largest |det dPhi/dx| in the middle, on corners and at random points of the box.
-
-        Raises: `NoDeterminant` where it is finite at none of them.
-        """
-        values = self._numbers(self.determinant(self._z, self._u), self._points(64))
-        finite = values[np.isfinite(values)]
-        if not finite.size:
-            raise NoDeterminant(self.form.system.name)
-        return float(np.abs(finite).max())
-
-    def linearised(
-        self, samples: int = 64, seed: int = 1, affine: bool = False, edge: float = 0.0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and
-        inputs; F = A(u, z) alone where that is `affine`. `edge`: how far the corners lie inside, of each range.
-
-        Parameters are nominal; where a signal has no range the sample is its nominal value, or 0.
-
-        Raises: `Singular` where one of them is not finite.
-        """
-        return self.slopes(self._points(samples, seed, edge), affine)
-
-    def slopes(self, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """F (k, n, n) and dh/dz (k, p, n) at `points` (k, n + m) of the box, each a state and an input.
-
-        Raises: `Singular` where one of them is not finite.
-        """
-        F = self._numbers(ca.densify(self.affine(self._z, self._u)[0]) if affine else self._slopes[0], points)
-        H = self._numbers(self._slopes[1], points)
-        finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
-        if not finite.all():
-            names = map(str, (*self.form.to_form, *self.form.system.inputs))
-            point = points[int(np.argmin(finite))]
-            raise Singular(self.form.system.name, dict(zip(names, point.tolist(), strict=True)))
-        return F, H
-
-    def _points(self, samples: int, seed: int = 1, edge: float = 0.0) -> np.ndarray:
-        """Middle of the box, corners and random points, (1 + 2 samples, n + m)."""
-        signals = [*self.form.states, *self.form.system.inputs]
-        rng = np.random.default_rng(seed)
-        corners = edge + (1 - 2 * edge) * rng.integers(0, 2, size=(samples, len(signals)))
-        points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
-        lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
-        return np.asarray(lows + points * (highs - lows))
-
-    def _numbers(self, matrix: Graph, points: np.ndarray) -> np.ndarray:
-        plant = [p for p in self.form.system.parameters if p.bounded]
-        graph = ca.Function("F", [self._z, self._u, *(sym("plant", p.name) for p in plant)], [matrix])
-        nominal = [float(p.nominal or 0) for p in plant]
-        wide = graph(points[:, : self.n].T, points[:, self.n :].T, *nominal)  # the matrices side by side
-        return np.ascontiguousarray(np.array(wide).reshape(matrix.shape[0], len(points), -1).swapaxes(0, 1))
-
-    @cached_property
-    def _slopes(self) -> tuple[Graph, Graph]:
-        """F and dh/dz."""
-        return self.jacobian(self._z, self._u), self.output_jacobian(self._z, self._u)
 
     @cached_property
     def _z(self) -> Graph:
