@@ -4,7 +4,9 @@ whatever their theory.
 One pair of each observer runs always, all pairs with the slow tests.
 """
 
+import copy
 import itertools
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -15,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from forger import places, put, sealed
 from plants import chain
 
 import hgogen as hg
@@ -29,6 +32,8 @@ from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
+from hgogen.recheck.errors import RecheckError
+from hgogen.recheck.verification import recheck
 from hgogen.trial import Trial, try_out
 from hgogen.which_forms import asking
 
@@ -129,6 +134,7 @@ def test_its_recorded_vectors_start_off_rest(model: str, name: str) -> None:
 
 # Claims that are proved, and of which `recheck` has no rule yet.
 NO_RULE = {"lambda_tracking.phi"}
+NUMBER = re.compile(r"[1-9][0-9]*(?:[./][0-9]+)?")  # above 0, as a certificate writes it
 
 
 @once
@@ -140,6 +146,30 @@ def test_what_is_proved_of_it_has_evidence(model: str, name: str) -> None:
     content = certificate(observer.form, observer.checks, observer.name)
     own = {id: reason for id, reason in stated(content) if id.startswith(f"{observer.name}.")}
     assert own.keys() <= NO_RULE, own
+
+
+@once
+def test_what_verifies_it_reads_its_evidence(model: str, name: str) -> None:
+    """A claim fails without evidence, or with another sign of some number in it or of the observer. Whether all that is
+    false is refused, the observer's own test has to ask."""
+    observer = step(model, name).observer
+    content = certificate(observer.form, observer.checks, observer.name)
+    numbers = [(path, value) for path, value in places(content) if isinstance(value, str) and NUMBER.fullmatch(value)]
+    for k, claim in enumerate(content["claims"]):
+        if claim["verdict"] == "proved" and claim["id"].startswith(f"{observer.name}."):
+            signs = [(path, f"-{v}") for path, v in numbers if path[:2] == ("claims", k) or path[0] == "observer"]
+            changes: list[tuple[tuple[Any, ...], Any]] = [(("claims", k, "evidence"), {}), *signs]
+            assert any(refused(content, claim["id"], *change) for change in changes), claim["id"]
+
+
+def refused(content: dict[str, Any], id: str, path: tuple[Any, ...], value: Any) -> bool:
+    """Whether a claim is not verified with another value at a path."""
+    forged = copy.deepcopy(content)
+    put(forged, path, value)
+    try:
+        return id in [row.id for row in recheck(sealed(forged)).failed]
+    except RecheckError:
+        return True
 
 
 def worst_corner(model: Model, trial: Trial) -> dict[str, float]:
