@@ -95,6 +95,12 @@ def _pick(draw: random.Random, content: Content, wanted: Callable[[Path, Any], b
     return ("hgogen",), content.get("hgogen")
 
 
+def _listed(holder: Content, key: str) -> list[Any]:
+    """A part that is a list; an empty one where an earlier change has left another value."""
+    value = holder.get(key)
+    return value if isinstance(value, list) else []
+
+
 def number(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
     """A number in a text is another."""
     path, text = _pick(draw, content, lambda path, value: isinstance(value, str) and bool(NUMBER.search(value)))
@@ -205,7 +211,7 @@ def emptied(draw: random.Random, content: Content, others: Sequence[Content]) ->
     plant = content.get("plant")
     if isinstance(plant, dict):
         key = draw.choice(("flow", "output"))
-        plant[key] = ["0"] * len(plant.get(key) or ())
+        plant[key] = ["0"] * len(_listed(plant, key))
 
 
 def relabelled(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
@@ -221,7 +227,7 @@ def altered(draw: random.Random, content: Content, others: Sequence[Content]) ->
     plant = content.get("plant")
     if not isinstance(plant, dict):
         return
-    names = [s["name"] for s in plant.get("states") or () if isinstance(s, dict) and isinstance(s.get("name"), str)]
+    names = [s["name"] for s in _listed(plant, "states") if isinstance(s, dict) and isinstance(s.get("name"), str)]
     rows = plant.get(draw.choice(("flow", "output")))
     if names and isinstance(rows, list) and rows:
         i, x = draw.randrange(len(rows)), draw.choice(names)
@@ -237,13 +243,13 @@ def alike(draw: random.Random, content: Content, others: Sequence[Content]) -> N
     plant, form = content.get("plant"), content.get("form")
     if not isinstance(plant, dict) or not isinstance(form, dict):
         return
-    x, z = ([s.get("name") for s in part.get("states") or () if isinstance(s, dict)] for part in (plant, form))
+    x, z = ([s.get("name") for s in _listed(part, "states") if isinstance(s, dict)] for part in (plant, form))
     flow, b = plant.get("flow"), form.get("b")
     if (
         isinstance(flow, list)
         and isinstance(b, list)
         and form.get("to_form") == x
-        and 0 < len(x) == len(b) == len(flow)
+        and 0 < len(x) == len(z) == len(b) == len(flow)
     ):
         i, k = draw.randrange(len(x)), draw.randrange(len(x))
         more = draw.choice(("{} + 3*{}", "{} + {}**2", "({})*{}", "{} + Abs({})", "{} + sin(100*{})", "{} + 1/{}"))
