@@ -91,8 +91,15 @@ def _line(folder: str) -> str:
 
 def _starting(old: Words) -> str:
     models = {name: load(path) for name, path in shipped().items()}
-    rows = (settled(name) for name, model in models.items() if model.has("trial") and name not in SLOW)
+    rows = (_tried(name) for name, model in models.items() if model.has("trial") and name not in SLOW)
     return table(("model", "settled", "after", "not settled"), rows)
+
+
+def _tried(name: str) -> tuple[str, ...]:
+    """The row of a model, shown as soon as it is there."""
+    row = settled(name)
+    print(*row, sep="  ", file=sys.stderr)
+    return row
 
 
 def settled(name: str) -> tuple[str, ...]:
