@@ -21,8 +21,9 @@ from hgogen.calling import native
 from hgogen.calling.samples import BadShape
 from hgogen.commands.app import app
 from hgogen.emit.cost import cost
+from hgogen.emit.interface import entries, of_section
 from hgogen.emit.syntax import Real
-from hgogen.program import Place, Program
+from hgogen.program import Call, Place, Program, walk
 from hgogen.reading.given import BadGain
 from hgogen.step import CannotUpdate
 from hgogen.stepping import delays
@@ -520,6 +521,15 @@ def lines(most: int) -> list[str]:
 def test_the_c_runs_periods_in_a_loop() -> None:
     """Its length does not know how late a sample may be."""
     assert len(lines(5)) == len(lines(500))
+
+
+def test_what_is_called_is_what_is_declared() -> None:
+    """A call holds a section of its own, of which more may be pruned where it stands among those of the step."""
+    step, _ = steps("several")
+    sections = [each.section for part in step.called for each in walk(part.program) if isinstance(each, Call)]
+    assert {section.name for section in sections} <= {section.name for section in step.inner}
+    assert len(sections) > 5
+    assert all(of_section(step, section) == entries(step)[section.name] for section in sections)
 
 
 def test_the_numbers_of_members_are_in_their_range() -> None:

@@ -69,7 +69,8 @@ def of_section(step: Step, section: Section) -> Entry:
     """The function of a section."""
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
-    meaning, public = f"part of a step: {section.meaning}", step.apart and section not in step.inner
+    public = step.apart and section.name not in {each.name for each in step.inner}  # a call may hold another
+    meaning = f"part of a step: {section.meaning}"
     inner = f"run_{section.name}" if public and step.mark and section in step.sections[1:] else ""
     return Entry(section.name, _parameters(step, used), ("s",), meaning, public=public, inner=inner)
 
