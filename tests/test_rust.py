@@ -242,6 +242,14 @@ def test_it_is_plain_and_safe(name: str, real: Real) -> None:
         assert len(line) <= COLUMNS, line
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_an_empty_line_stands_between_functions_and_none_at_the_end(name: str) -> None:
+    text = emitted.crate(name)
+    assert re.search(r"^}\n\n(//.*\n)*fn ", text, re.MULTILINE)
+    assert not re.search(r"^}\n(//|fn )", text, re.MULTILINE)
+    assert text.endswith("}\n")
+
+
 def test_the_same_memory_as_in_c() -> None:
     """The fields of the state, in order, by name and size; the C has the mark of a state before them."""
     for name in NAMES:

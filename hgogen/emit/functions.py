@@ -33,7 +33,8 @@ def helpers(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> 
 def functions(syntax: Syntax, prefix: str, real: Real, used: Collection[str]) -> Code:
     """All functions that `used` names, and those that they call."""
     text = bundled(syntax, prefix, real, needed(used, real))
-    return helpers(syntax, prefix, real, {*used, *text.uses.helpers}) + text
+    below = helpers(syntax, prefix, real, {*used, *text.uses.helpers})
+    return below + text + code("") if text.lines else below
 
 
 def bundled(syntax: Syntax, prefix: str, real: Real, names: Collection[str]) -> Code:

@@ -98,7 +98,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         "impl State {",
         *state.indented().lines,
         "}",
-        *(["", *private.lines] if private.lines else []),
+        *(["", *private.lines[:-1]] if private.lines else []),  # each of them ends with an empty line
     ]
 
 
