@@ -42,6 +42,7 @@ def trial():
     noise = {"y": OrnsteinUhlenbeck(0.2, 0.1)}
     return Trial("short", 3, noise=noise, jumps=(Jump(2, "eta", 4),), seeds=(0, 1), **common)
 """
+LANGUAGES = ", ".join(building._languages())
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
@@ -345,7 +346,7 @@ def test_a_language_is_a_target_that_takes_a_command():
 )
 def test_a_target_that_is_no_language_says_what_it_is(here: Path, target: str, reason: str):
     _, err = hgogen("generate", "neuron", "--target", target, status=2)
-    assert f"--target {target}: {reason}; there are c99, rust" in err
+    assert f"--target {target}: {reason}; there are {LANGUAGES}" in err
 
 
 def test_a_target_that_takes_no_precision_is_no_language(monkeypatch: pytest.MonkeyPatch):
@@ -602,7 +603,7 @@ def test_noise(here: Path):
         (("build", "neuron", "--out", "log.csv"), "cannot write log.csv"),
         (("build", "neuron", "--real", "half"), "half"),
         (("build", "neuron", "--target", "rusty"), "--target rusty: there is no such target; did you mean rust?"),
-        (("generate", "neuron", "--target", "java"), "--target java: there is no such target; there are c99, rust"),
+        (("generate", "neuron", "--target", "java"), f"--target java: there is no such target; there are {LANGUAGES}"),
         (("run", "neuron"), "--data"),
         (("run", "neuron", "--data", "none.csv", "--time", "time"), "none.csv: there is no such file"),
         (("run", "neuron", "--data", "models", "--time", "time"), "models: is a folder"),
