@@ -1,5 +1,6 @@
 """What every target is: a pure function from a step to texts; and what a language of the commands has besides."""
 
+import shutil
 from functools import cache
 from inspect import Parameter, signature
 
@@ -118,6 +119,13 @@ def test_a_recipe_that_fails_says_which_part_of_it(recipe: tuple[tuple[str, ...]
     assert "$CC" not in str(raised.value)
     assert "engine=" not in str(raised.value)
     assert raised.value.status == 1
+
+
+@pytest.mark.parametrize(("tool", "variable"), [("rustc", "RUSTC"), ("c++", "CXX"), ("clang++", "CLANGXX")])
+def test_a_shell_can_set_the_variable_of_a_tool(tool: str, variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert str(native.NoTool(tool)).endswith(f"or name another by ${variable}")
+    monkeypatch.setenv(variable, "python3")
+    assert native.tool(tool) == shutil.which("python3")
 
 
 def test_a_self_check_in_c_that_fails_is_no_failure_of_the_compiler() -> None:

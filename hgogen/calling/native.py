@@ -45,7 +45,7 @@ class NoTool(HgogenError):
     name: str
 
     def __str__(self) -> str:
-        return f"there is no {self.name}; install it, or name another by ${self.name.upper()}"
+        return f"there is no {self.name}; install it, or name another by ${variable(self.name)}"
 
 
 @dataclass(eq=False)
@@ -190,7 +190,7 @@ def run_recipe(files: Sources) -> str:
     with tempfile.TemporaryDirectory() as folder:
         write(files, folder)
         for first, *rest in before:
-            failed = partial(CompilerFailed, fix=f"mend it, or name another by ${first.upper()}")
+            failed = partial(CompilerFailed, fix=f"mend it, or name another by ${variable(first)}")
             run([_program(first, folder), *rest], folder, failed)
         return run([_program(last[0], folder), *last[1:]], folder, CheckFailed)
 
@@ -200,12 +200,17 @@ def _program(name: str, folder: str) -> str:
     return str(Path(folder) / name) if name.startswith("./") else tool(name)
 
 
+def variable(name: str) -> str:
+    """The environment variable that names another program: RUSTC of rustc, CXX of c++."""
+    return name.upper().translate({ord("+"): "X"})
+
+
 def tool(name: str) -> str:
-    """The path of a program: what its environment variable names, as $RUSTC does, else what is in the path.
+    """The path of a program: what its environment variable names, else what is in the path.
 
     Raises: `NoTool`.
     """
-    there = shutil.which(os.environ.get(name.upper(), "") or name)
+    there = shutil.which(os.environ.get(variable(name), "") or name)
     if there is None:
         raise NoTool(name)
     return there
