@@ -16,6 +16,7 @@ from hgogen.target import Files, Sources
 TARGETS = hg.targets.__all__
 LANGUAGES = _languages()
 COMMAND = "hgogen generate something --of this"
+EVERY_KIND = ("pendulum", "bank", "delayed", "many_states", "for_flash", "tables")  # of statement and of function
 BROKEN = "print('sample 3'); raise SystemExit(1)"
 each = pytest.mark.parametrize("target", LANGUAGES)
 
@@ -96,13 +97,14 @@ def test_the_self_check_is_a_file_of_its_own(target: str, real: str) -> None:
 
 
 @each
-def test_it_is_run_where_its_tools_are(target: str) -> None:
-    written = files(target, "pendulum")
+@pytest.mark.parametrize("name", EVERY_KIND)
+def test_it_is_run_where_its_tools_are(target: str, name: str) -> None:
+    written = files(target, name)
     try:
         printed = native.run_recipe(written) if written.recipe else native.run_check(written)
     except (native.NoTool, native.NoCompiler) as error:
         pytest.skip(str(error))
-    assert printed == "pendulum: 64 samples as recorded\n"
+    assert printed == f"{emitted.step(name).name}: 64 samples as recorded\n"
 
 
 @pytest.mark.parametrize(
