@@ -203,11 +203,13 @@ def test_its_recipe_is_run_by_the_compiler_that_is_named(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank"])
 def test_its_manual_has_no_warning(name: str, tmp_path: Path) -> None:
-    """A unit in brackets is no link to an item, and what clippy finds better is the order of the C."""
+    """A unit in brackets is no link to an item, what clippy finds better is the order of the C, and nothing public is
+    without a word."""
     hg.write(hg.targets.rust(step(name), check=False), tmp_path)
     for tool in ("rustdoc", "clippy-driver"):
         if path := shutil.which(tool):
-            run([path, "--edition", "2021", "--crate-type", "lib", "-D", "warnings", f"{name}.rs"], tmp_path)
+            lints = ("-D", "warnings", "-D", "missing-docs")
+            run([path, "--edition", "2021", "--crate-type", "lib", *lints, f"{name}.rs"], tmp_path)
 
 
 def test_the_page_s_lines_compile_and_its_commands_run(tmp_path: Path) -> None:

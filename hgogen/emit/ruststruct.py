@@ -36,7 +36,7 @@ def structs(step: Step, real: Real) -> list[str]:
         )
         for kind, fields in parameters(step)
     ]
-    kinds = ((kind, type_name(kind), "") for kind, _ in parameters(step))
+    kinds = ((kind, type_name(kind), MEANINGS[kind]) for kind, _ in parameters(step))
     made.append(_struct("Parameters", "Change `plant` or `gain`, then call `tune`.", kinds))
     for *_, group in lines_of(step.groups):
         made.append(_struct(type_name(group.name), group.meaning, _inner(step, real, group.fields, group.groups)))
