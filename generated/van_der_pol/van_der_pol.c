@@ -6,6 +6,9 @@
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
+#if defined(__ASSOCIATIVE_MATH__)
+#error "needs sums in their order: -funsafe-math-optimizations spoils the bundled functions"
+#endif
 
 /* of what runs rarely, which is no part of what calls it */
 #if defined(__GNUC__)

@@ -50,9 +50,10 @@
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
  * where FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with
- * -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused. No macro tells
- * of clang's -fno-honor-nans, which does the same: optimised with it, the self-check fails. Run it as you
- * compile.
+ * -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused, nor with
+ * -funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by GCC
+ * 12 and later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails:
+ * run it as you compile.
  */
 
 /** @name Status bits: what happened, and what it asks of you. */
