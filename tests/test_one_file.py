@@ -1,5 +1,6 @@
-"""A new observer, form, method, target or model is one file: those of tests/fixtures/ are put into a copy of the
-project, where the tests of every case run on them, and nothing else is edited."""
+"""A new observer, form, method, target or model is one file, and a new kind of proof one more in `guarantees` and one
+in `recheck`: those of tests/fixtures/ are put into a copy of the project, where the tests of every case run on them,
+and nothing else is edited."""
 
 import os
 import shutil
@@ -47,15 +48,39 @@ def asked(folder: Path, *words: str) -> str:
 
 
 def test_there_is_one_of_each() -> None:
+    """An observer without a proof and one with a proof of its own; models in Python and in plain text."""
     assert sorted(path.parent.name for path in FIXTURES.rglob("*.*") if path.suffix in (".py", ".toml")) == [
-        *("forms", "methods", "models", "models", "observers", "targets")
+        *("forms", "guarantees", "methods", "models", "models", "observers", "observers", "rules", "targets")
     ]
 
 
-def test_a_new_observer_passes_the_tests_of_every_observer(copy: Path) -> None:
+def test_new_observers_pass_the_tests_of_every_observer(copy: Path) -> None:
     """On one model, with the rules of the house."""
     files = [f"tests/test_{name}.py" for name in ("every_observer", "house", "registry")]
-    assert " passed" in asked(copy, *files, "-k", "not every_observer or luenberger")
+    assert " passed" in asked(copy, *files, "-k", "not every_observer or luenberger or thau")
+
+
+# The gain (2, 10) makes the error of a pendulum grow where it stands upside down: its slope there is 19.6, above K_2.
+FORGED = """
+from forger import sealed
+from swing import form
+
+import hgogen as hg
+from hgogen.certificates.certificate import certificate
+from hgogen.recheck.verification import recheck
+
+built = hg.observers.thau(form(), poles=(-20, -20))
+content = certificate(built.form, built.checks, built.name)
+for gains in (("40", "400"), ("2", "10")):
+    content["observer"]["gains"] = list(gains)
+    rows = {row.id: row.found for row in recheck(sealed(content)).rows}
+    print(rows["thau.convergence"])
+"""
+
+
+def test_a_new_proof_is_verified_and_a_forged_one_is_not(copy: Path) -> None:
+    (copy / "tests" / "forged.py").write_text(FORGED)
+    assert run(copy, "tests/forged.py").splitlines() == ["verified", "fails"]
 
 
 @pytest.mark.slow
