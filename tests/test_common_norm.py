@@ -23,7 +23,7 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow, falling
 from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
-from hgogen.guarantees.quadratic import rational, verified
+from hgogen.guarantees.quadratic import Quadratic, negative, rational, reach, verified
 from hgogen.intervals.digits import same, up
 from hgogen.model import load
 from tests.sweep import sweep
@@ -36,6 +36,33 @@ SHIPPED = {  # the least theta with one P for all corners, in floats, and the de
     ("hyperjerk", "low_power"): (4.63, 4),
     ("pendulum", "high_gain"): (4.43, 20),
 }
+
+
+def fields(seed: int, size: float, shift: float) -> list[Quadratic]:
+    """Two forms e'P N e + e'N'P e, N (3, 3) = size M + shift I of a random M whose trace is 0."""
+    for_each = np.random.default_rng(seed).standard_normal((2, 3, 3))
+    matrices = [size * (M - np.trace(M) / 3 * np.eye(3)) + shift * np.eye(3) for M in for_each]
+    return [Quadratic(((np.eye(3), N),), np.zeros((0, 3)), np.zeros((0, 3))) for N in matrices]
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+@settings(max_examples=50)
+def test_a_norm_reaches_as_far_as_forms_on_the_way_are_negative(seed: int, in_coordinates: bool) -> None:
+    """With a shift of -4 and small M they all are, with one of 1 none is: no M of trace 0 has negative eigenvalues
+    alone. What rounding may take, 1e-8 of values of size 1 to 10, is far below a thousandth of the way."""
+    W = np.diag(np.random.default_rng(seed).uniform(0.5, 2, 3)) if in_coordinates else None
+    P, S, ends = np.eye(3), np.zeros(0), (fields(seed, 0.1, -4), fields(seed, 8, 1))
+    most = reach(*ends, P, S, W)
+
+    def holds(share: float) -> bool:
+        pairs = zip(*ends, strict=True)
+        way = [(1 - share) * a.pairs[0][1] + share * b.pairs[0][1] for a, b in pairs]
+        return negative([replace(one, pairs=((np.eye(3), N),)) for one, N in zip(ends[0], way, strict=True)], P, S, W)
+
+    assert 0 < most < 1
+    assert [holds(share * most) for share in (0, 0.2, 0.999, 1.001)] == [True, True, True, False]
+    assert reach(ends[1], ends[0], P, S, W) == 0
+    assert reach(ends[0], ends[0], P, S, W) == np.inf
 
 
 def plant(flow: Any, x: Any, inputs: Any = (), parameters: Any = (), output: Any = None) -> hg.System:
