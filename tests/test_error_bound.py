@@ -140,6 +140,42 @@ def test_the_multiple_leaves_room_for_what_inputs_do() -> None:
     assert much.settles is much.multiple is None
 
 
+LOUD = "what enters may move the estimate of q to its limits; state less of it, or lower the gains"
+VAST = "the limits of the estimate do not hold the ranges with room around"
+
+
+def held() -> hg.Step:
+    return step_of(between="hold")
+
+
+def vast() -> hg.Step:
+    """Of ranges that end where a state is lost."""
+    x = [hg.Signal(name, low=-1e30, high=1e30) for name in ("x1", "x2")]
+    plant = hg.System("vast", states=x, outputs=(hg.Signal("y"),), flow=[x[1], -x[0] - x[1]], output=[x[0]])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=[-1, -1])
+    return hg.sample(observer, hg.methods.rk4, dt=0.01)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(("step", "why"), [(held, LOUD), (vast, VAST)])
+def test_where_no_time_is_proved_every_answer_says_why(step: Callable[[], hg.Step], why: str) -> None:
+    noise = {"y": 10}
+    known = hg.error_bound(step(), noise=noise)
+    assert known.check.verdict is Verdict.PROVED
+    assert known.settles is known.multiple is None
+    assert str(known.missing) == f"no time is proved from which on the bounds of the errors hold: {why}"
+    assert f"the start has decayed, for which no time is proved: {why}" in str(known)
+    header = " ".join(hg.targets.c99(hg.signed(step(), noise=noise), check=False)[f"{step().name}.h"].split())
+    assert f"no time is proved: {why}" in header.replace(" * ", " ")
+    rounded = hg.error_bound(step(), noise=noise, real="double")
+    assert str(rounded.check.reason) == f"how much is rounded is not known: {why}"
+
+
+def test_of_what_is_known_nothing_is_missing() -> None:
+    assert not bounded().missing
+    assert str(hg.error_bound(step_of()).missing).startswith("no bound of the errors is proved: how fast tau moves")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -435,6 +471,13 @@ def test_a_trial_is_shown_beside_what_is_proved(tmp_path: Path) -> None:
     short = plain(tmp_path, BOUNDS + trial.replace("duration = 3", "duration = 0.2"))
     (one,) = json.loads(invoked("simulate", str(short), "--json"))["trials"]
     assert [row["worst"] for row in one["bounds"]] == [None, None]
+
+
+def test_a_trial_without_a_time_from_which_on_bounds_hold_says_why(tmp_path: Path) -> None:
+    loud = "\n[bounds]\nnoise = {y = 10}\n[trial]\nduration = 0.1\nstart = {q = 1, w = 0}\nseeds = 1\n"
+    done = CliRunner().invoke(cli.app, ["simulate", str(plain(tmp_path, loud)), "--json"])
+    assert json.loads(done.stdout)["trials"][0]["bounds"] == []
+    assert f"pendulum.toml: no time is proved from which on the bounds of the errors hold: {LOUD}" in done.stderr
 
 
 @pytest.mark.parametrize(("bounds", "drawn"), [(BOUNDS, ["once_errors", "once_states"]), ("", ["once_states"])])

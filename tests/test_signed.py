@@ -23,6 +23,7 @@ from hgogen.guarantees import under_inputs
 from hgogen.guarantees.signed import Signed
 from hgogen.intervals.digits import up
 from hgogen.model import load
+from hgogen.sentence import because
 
 INPUTS: dict[str, Any] = {
     "noise": {"y": 1e-3},
@@ -116,8 +117,9 @@ def test_where_the_estimate_has_to_begin_is_stated() -> None:
 
 
 def test_without_a_time_none_is_stated() -> None:
-    text = said(settles=None, begins={}, everywhere=False)
-    assert "for ever, once what is left of the error at its start has decayed, for which no time is proved" in text
+    text = said(settles=None, unsettled=because("of {n} states", n=9), begins={}, everywhere=False)
+    decayed = "for ever, once what is left of the error at its start has decayed"
+    assert f"{decayed}, for which no time is proved: of 9 states" in text
     assert "after the first call" not in text
 
 

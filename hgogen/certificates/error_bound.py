@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.certificates.own_states import slopes_of_states
 from hgogen.certificates.rounding_share import rounding_share
-from hgogen.certificates.start_set import Start, start_of
+from hgogen.certificates.start_set import NO_WAY, Start, start_of
 from hgogen.certificates.undisturbed import patient, room
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
@@ -33,6 +33,7 @@ from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import OnErrors
+from hgogen.observer import Observer
 from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, by_name, size, sizes
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
@@ -42,6 +43,8 @@ from hgogen.structure.spare import of_used
 
 AnyStep = TypeVar("AnyStep", bound=Step)
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
+_ENDLESS = "no time is proved from which on the bounds of the errors hold: {why}"
+_MET = "what enters may move the estimate of {states} to its limits; state less of it, or lower the gains"
 _GUARDS = "while no sample is rejected, and the estimate does not restart from one"
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
 
@@ -54,9 +57,10 @@ class ErrorBound:
     name of a state of the form, or of the plant behind a change of coordinates (`own_states`), what it adds; `bounds`:
     their sums. `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors
     of min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate
-    are not touched. None where a state has no range. `inside`: by how much the plant keeps clear of the ends of its
-    ranges for it. `check`: OBSERVER.error, which says why where nothing is proved; the mappings are empty then;
-    certificates carry it for the states of the form. `signed`: what the code of a step states of it.
+    are not touched. Where no start is known both are None, and `missing` says why; where nothing is proved it says
+    why not, and the mappings are empty. `inside`: by how much the plant keeps clear of the ends of its ranges for it.
+    `check`: OBSERVER.error; certificates carry it for the states of the form. `signed`: what the code of a step states
+    of it.
     """
 
     check: Check
@@ -65,6 +69,7 @@ class ErrorBound:
     inside: Mapping[str, float]
     settles: float | None = None
     multiple: float | None = None
+    missing: Reason = NONE
     signed: Signed = field(default_factory=Signed, repr=False)
 
     def __str__(self) -> str:
@@ -215,35 +220,32 @@ def _bounded(
         shares.append(Share(name, entered, entered.largest, proofs[relative], one.follows))
     each_sample = zip(*(one.sizes.samples for one in entering.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(form.output)
-    begun, without = start_of(step.observer, steps), _totals(fields, shares)
-    start = None if isinstance(begun, Nothing) else begun
-    multiple = _multiple(steps, proof, start, without) if start else None
+    without = _totals(fields, shares)
+    begun = _begun(step.observer, steps, proof, without)
     early, calls = without, 0
     decayed: Mapping[int, Fraction] = {k: _CLOSE * without[k] for k in error.layout.picks}
     if real:
-        if start is None or multiple is None:
-            raise Unbounded(because("how much is rounded is not known, as the estimate may meet its limits"))
-        rounding = rounding_share(step, real, steps, proof, shares, start, multiple, samples, shown, plant)
+        if isinstance(begun, Nothing):
+            raise Unbounded(because("how much is rounded is not known: {why}", why=begun.reason))
+        rounding = rounding_share(step, real, steps, proof, shares, *begun, samples, shown, plant)
         early, calls, decayed = {k: without[k] + rounding.early[k] for k in fields}, rounding.calls, rounding.left
         shares.append(rounding.share)
-        multiple = _multiple(steps, proof, start, early)
-        if multiple is None:
-            raise Unbounded(because("with what is rounded at first the estimate may meet its limits"))
-    totals, margins, settles, alone = _totals(fields, shares), plant.margins, None, False
-    left = room(step, samples, margins, early, error.layout, shown)
-    if start and multiple:
-        settles = step.dt * (_calls(proof, start, multiple, decayed) + calls)
-        alone = left is not None and _calls(proof, start, multiple, left) < patient(step)
-    first = [min(multiple, Fraction(1)) * most for most in start.first] if start and multiple else []
-    stated = _stated(step, steps, shares, totals, margins, settles, multiple, alone or (left == {}))
-    own = Signed(
-        bounds=stated.bounds,
-        settles=settles,
-        begins={x: number(most)[0] for x, most in zip(form.names, first, strict=bool(first))},
-        everywhere=multiple is not None and multiple >= 1,
-        inside=stated.inside,
-    )
-    return replace(stated, signed=own)
+        begun = _begun(step.observer, steps, proof, early)
+        if isinstance(begun, Nothing):
+            raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
+    left = room(step, samples, plant.margins, early, error.layout, shown)
+    if isinstance(begun, Nothing):
+        multiple, alone, own = None, False, Signed(unsettled=begun.reason)
+    else:
+        start, multiple = begun
+        alone = left is not None and _calls(proof, *begun, left) < patient(step)
+        first = [min(multiple, Fraction(1)) * most for most in start.first]
+        own = Signed(
+            settles=step.dt * (_calls(proof, *begun, decayed) + calls),
+            begins={x: number(most)[0] for x, most in zip(form.names, first, strict=True)},
+            everywhere=multiple >= 1,
+        )
+    return _stated(step, steps, shares, _totals(fields, shares), plant.margins, own, multiple, alone or left == {})
 
 
 def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fraction]:
@@ -251,15 +253,21 @@ def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fractio
     return {k: sum((share.bound(k) for share in shares), Fraction(0)) for k in fields}
 
 
-def _multiple(steps: Steps, proof: Contracts, start: Start, totals: Mapping[int, Fraction]) -> Fraction | None:
-    """Of how many times the first errors the limits are not touched, beside what the inputs do; None where they are."""
+def _begun(
+    observer: Observer, steps: Steps, proof: Contracts, totals: Mapping[int, Fraction]
+) -> tuple[Start, Fraction] | Nothing:
+    """The start, and of how many times its first errors the limits are not touched, beside what the inputs do."""
+    start = start_of(observer, steps)
+    if isinstance(start, Nothing):
+        return start
     left = {k: limit - totals[k] for k, limit in start.limits.items()}
     if min(left.values()) <= 0:
-        return None
+        names = [observer.form.names[steps.error.layout.index[k]] for k, most in left.items() if most <= 0]
+        return Nothing(because(_MET, states=dict.fromkeys(names)))
     clear = confined(
         steps, proof.h, start.corners, {k: of_state(start.scales, k) / rational(m) for k, m in left.items()}
     )
-    return 1 / max(clear.bounds.values()) if clear else None
+    return (start, 1 / max(clear.bounds.values())) if clear else Nothing(NO_WAY)
 
 
 def _calls(proof: Contracts, start: Start, multiple: Fraction, left: Mapping[int, Fraction]) -> int:
@@ -279,16 +287,16 @@ def _stated(
     shares: Sequence[Share],
     totals: Mapping[int, Fraction],
     inside: Sequence[Fraction],
-    settles: float | None,
+    own: Signed,
     multiple: Fraction | None,
     alone: bool,
 ) -> ErrorBound:
     form, picks = step.observer.form, steps.error.layout.picks
-    names, own = form.names, slopes_of_states(form, [(1 + _CLOSE) * totals[k] for k in picks])
+    names, slopes = form.names, slopes_of_states(form, [(1 + _CLOSE) * totals[k] for k in picks])
 
     def of(bound: Callable[[int], Fraction]) -> dict[str, float]:
         errors = [bound(k) for k in picks]
-        behind = {x: sum((s * e for s, e in zip(row, errors, strict=True)), Fraction(0)) for x, row in own.items()}
+        behind = {x: sum((s * e for s, e in zip(row, errors, strict=True)), Fraction(0)) for x, row in slopes.items()}
         return {name: number(value)[1] for name, value in (*zip(names, errors, strict=True), *behind.items())}
 
     bounds, parts = of(lambda k: totals[k]), {share.what: of(share.bound) for share in shares}
@@ -304,17 +312,27 @@ def _stated(
     ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
     said = because(pattern, each=each, margins=[Up(value, 2) for value in margins.values()])
-    reason = joined(said, _from(step, settles, multiple), NONE if alone else because(_GUARDS))
+    reason = joined(said, _from(step, own, multiple), NONE if alone else because(_GUARDS))
     fact = UnderInputs(steps.error, step.rule, Fraction(step.dt), tuple(shares))
     check = claimed(step.observer, "error", _claim(step), reason, steps.error, fact)
-    return ErrorBound(check, parts, bounds, margins, settles, None if multiple is None else number(multiple)[0])
+    return ErrorBound(
+        check,
+        parts,
+        bounds,
+        margins,
+        own.settles,
+        None if multiple is None else number(multiple)[0],
+        because(_ENDLESS, why=own.unsettled) if own.unsettled else NONE,
+        replace(own, bounds=bounds, inside=margins),
+    )
 
 
-def _from(step: Step, settles: float | None, multiple: Fraction | None) -> Reason:
+def _from(step: Step, own: Signed, multiple: Fraction | None) -> Reason:
     """From when on it holds, and from which first errors."""
-    if settles is None or multiple is None:
-        return because("once what is left of the start has decayed")
-    time = Sentence.of("{at} {unit}", at=Up(settles, 3), unit=step.observer.form.system.time)
+    if own.settles is None or multiple is None:
+        pattern = "once what is left of the start has decayed, for which no time is proved: {why}"
+        return because(pattern, why=own.unsettled)
+    time = Sentence.of("{at} {unit}", at=Up(own.settles, 3), unit=step.observer.form.system.time)
     if multiple >= 1:
         return because("after {time} to within a tenth, wherever in its ranges the plant starts", time=time)
     pattern = "after {time} to within a tenth, from errors of up to {multiple} times what the ranges allow"
@@ -327,4 +345,4 @@ def _claim(step: Step) -> str:
 
 def _unknown(step: Step, why: Reason, fix: str = "Validate by trials.") -> ErrorBound:
     check = Check(ClaimId(step.observer.name, "error"), _claim(step), Verdict.UNKNOWN, why, fix=fix)
-    return ErrorBound(check, {}, {}, {})
+    return ErrorBound(check, {}, {}, {}, missing=because("no bound of the errors is proved: {why}", why=why))

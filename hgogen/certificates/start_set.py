@@ -30,6 +30,7 @@ from hgogen.sentence import Sentence, because
 from hgogen.signal import LOST
 from hgogen.step import Step, demand_step
 
+NO_WAY = because("no bound is found of how far errors go on the way")
 _STATES = 8  # up to which all corners of the first errors are asked
 _ROUNDED = Fraction(1, 10**9)  # of a limit: more than what its floats may be off
 
@@ -107,7 +108,7 @@ def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Co
     each = (confined(steps, proof.h, start.corners, {k: of_state(start.scales, k)}) for k in picks)
     peaks = tuple(one for one in each if one)
     if clear is None or len(peaks) < len(picks):
-        return Nothing(because("no bound is found of how far errors go on the way"))
+        return Nothing(NO_WAY)
     known = FromStart(steps.error, rule, Fraction(dt), tuple(start.first), dict(start.limits), clear, peaks)
     return _stated(observer, running(observer, rule, dt), known)
 

@@ -270,12 +270,13 @@ def simulate_(
     rms by state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that
     leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, bounds: of a model
     that has them a list of state, unit, bound: what is proved of its error, after: how long after an event, worst: the
-    largest error of the first seed there, null where the trial ends before, falling: of an observer with a covariance,
-    else null, shown on the trial without noise: trial, ratio: the largest e' S e of a call over that of the call
-    before, time, calls of which it is, eigenvalues of scaled S as [least, largest]; each: the same by seed, without
-    left, bounds and falling), files; of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs,
-    failed: those without a truth, varied: name, what, low, high, quantiles: name, low 5 %, middle 50 %, high 95 %,
-    worst, run: the one that had it; with --repeat its run: varied, metrics, failed).
+    largest error of the first seed there, null where the trial ends before; none where no time is proved from which on
+    they hold, falling: of an observer with a covariance, else null, shown on the trial without noise: trial, ratio: the
+    largest e' S e of a call over that of the call before, time, calls of which it is, eigenvalues of scaled S as
+    [least, largest]; each: the same by seed, without left, bounds and falling), files; of a campaign model, gains,
+    campaigns (trial, observer, engine, criterion, runs, failed: those without a truth, varied: name, what, low, high,
+    quantiles: name, low 5 %, middle 50 %, high 95 %, worst, run: the one that had it; with --repeat its run: varied,
+    metrics, failed).
     """
     loaded = load(model).set(setting)
     step, trials = loaded.step(observer), jobs.trials(loaded)

@@ -72,8 +72,8 @@ def compare_(
     observers: a list of name, observer, method,
     settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
     in float, proved: the bounds by state, worst: by state the largest error of all seeds from when on these hold, null
-    where the trial ends before, unproved: why there are none), refused (why, by observer), files; of a campaign, with
-    --vary or --runs, model, dt, engine, campaigns (as in `simulate`), refused.
+    where the trial ends before, unproved: what is not known of them, and why), refused (why, by observer), files; of a
+    campaign, with --vary or --runs, model, dt, engine, campaigns (as in `simulate`), refused.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)

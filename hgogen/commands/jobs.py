@@ -180,15 +180,14 @@ def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
 
 
 def proved(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:
-    """`bound_of`, None where nothing is proved; `say` is called with what stands in the way."""
+    """`bound_of`, None without a solver; `say` is called with what stands in the way."""
     try:
         known = bound_of(step, model)
     except NoSolver as missing:
         say(str(missing))
         return None
-    if known and not known.bounds:
-        say(f"{model.path}: no bound of the errors is proved: {known.check.reason}")
-        return None
+    if known and known.missing:
+        say(f"{model.path}: {known.missing}")
     return known
 
 

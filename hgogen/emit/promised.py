@@ -55,7 +55,8 @@ def promised(step: Step) -> list[str]:
 def _when(step: Step, known: Signed) -> str:
     """From when on it holds, and from which first errors."""
     if known.settles is None:
-        return "once what is left of the error at its start has decayed, for which no time is proved"
+        decayed = "once what is left of the error at its start has decayed, for which no time is proved"
+        return f"{decayed}: {known.unsettled}"
     after = f"from {up(known.settles, _DIGITS)} {step.time} after the first call on"
     if known.everywhere:
         return f"{after}, wherever in its ranges the plant is then, the estimate where this file starts it"

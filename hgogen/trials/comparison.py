@@ -34,7 +34,7 @@ class Measured:
     `settled` is the time (s) to settle after each event, None where it never does; `rms` and `peak` are by state;
     `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed. By
     state that has a bound, `proved` is the bound and `worst` the largest error from when on it holds, None where no
-    trial lasts so long; `unproved` says why there is none, "" where that was not asked.
+    trial lasts so long; `unproved` says what is not known of them, and why.
     """
 
     name: str
@@ -87,7 +87,7 @@ def measured(
         first=each[0],
         proved=known.bounds if known else {},
         worst=largest(step.states, each, known) if known else {},
-        unproved=str(known.check.reason) if known and not known.bounds else "",
+        unproved=str(known.missing) if known else "",
     )
 
 
