@@ -9,6 +9,7 @@ from rich.console import Group
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.check import Verdict
 from hgogen.commands import jobs
 from hgogen.commands.advice import Admitted, Advice, advice
 from hgogen.commands.findings import taking
@@ -156,13 +157,28 @@ def test_first_gains_beyond_a_double_are_not_offered(tmp_path: Path) -> None:
 
 def test_no_form_at_all(tmp_path: Path) -> None:
     """y shows x1 and x2 together: measured alone either begins a chain; the plant's own coordinates take it."""
-    _, advised = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))
+    model, advised = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))
     observers = [one.observer for one in advised.admitted]
     assert observers[:2] == ["riccati", "hamilton_jacobi"]
     assert set(observers[2:]) == {"ukf", "iterated_ekf"}
     assert {one.known for one in advised.admitted} == {"no theorem"}
     assert "x1 in place of y (triangular)" in advised.notes[0]
-    assert any("write the model in those" in note for note in advised.notes)
+    assert advised.notes[1].startswith("Almost everywhere y and its derivatives are states in a form: `hgogen check ")
+    assert "--deep` asks" in advised.notes[1]
+    assert hg.survey(model.plant, deep=True)["phase"].verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(("output", "more"), [("x1 + x2**3 + x2", {"y2": "x1*x2"}), ("x1*u + x2", {})])
+def test_other_states_are_advised_only_where_a_form_has_them(
+    output: str, more: dict[str, str], tmp_path: Path
+) -> None:
+    """Of two outputs, and of one that reads the input, nobody knows any."""
+    path = write(tmp_path, {"x1": "x2**2 - x1", "x2": "x1**2 - 2*x2 + u"}, output, **more)
+    path.write_text(f"{path.read_text()}inputs.u = {{low = -1, high = 1}}\n")
+    _, advised = asked(path)
+    own = "No form asked is proved of the plant, and no theorem covers an observer in its own states: "
+    assert any(note.startswith(own) for note in advised.notes)
+    assert "other states" not in " ".join(advised.notes).lower()
 
 
 def test_what_is_hidden_is_named(tmp_path: Path) -> None:

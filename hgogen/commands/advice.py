@@ -28,7 +28,7 @@ from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
-from hgogen.which_forms import Survey, asking
+from hgogen.which_forms import NOT_ASKED, Survey, asking
 
 KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
     Convergence.PROVED: ("proved", 0),
@@ -244,9 +244,23 @@ def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
     if best:
         form = "another form" if survey.proved else "a form"
         yield f"A measurement that puts the plant in {form}, proved: {'; '.join(best)}."
-    if survey.plant.origin is None and not survey.proved:
-        how = "write the model in those" if model.plain else "see hg.recast, and models/cascaded_tanks.py"
-        yield f"Other states may be in a form where these are not: {how}."
+    if not survey.proved:
+        yield _in_its_own_states(model, survey)
+
+
+def _in_its_own_states(model: Model, survey: Survey) -> str:
+    """What to do about a plant that no form asked is proved to hold: an output and its derivatives are states of a
+    form, where the plant is observable whatever its input."""
+    plant, phase = survey.plant, survey["phase"]
+    whatever = not plant.inputs or survey["Gauthier-Bornard"].verdict is Verdict.GENERIC
+    if len(plant.outputs) == 1 and whatever and phase.why == NOT_ASKED:
+        y = plant.outputs[0].name
+        ask = f"`hgogen check {model.path} --deep` asks whether they are on the whole ranges (form phase)"
+        return f"Almost everywhere {y} and its derivatives are states in a form: {ask}."
+    return (
+        "No form asked is proved of the plant, and no theorem covers an observer in its own states: try what you take "
+        "on trials that are like your plant, by `hgogen simulate`."
+    )
 
 
 def _on_its_own(plant: System, hidden: Iterable[Signal]) -> str:
