@@ -30,5 +30,5 @@ class BadArgument(HgogenError):
 
 def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
     """What a sentence on an unknown name ends with: the known name that is nearest to it, or `otherwise`."""
-    close = get_close_matches(name[:60], list(known), n=1)
+    close = get_close_matches(str(name)[:60], list(known), n=1)
     return f"did you mean {close[0]}?" if close else otherwise

@@ -255,7 +255,7 @@ class Model:
         if name not in observers.__all__:
             listed = f"the observers are {', '.join(observers.__all__)}"
             fix = nearest(name, [*self.tuning.tables, *observers.__all__], listed)
-            return f"there is no observer {name[:60]!r}, {known}; {fix}"
+            return f"there is no observer {name!r:.60}, {known}; {fix}"
         every, needed = arguments(getattr(observers, name))
         fix = self.fixes["tuning"].format(observer=name, arguments=", ".join(needed))
         besides = ", ".join(key for key in every if key not in needed)

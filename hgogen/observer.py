@@ -16,7 +16,7 @@ from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
-from hgogen.reading.given import BadGain, positive, real, reals
+from hgogen.reading.given import BadGain, names, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
 from hgogen.structure.dynamics import Dynamics
@@ -241,7 +241,7 @@ def founded(
     """
     if not isinstance(form, Form):
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
-    accept = (accept,) if isinstance(accept, str) else tuple(accept)
+    accept = names("accept", accept)
     try:
         demand(form.checks, accept, form, own)
     except Refuted as error:

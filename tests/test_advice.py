@@ -169,9 +169,7 @@ def test_no_form_at_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("output", "more"), [("x1 + x2**3 + x2", {"y2": "x1*x2"}), ("x1*u + x2", {})])
-def test_other_states_are_advised_only_where_a_form_has_them(
-    output: str, more: dict[str, str], tmp_path: Path
-) -> None:
+def test_other_states_are_advised_only_where_a_form_has_them(output: str, more: dict[str, str], tmp_path: Path) -> None:
     """Of two outputs, and of one that reads the input, nobody knows any."""
     path = write(tmp_path, {"x1": "x2**2 - x1", "x2": "x1**2 - 2*x2 + u"}, output, **more)
     path.write_text(f"{path.read_text()}inputs.u = {{low = -1, high = 1}}\n")

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 import sympy as sp
 
@@ -14,7 +15,15 @@ from hgogen.reading.door import Misfit, remembers
 
 x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
 PLANT = hg.System("plant", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[x1])
+a = hg.Signal("a", nominal=1)
+TUNABLE = hg.System("tuned", states=(x1, x2), outputs=(y,), parameters=(a,), flow=[x2, -a * x1], output=[x1])
+LOG: Any = hg.Log(u=np.zeros((9, 0)), y=np.zeros(9), dt=1)
 BOX = {"x1": (-1, 1)}
+
+
+def step() -> Any:
+    observer = hg.observers.high_gain(hg.forms.triangular(PLANT), theta=5, poles=(-1, -1))
+    return hg.sample(observer, hg.methods.rk4, dt=0.01, engine="python")
 
 
 @pytest.mark.parametrize(
@@ -31,6 +40,14 @@ BOX = {"x1": (-1, 1)}
         (lambda: hg.survey(None), "survey was given None"),
         (lambda: hg.observability(3), "observability was given 3"),
         (lambda: hg.singularity("x"), "singularity was given 'x'"),
+        (lambda: hg.fit(5, LOG), "fit was given 5, of type int; give a plant"),
+        (lambda: hg.with_disturbance("p", on="x1"), "with_disturbance was given 'p'"),
+        (lambda: hg.recast(5, {}, {}), "recast was given 5"),
+        (lambda: hg.recast(PLANT, 5, {}), "recast, coordinates= was given 5, of type int; give a mapping from states"),
+        (lambda: hg.recast(PLANT, {}, [x1]), "recast, inverse= was given [x1]"),
+        (lambda: hg.l2_gain(5), "l2_gain was given 5, of type int; give an observer"),
+        (lambda: hg.iss_gain(step()), "that of a step is step.observer"),
+        (lambda: hg.consistency(5), "consistency was given 5, of type int; give a run"),
         *((lambda f=f: getattr(hg.forms, f)(None), f"{f} was given None") for f in hg.forms.__all__),
     ],
 )
@@ -38,6 +55,31 @@ def test_a_misfit_is_a_sentence(question: Callable[[], Any], said: str) -> None:
     with pytest.raises(Misfit) as caught:
         question()
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        (lambda: hg.observability(PLANT, unknown=("a",)), "unknown names 'a' which is no parameter; there is none"),
+        (lambda: hg.observability(PLANT, unknown=5), "unknown = 5 must be a name or several"),
+        (lambda: hg.forms.original(PLANT, order=5), "order = 5 must be a name or several"),
+        (lambda: hg.observers.high_gain(hg.forms.triangular(PLANT), theta=5, poles=(-1, -1), accept=5), "accept = 5"),
+        (lambda: hg.fit(TUNABLE, LOG, free=5), "parameter = 5 must be a name or several"),
+        (lambda: hg.observability(TUNABLE, unknown="aa"), "unknown names 'aa' which is no parameter; did you mean a?"),
+        (lambda: hg.load("pendulum").step(5), "there is no observer 5"),
+        (lambda: step().run_many(y=np.zeros((2, 3, 1)), parameters=5), "parameters = 5 is no mapping from some of"),
+        (lambda: step().run_many(y=np.zeros((2, 3, 1)), starts=5), "starts = 5 is no mapping from states to numbers"),
+    ],
+)
+def test_what_is_no_name_is_a_sentence(question: Callable[[], Any], said: str) -> None:
+    with pytest.raises(HgogenError) as caught:
+        question()
+    assert said in str(caught.value)
+
+
+def test_a_parameter_may_be_named_alone() -> None:
+    whole = hg.observability(TUNABLE, unknown=("a",)).joint
+    assert hg.observability(TUNABLE, unknown="a").joint == hg.observability(TUNABLE, unknown=(a,)).joint == whole
 
 
 def test_a_plant_may_be_named() -> None:

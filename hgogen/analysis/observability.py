@@ -21,7 +21,9 @@ from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.analysis.on_box import within_tables
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.errors import nearest
 from hgogen.reading.door import asks_a_plant, remembers
+from hgogen.reading.given import BadGain, names
 from hgogen.sentence import because, joined
 from hgogen.system import System
 
@@ -146,9 +148,10 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     """The generic observability of a plant; `unknown`: the parameters of the joint question, by default those with a
     range. The others stand at their nominal values.
 
-    Raises: `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a function without a rule.
+    Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
+    function without a rule.
     """
-    loose = tuple(p for p in plant.parameters if (p.bounded if unknown is None else p.name in unknown))
+    loose = tuple(p for p in plant.parameters if p.bounded) if unknown is None else _named(plant, unknown)
     fixed = {p: value for p, value in plant.nominal.items() if p not in loose}
     flow, output = (at_values(part, fixed) for part in within_tables(plant))
     generic = ranks(flow, output, plant.states, plant.inputs, loose)
@@ -156,6 +159,15 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     known = _answer(generic.known, generic.local, *parts, ())
     joint = _answer(generic.joint, generic.local, *parts, loose) if loose else None
     return Observability(plant, known, joint, generic.method, generic.local)
+
+
+def _named(plant: System, unknown: Any) -> tuple[sp.Symbol, ...]:
+    """The parameters of these names. Raises: `BadGain`."""
+    wanted, known = set(map(str, names("unknown", unknown))), [p.name for p in plant.parameters]
+    for name in sorted(wanted.difference(known)):
+        listed = f"there are {', '.join(known)}" if known else "there is none"
+        raise BadGain(f"unknown names {name[:60]!r}", f"which is no parameter; {nearest(name, known, listed)}")
+    return tuple(p for p in plant.parameters if p.name in wanted)
 
 
 Exprs = Sequence[sp.Expr]

@@ -79,6 +79,10 @@ class Asked:
     def _parameters(self) -> dict[Place, Array]:
         """The values (B, size), or (size) for all, of what varies."""
         known = tunable(self.step)
+        if not isinstance(self.parameters, Mapping):
+            raise BadShape(
+                f"parameters = {self.parameters!r}", f"is no mapping from some of {', '.join(known)} to numbers"
+            )
         for name in self.parameters:
             if name not in known:
                 raise BadShape(f"parameters {name!r}", f"names nothing tunable; that is {', '.join(known)}")
@@ -97,6 +101,9 @@ class Asked:
     def _states(self, started: Started) -> list[bytes]:
         """The state of each record, or one for all; none where they go on from that of the step."""
         if not isinstance(self.starts, Mapping):
+            if not isinstance(self.starts, Sequence):
+                wanted = "is no mapping from states to numbers, and no list of saved states, such as many.states"
+                raise BadShape(f"starts = {self.starts!r}", wanted)
             return [self.memory.saved(state) for state in self.starts]
         made = dict[tuple[float, ...], bytes]()
         return [made.get(row) or made.setdefault(row, started(self._named(row))) for row in self._rows()]

@@ -22,6 +22,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.intervals.sign import nonzero
+from hgogen.reading.given import names as several
 from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.structure.chain import Rows, of_plant
@@ -52,7 +53,7 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     Checks: `original.connected` (no state is hidden from the outputs on the box), `original.order` (the shape that a
     high gain needs: generic, or unknown), `original.lipschitz`, `original.convergence` (unknown).
 
-    Raises: `BadOrder`.
+    Raises: `BadOrder`; `BadGain` for an order of no names.
     """
     rows = of_plant(plant)
     sure, every = reached(rows, sure=True), reached(rows)
@@ -82,7 +83,7 @@ def _ordered(plant: System, order: Sequence[Signal | str]) -> tuple[Signal, ...]
     states = {x.name: x for x in plant.states}
     if isinstance(order, Mapping | Set):
         raise BadOrder(plant.name, (), tuple(states), type(order).__name__)
-    names = tuple(map(str, order))
+    names = tuple(map(str, several("order", order)))
     if sorted(names) != sorted(states):
         raise BadOrder(plant.name, names, tuple(states))
     return tuple(states[name] for name in names)

@@ -13,6 +13,8 @@ from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Fit, above
 from hgogen.identification.solution import Solution
 from hgogen.identification.task import BY, Task
+from hgogen.reading import given
+from hgogen.reading.door import asks_a_plant
 from hgogen.reading.given import count
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -26,6 +28,7 @@ class CannotFit(BadLog):
     """Records from which the parameters cannot be fitted, or parameters that cannot be."""
 
 
+@asks_a_plant
 def fit(
     plant: System,
     *records: Log,
@@ -52,8 +55,8 @@ def fit(
     its distance, not by its square; `each(progress)` is called after every iteration; `resume`: the progress of a fit
     of the same that was stopped, which goes on from there.
 
-    Raises: `CannotFit`; `CannotGoOn`; `BadGain` for counts that are none; `BadShape`, `BadNames` for records of another
-    shape.
+    Raises: `Misfit` for no plant; `CannotFit`; `CannotGoOn`; `BadGain` for counts and names that are none; `BadShape`,
+    `BadNames` for records of another shape.
     """
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotFit("records", "are missing; give logs, such as hg.Log(u, y, dt)")
@@ -119,7 +122,7 @@ def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, .
 
 def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) -> tuple[Signal, ...]:
     """The signals of these names, in their own order. Raises: `CannotFit`."""
-    wanted = {str(name) for name in ((names,) if isinstance(names, str | Signal) else names)}
+    wanted = {str(name) for name in given.names(what, names)}
     known = [s.name for s in signals]
     for name in sorted(wanted.difference(known)):
         listed = f"there are {', '.join(known)}" if known else "there is none"

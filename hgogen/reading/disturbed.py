@@ -9,10 +9,12 @@ else is known: what is proved holds while it is so, a jump of d is a new start, 
 import sympy as sp
 
 from hgogen.errors import nearest
+from hgogen.reading.door import asks_a_plant
 from hgogen.signal import Signal
 from hgogen.system import BadSystem, System
 
 
+@asks_a_plant
 def with_disturbance(
     plant: System, on: str | sp.Symbol, order: int = 1, *, signal: Signal | None = None, name: str = ""
 ) -> System:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, wraps
+from inspect import signature
 from typing import Any, TypeVar, cast
 
 import sympy as sp
@@ -27,16 +28,26 @@ class Misfit(HgogenError):
         return f"{self.what} was given {shown(self.value)}, of type {type(self.value).__name__}; give {self.wanted}"
 
 
-def asks_a_plant(question: Asked) -> Asked:
-    """The function, whose first argument must be a `System`: for anything else it raises `Misfit`."""
+def asks(kind: type | tuple[type, ...], wanted: str) -> Callable[[Asked], Asked]:
+    """For a function whose first argument must be of a kind: for anything else it raises `Misfit`, which says what is
+    `wanted`."""
 
-    @wraps(question)
-    def guarded(plant: System, *args: Any, **options: Any) -> Any:
-        if not isinstance(plant, System):
-            raise Misfit(question.__name__, plant, "a plant, an hg.System; hgogen.model.load reads one from a file")
-        return question(plant, *args, **options)
+    def guards(question: Asked) -> Asked:
+        name = next(iter(signature(question).parameters))
 
-    return cast(Asked, guarded)
+        @wraps(question)
+        def guarded(*args: Any, **options: Any) -> Any:
+            first = args[0] if args else options.get(name)
+            if not isinstance(first, kind):
+                raise Misfit(question.__name__, first, wanted)
+            return question(*args, **options)
+
+        return cast(Asked, guarded)
+
+    return guards
+
+
+asks_a_plant = asks(System, "a plant, an hg.System; hgogen.model.load reads one from a file")
 
 
 def remembers(question: Asked) -> Asked:

@@ -1,9 +1,11 @@
 """Numbers as a user gives them; a masked entry of a NumPy array is missing, NaN, wherever numbers are taken."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import sympy as sp
 
 from hgogen.check import Check
 from hgogen.errors import HgogenError
@@ -51,6 +53,15 @@ def positive(name: str, value: Any) -> float:
     if not 0 < number < np.inf:
         raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
     return number
+
+
+def names(what: str, value: Any) -> tuple[Any, ...]:
+    """Names, or signals for theirs, of which one may be given alone. Raises: `BadGain` for anything else."""
+    if isinstance(value, str | sp.Symbol):
+        return (value,)
+    if not isinstance(value, Iterable):
+        raise BadGain(f"{what} = {value!r}", "must be a name or several, such as ['a', 'b']")
+    return tuple(value)
 
 
 def count(name: str, value: Any, low: int, high: int) -> int:

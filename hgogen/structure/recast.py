@@ -11,11 +11,13 @@ import sympy as sp
 
 from hgogen.intervals.box import box
 from hgogen.intervals.lost import lost
+from hgogen.reading.door import Misfit, asks_a_plant
 from hgogen.signal import Signal
 from hgogen.structure.diffeomorphism import Change, checks, stand_ins
 from hgogen.system import BadSystem, Origin, System
 
 
+@asks_a_plant
 def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Signal, Any]) -> System:
     """The plant with some states replaced.
 
@@ -23,10 +25,13 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
     `inverse` maps each replaced state of the plant to an expression of the new and the unchanged states. New states
     stand in the place of the replaced ones, in order.
 
-    Raises: `BadSystem` where the numbers differ, or a map reads an input or an unknown name. Whether the maps are
-    smooth and inverse to each other is a Check, `recast.inverse`; whether the new ranges are wide enough another,
+    Raises: `Misfit`; `BadSystem` where the numbers differ, or a map reads an input or an unknown name. Whether the maps
+    are smooth and inverse to each other is a Check, `recast.inverse`; whether the new ranges are wide enough another,
     `recast.range`.
     """
+    for what, maps in (("coordinates", coordinates), ("inverse", inverse)):
+        if not isinstance(maps, Mapping):
+            raise Misfit(f"recast, {what}=", maps, "a mapping from states to their expressions, such as {w: x1 + x2}")
     new, old = tuple(coordinates), tuple(inverse)
     for state in old:
         if state not in plant.states:

@@ -18,6 +18,7 @@ import numpy as np
 
 from hgogen.calling.samples import BadShape, Run
 from hgogen.identification.whiteness import Whiteness, alike, quantile, whiteness
+from hgogen.reading.door import asks
 from hgogen.trials.prediction import Prediction, rms
 
 Array = np.ndarray
@@ -71,6 +72,7 @@ class Consistency:
         return tuple(_sentences(self))
 
 
+@asks(Run, "a run, as step.run gives it")
 def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consistency:
     """Of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises: `BadShape`."""
     e, variances = run.innovations, run.variances
