@@ -119,6 +119,17 @@ def test_the_filter_stays_unknown_and_names_it() -> None:
     assert "high_gain with the gain to which it settles" in check.fix
 
 
+@pytest.mark.parametrize("form", [hg.forms.original, hg.forms.uniform, hg.forms.state_affine])
+def test_the_filter_names_no_gain_that_is_refused(form: Any) -> None:
+    made = form(damped())
+    observer = hg.observers.riccati(made, Q=(0.1, 1), R=0.1)
+    (check,) = (check for check in observer.checks if check.id == "riccati.convergence")
+    assert "steady_gain" not in str(check.reason)
+    assert check.fix == "validate by trials over noise seeds and jumps"
+    with pytest.raises(BadGain, match="steady_gain"):
+        steady_gain(made, (0.1, 1), 0.1, at={"x1": 0, "x2": 0}, u={"u": 0})
+
+
 # --- what is refused ----------------------------------------------------------------------------------------
 
 

@@ -63,10 +63,7 @@ def steady_gain(
     """
     if not isinstance(form, Form):
         raise Misfit("steady_gain", form, "a form: hg.forms.triangular(plant)")
-    constant_chains("steady_gain", form)
-    if form.jacobian is not None or len(form.leads) < len(form.output):
-        reason = "wants coordinates in which the gain acts, and a chain for each output"
-        raise BadGain("steady_gain", f"{reason}; take a form in chains, and leave outputs without one out of the plant")
+    in_chains(form)
     noise, level = spd("Q", of_coordinates("Q", Q, form), form.n), above_zero("theta", theta)
     variances = np.array(positive("R", of_outputs("R", R, form), len(form.output)))
     point, said = _point(form, at, u)
@@ -84,6 +81,14 @@ def steady_gain(
         fix = f"they lean on the slopes of b at {said}, and those of a clamped estimate are 0; {ways}"
         demand_hurwitz(f"the steady gains at theta = {level:g}", A - K @ C, fix)
     return tuple(K[:, 0].tolist()) if len(form.output) == 1 else tuple(map(tuple, K.tolist()))
+
+
+def in_chains(form: Form) -> None:
+    """Raises: `BadGain` for a form on which no constant gain stands for that of the filter."""
+    constant_chains("steady_gain", form)
+    if form.jacobian is not None or len(form.leads) < len(form.output):
+        reason = "wants coordinates in which the gain acts, and a chain for each output"
+        raise BadGain("steady_gain", f"{reason}; take a form in chains, and leave outputs without one out of the plant")
 
 
 def _scaled(F: np.ndarray, powers: np.ndarray, theta: float) -> np.ndarray:

@@ -16,6 +16,7 @@ from collections.abc import Iterable
 
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
+from hgogen.guarantees.steady_gain import in_chains
 from hgogen.kalman.extended import extended
 from hgogen.kalman.kalman_theorems import of_form
 from hgogen.kalman.theta import Theta, constant
@@ -23,13 +24,15 @@ from hgogen.observer import Observer, founded, linearised
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values
-from hgogen.sentence import because
+from hgogen.sentence import because, joined
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.scaling import ALIGNED, noise_equation
 from hgogen.structure.spare import unused
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
+_EXISTENTIAL = "the theorem's constants are existential: no number for theta, d, gamma can be proved from it"
+_TRIALS = "validate by trials over noise seeds and jumps"
 EQUATIONS = (
     "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
     "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
@@ -79,7 +82,7 @@ def riccati(
         gains=(*filter.gains, *theta.gains),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *clamped("riccati", form), _theorem(theta)),
+        claims=lambda: (*form.checks, *clamped("riccati", form), _theorem(theta, form)),
         accepted=accept,
         theorem=of_form(theta.theorem, form),
         equations=(
@@ -113,14 +116,12 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
         )
 
 
-def _theorem(theta: Theta) -> Check:
-    return Check(
-        ClaimId("riccati", "convergence"),
-        theta.theorem.conclusion,
-        Verdict.UNKNOWN,
-        because(
-            "the theorem's constants are existential: no number for theta, d, gamma can be proved from it; in chains "
-            "the gain to which it settles can be proved as it runs, by hg.design.steady_gain"
-        ),
-        fix="validate by trials over noise seeds and jumps, or take high_gain with the gain to which it settles",
-    )
+def _theorem(theta: Theta, form: Form) -> Check:
+    known, reason, fix = ClaimId("riccati", "convergence"), because(_EXISTENTIAL), _TRIALS
+    try:
+        in_chains(form)
+    except BadGain:
+        return Check(known, theta.theorem.conclusion, Verdict.UNKNOWN, reason, fix=fix)
+    settled = because("in chains the gain to which it settles can be proved as it runs, by hg.design.steady_gain")
+    fix = f"{fix}, or take high_gain with the gain to which it settles"
+    return Check(known, theta.theorem.conclusion, Verdict.UNKNOWN, joined(reason, settled), fix=fix)
