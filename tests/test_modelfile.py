@@ -340,8 +340,8 @@ def test_an_observer_without_a_tuning_is_told_what_to_add(tmp_path: Path) -> Non
     loaded = load(written(tmp_path, TOML))
     with pytest.raises(
         MissingPart,
-        match=r"none for bank; add a table \[tuning.bank\] with count, period \(it also takes .*\); it has no starting "
-        "gains: it goes around another observer",
+        match=r"none for bank; add a table \[tuning.bank\] with member, count, period \(it also takes .*\); it has no "
+        "starting gains: it goes around another observer",
     ):
         loaded.step("bank")
     with pytest.raises(MissingPart, match=r"there is no observer 'low_pow', .* did you mean low_power"):

@@ -16,8 +16,10 @@ _VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # arguments that a table
 
 
 def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The arguments by name of an observer's function: all, and those without a default."""
-    return _names(p for p in signature(make).parameters.values() if p.kind is Parameter.KEYWORD_ONLY)
+    """The arguments by name of an observer's function as a table has them: all, and those without a default; of one
+    around another observer the member first."""
+    each = signature(make).parameters.values()
+    return _names(p for p in each if p.kind is Parameter.KEYWORD_ONLY or p.name == "member")
 
 
 def faults(
