@@ -219,7 +219,8 @@ class Model:
         one = first(name, self._places, own)
         if isinstance(one, NoFirst):
             untuned = f"{self._untuned(name)}; it has no starting gains: {one.reason}"
-            unfit = f"{name} does not take this plant: {one.reason}; `hgogen check {self.path}` names what does"
+            asked = f" in the form {self.setting.form}" if self.setting.form else ""
+            unfit = f"{name} does not take this plant{asked}: {one.reason}; `hgogen check {self.path}` names what does"
             raise MissingPart(self.path, "tuning", untuned if one.ruled else unfit)
         return replace(tuning, tables={**tuning.tables, name: one.table()})
 

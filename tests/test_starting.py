@@ -156,7 +156,7 @@ def test_a_model_without_a_tuning_takes_them(tmp_path: Path) -> None:
     assert (step.observer.name, step.dt) == ("filtered", 0.025)
     assert bare.set(Setting(dt=0.01)).step("filtered").dt == 0.01
     assert bare.set(Setting(form="uniform")).step("riccati").observer.form.kind == "uniform"
-    with pytest.raises(MissingPart, match=r"kalman_like does not take this plant: .*state_affine"):
+    with pytest.raises(MissingPart, match=r"does not take this plant in the form triangular: .*state_affine"):
         bare.set(Setting(form="triangular")).step("kalman_like")
     with pytest.raises(MissingPart, match="defines no step"):
         bare.step()

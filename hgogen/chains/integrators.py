@@ -31,6 +31,7 @@ from hgogen.structure.saturation import described
 from hgogen.theorem import Theorem
 
 T = TypeVar("T")
+_INSTEAD = "take the form triangular, or the observer riccati"
 _PLANT = "in chains of integrators the plant is w' = A w + c(w, u), A the shift"
 _CLAMPED = f"{_PLANT}; c takes w clamped to its ranges"
 
@@ -205,7 +206,7 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
     for names, each in zip(form.gain_names, gains, strict=True):
         for name, a in zip(names, each, strict=True):
             if a == 0:
-                raise BadGain(observer, f"takes a triangular form, here {name} = 0; use the form triangular or riccati")
+                raise BadGain(observer, f"takes a triangular form, here {name} = 0; {_INSTEAD}")
             if a.free_symbols - {*form.system.parameters}:
                 what = "input" if a.free_symbols & {*form.system.inputs} else "state"
                 raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
@@ -224,8 +225,6 @@ def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
 def no_chain(observer: str, form: Form) -> BadGain:
     """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
     if form.structured:
-        return BadGain(
-            observer, f"takes a triangular form, this one is {form.kind}; use the form triangular or riccati"
-        )
+        return BadGain(observer, f"takes a triangular form, this one is {form.kind}; {_INSTEAD}")
     reason = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
     return BadGain(observer, reason, because=form.about("structure")[0], fix="use riccati")

@@ -117,7 +117,8 @@ def gain(
     wanted, sizes = _moderate("rate", rate), _sizes(form, noise)
     measures, open_ = _measures(form, per), plain(form, sizes)
     if isinstance(open_, Reason):
-        raise BadGain(form.system.name, f"has no gain that is designed: {open_}")
+        fix = "gains are designed on a form of the plant's own states in chains, triangular or block_triangular"
+        raise BadGain(form.system.name, f"has no gain that is designed: {open_}", fix=fix)
     pace = open_.pace(wanted)
     rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
     quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
