@@ -218,10 +218,7 @@ class Model:
         own = dt or self.setting.dt or (self._own_period if self.has("step") else None)
         one = first(name, self._places, own)
         if isinstance(one, NoFirst):
-            untuned = f"{self._untuned(name)}; it has no starting gains: {one.reason}"
-            asked = f" in the form {self.setting.form}" if self.setting.form else ""
-            unfit = f"{name} does not take this plant{asked}: {one.reason}; `hgogen check {self.path}` names what does"
-            raise MissingPart(self.path, "tuning", untuned if one.ruled else unfit)
+            raise MissingPart(self.path, "tuning", self._unstarted(name, one))
         return replace(tuning, tables={**tuning.tables, name: one.table()})
 
     @property
@@ -248,6 +245,15 @@ class Model:
         if hasattr(self.module, "step"):
             return self._written_step().dt
         return self.tuning.period(self._first or next(iter(self.tuning.tables)))
+
+    def _unstarted(self, name: str, why: NoFirst) -> str:
+        """Why an observer that the file says nothing of has no step, and what to do."""
+        if why.ruled:
+            return f"{self._untuned(name)}; it has no starting gains: {why.reason}"
+        if why.too_long:
+            return f"{name} with starting gains: {why.reason}"
+        asked = f" in the form {self.setting.form}" if self.setting.form else ""
+        return f"{name} does not take this plant{asked}: {why.reason}; `hgogen check {self.path}` names what does"
 
     def _untuned(self, name: str) -> str:
         """Why there is no observer of that name, and what to add."""

@@ -158,6 +158,8 @@ def test_a_model_without_a_tuning_takes_them(tmp_path: Path) -> None:
     assert bare.set(Setting(form="uniform")).step("riccati").observer.form.kind == "uniform"
     with pytest.raises(MissingPart, match=r"does not take this plant in the form triangular: .*state_affine"):
         bare.set(Setting(form="triangular")).step("kalman_like")
+    with pytest.raises(MissingPart, match=r"toml: riccati with starting gains: dt = 50 is too long .*; take dt <= "):
+        bare.set(Setting(dt=50.0)).step("riccati")
     with pytest.raises(MissingPart, match="defines no step"):
         bare.step()
 

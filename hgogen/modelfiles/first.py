@@ -10,6 +10,7 @@ from hgogen.call import CallableStep, sample
 from hgogen.check import refuted
 from hgogen.errors import HgogenError
 from hgogen.starting import Starting, starting_gains
+from hgogen.step import StepTooLong
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Row, Survey, survey
@@ -39,10 +40,12 @@ class First:
 
 @dataclass(frozen=True)
 class NoFirst:
-    """Why there is no first step; `ruled`: the observer's rule gives no gains, and no form refuses it."""
+    """Why there is no first step; `ruled`: the observer's rule gives no gains, and no form refuses it; `too_long`: the
+    period is, of an observer that takes the plant."""
 
     reason: str
     ruled: bool = False
+    too_long: bool = False
 
 
 def places(survey: Survey) -> Iterator[Row]:
@@ -68,7 +71,7 @@ def _surveyed(plant: System, deep: bool) -> Survey:
 
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
     """The first step of one of `hg.observers` at the sampling period `dt`, by default that of its starting gains."""
-    make, refusals = getattr(observers, observer), ["the plant is in none of its forms"]
+    make, refusals = getattr(observers, observer), [NoFirst("the plant is in none of its forms")]
     for row in rows:
         if row.form is None or refuted(row.form.checks):
             continue
@@ -78,7 +81,7 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
         try:
             step = sample(make(row.form, **starting.gains), dt=starting.dt)
         except HgogenError as error:
-            refusals.append(str(error))
+            refusals.append(NoFirst(str(error), too_long=isinstance(error, StepTooLong)))
         else:
             return First(observer, row, starting, step)
-    return NoFirst(refusals[:2][-1])
+    return refusals[:2][-1]
