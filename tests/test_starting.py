@@ -146,6 +146,12 @@ def test_the_first_form_that_admits_it() -> None:
     rows = {name: one.row.kind for name, one in taken.items() if isinstance(one, First)}
     assert rows == {"riccati": "original", "kalman_like": "state_affine"}
     assert {name for name, one in taken.items() if isinstance(one, NoFirst) and one.ruled} == {"bank"}
+    refused = first("high_gain", places(neuron))
+    assert isinstance(refused, NoFirst)
+    assert refused.reason == "high_gain takes a triangular form, this one is original"
+    alone = first("high_gain", [neuron["triangular"]])
+    assert isinstance(alone, NoFirst)
+    assert alone.reason == f"the plant is not in the form triangular: {neuron['triangular'].why}"
 
 
 def test_a_model_without_a_tuning_takes_them(tmp_path: Path) -> None:
@@ -158,6 +164,10 @@ def test_a_model_without_a_tuning_takes_them(tmp_path: Path) -> None:
     assert bare.set(Setting(form="uniform")).step("riccati").observer.form.kind == "uniform"
     with pytest.raises(MissingPart, match=r"does not take this plant in the form triangular: .*state_affine"):
         bare.set(Setting(form="triangular")).step("kalman_like")
+    with pytest.raises(MissingPart) as caught:
+        bare.set(Setting(form="original")).step("high_gain")
+    said = "high_gain takes a triangular form, this one is original; `hgogen check"
+    assert f"does not take this plant in the form original: {said}" in str(caught.value)
     with pytest.raises(MissingPart, match=r"toml: riccati with starting gains: dt = 50 is too long .*; take dt <= "):
         bare.set(Setting(dt=50.0)).step("riccati")
     with pytest.raises(MissingPart, match="defines no step"):

@@ -206,7 +206,7 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
     for names, each in zip(form.gain_names, gains, strict=True):
         for name, a in zip(names, each, strict=True):
             if a == 0:
-                raise BadGain(observer, f"takes a triangular form, here {name} = 0; {_INSTEAD}")
+                raise BadGain(observer, f"takes a triangular form, here {name} = 0", fix=_INSTEAD)
             if a.free_symbols - {*form.system.parameters}:
                 what = "input" if a.free_symbols & {*form.system.inputs} else "state"
                 raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
@@ -225,6 +225,6 @@ def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
 def no_chain(observer: str, form: Form) -> BadGain:
     """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
     if form.structured:
-        return BadGain(observer, f"takes a triangular form, this one is {form.kind}; {_INSTEAD}")
+        return BadGain(observer, f"takes a triangular form, this one is {form.kind}", fix=_INSTEAD)
     reason = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
     return BadGain(observer, reason, because=form.about("structure")[0], fix="use riccati")

@@ -182,7 +182,7 @@ def constant_chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...
     """a_(i,1), .. of each output, free of states; those of the phase coordinates are 1. Raises: `BadGain`."""
     if len(form.output) != len(form.blocks):
         reason = f"takes a chain for each output, {form.system.name} has {len(form.output)} outputs and no chains"
-        raise BadGain(observer, f"{reason}; use the form block_triangular if the plant is in it, else riccati")
+        raise BadGain(observer, reason, fix="use the form block_triangular if the plant is in it, else riccati")
     if form.kind == "uniform":
         raise BadGain(observer, "wants constant slopes, those of a uniform form vary with the state; use riccati")
     if form.jacobian is not None:

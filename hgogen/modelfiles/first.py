@@ -9,6 +9,7 @@ from hgogen import forms, observers
 from hgogen.call import CallableStep, sample
 from hgogen.check import refuted
 from hgogen.errors import HgogenError
+from hgogen.reading.given import BadGain
 from hgogen.starting import Starting, starting_gains
 from hgogen.step import StepTooLong
 from hgogen.system import System
@@ -71,9 +72,10 @@ def _surveyed(plant: System, deep: bool) -> Survey:
 
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
     """The first step of one of `hg.observers` at the sampling period `dt`, by default that of its starting gains."""
-    make, refusals = getattr(observers, observer), [NoFirst("the plant is in none of its forms")]
+    make, refusals, skipped = getattr(observers, observer), list[NoFirst](), NoFirst("no form takes the plant")
     for row in rows:
         if row.form is None or refuted(row.form.checks):
+            skipped = NoFirst(f"the plant is not in the form {row.name}: {row.why}")
             continue
         starting = starting_gains(row.form, make, dt=dt)
         if not starting:
@@ -81,7 +83,12 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
         try:
             step = sample(make(row.form, **starting.gains), dt=starting.dt)
         except HgogenError as error:
-            refusals.append(NoFirst(str(error), too_long=isinstance(error, StepTooLong)))
+            refusals.append(NoFirst(_why(error), too_long=isinstance(error, StepTooLong)))
         else:
             return First(observer, row, starting, step)
-    return refusals[:2][-1]
+    return next(iter(refusals), skipped)
+
+
+def _why(error: HgogenError) -> str:
+    """Why an observer is refused, without what to take instead, such as another form: all have been asked."""
+    return str(replace(error, fix="") if isinstance(error, BadGain) else error)

@@ -118,7 +118,8 @@ def uniform_injection(
 def _split(observer: str, form: Form) -> Form:
     """The form with A = s_k above its diagonal, and b the rest. Raises: `BadGain`."""
     if form.kind != "uniform" or not form.structured:
-        raise BadGain(observer, f"takes a uniform form, this one is {form.kind}; use hg.forms.uniform, or high_gain")
+        fix = "use hg.forms.uniform, or high_gain"
+        raise BadGain(observer, f"takes a uniform form, this one is {form.kind}", fix=fix)
     head, output = form.states[0], form.output[0]
     a = sp.diff(output, head)
     if sp.expand(output - a * head).has(head) or a.has(head):
