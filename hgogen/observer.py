@@ -16,6 +16,7 @@ from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
+from hgogen.reading.door import asks
 from hgogen.reading.given import BadGain, names, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
@@ -147,6 +148,9 @@ class Observer:
 
     def __deepcopy__(self, memo: Any) -> "Observer":
         return self
+
+
+asks_an_observer = asks(Observer, "an observer, one of hg.observers; that of a step is step.observer")
 
 
 def _claimed(claims: Callable[[], tuple[Check, ...]]) -> tuple[Check, ...]:

@@ -12,11 +12,13 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.reading.door import Misfit, remembers
+from hgogen.trial import Trial
 
 x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
 PLANT = hg.System("plant", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[x1])
 a = hg.Signal("a", nominal=1)
 TUNABLE = hg.System("tuned", states=(x1, x2), outputs=(y,), parameters=(a,), flow=[x2, -a * x1], output=[x1])
+TRIAL = Trial("short", 1, {"x1": 0.5, "x2": 0})
 LOG: Any = hg.Log(u=np.zeros((9, 0)), y=np.zeros(9), dt=1)
 BOX = {"x1": (-1, 1)}
 
@@ -47,6 +49,12 @@ def step() -> Any:
         (lambda: hg.recast(PLANT, {}, [x1]), "recast, inverse= was given [x1]"),
         (lambda: hg.l2_gain(5), "l2_gain was given 5, of type int; give an observer"),
         (lambda: hg.iss_gain(step()), "that of a step is step.observer"),
+        (lambda: hg.design.noise_bounds(step()), "that of a step is step.observer"),
+        (lambda: hg.reference(5), "reference was given 5, of type int; give an observer"),
+        (lambda: hg.gramian(PLANT, 5, 1), "gramian, trial= was given 5"),
+        (lambda: hg.gramian(5, TRIAL, 1), "gramian was given 5, of type int; give a plant"),
+        (lambda: hg.campaign(5, TRIAL, 10), "campaign was given 5, of type int; give a step"),
+        (lambda: hg.campaign(step(), 5, 10), "campaign, trial= was given 5"),
         (lambda: hg.consistency(5), "consistency was given 5, of type int; give a run"),
         *((lambda f=f: getattr(hg.forms, f)(None), f"{f} was given None") for f in hg.forms.__all__),
     ],
@@ -64,6 +72,7 @@ def test_a_misfit_is_a_sentence(question: Callable[[], Any], said: str) -> None:
         (lambda: hg.observability(PLANT, unknown=5), "unknown = 5 must be a name or several"),
         (lambda: hg.forms.original(PLANT, order=5), "order = 5 must be a name or several"),
         (lambda: hg.observers.high_gain(hg.forms.triangular(PLANT), theta=5, poles=(-1, -1), accept=5), "accept = 5"),
+        (lambda: hg.gramian(PLANT, TRIAL, "1 s"), "d = '1' must be a number"),
         (lambda: hg.fit(TUNABLE, LOG, free=5), "parameter = 5 must be a name or several"),
         (lambda: hg.observability(TUNABLE, unknown="aa"), "unknown names 'aa' which is no parameter; did you mean a?"),
         (lambda: hg.load("pendulum").step(5), "there is no observer 5"),

@@ -27,8 +27,7 @@ from hgogen.guarantees.quadratic import floats, inverse_root, rational, stacked
 from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
-from hgogen.observer import Observer
-from hgogen.reading.door import asks
+from hgogen.observer import Observer, asks_an_observer
 from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, sizes
 from hgogen.sentence import Reason, Sentence, because
@@ -36,7 +35,6 @@ from hgogen.structure.polytope import fixed
 from hgogen.structure.spare import of_used
 
 _FIX = "Validate by trials."
-_asks_an_observer = asks(Observer, "an observer, one of hg.observers; that of a step is step.observer")
 _WHILE = Sentence.of("while the estimate keeps to its outer box; in rational arithmetic")
 
 
@@ -63,7 +61,7 @@ class IssGain:
         return str(self.check)
 
 
-@_asks_an_observer
+@asks_an_observer
 def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None, of: Each = None) -> L2Gain:
     """A bound of the L2 gain from inputs to the error of a constant injection, at its own theta.
 
@@ -91,7 +89,7 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
     return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, fact))
 
 
-@_asks_an_observer
+@asks_an_observer
 def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None) -> IssGain:
     """To how much the error of each state of the form comes at most under inputs of at most these sizes, whatever their
     course; of inputs k times as large k times as much. Arguments as of `l2_gain`.

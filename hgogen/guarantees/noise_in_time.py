@@ -22,7 +22,7 @@ from hgogen.guarantees.quadratic import Array, Quadratic, floats, inverse_root, 
 from hgogen.guarantees.stagewise import pushed
 from hgogen.guarantees.under_inputs import input_bound, weights_in_floats
 from hgogen.intervals.outward import number as outward
-from hgogen.observer import Observer
+from hgogen.observer import Observer, asks_an_observer
 from hgogen.reading.named import names_of
 from hgogen.sentence import Reason, because
 
@@ -38,6 +38,7 @@ def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) ->
     return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
+@asks_an_observer
 def noise_bounds(observer: Observer) -> Bounds | Nothing:
     """By the name of a state of the form and of an output, how far the estimate of the one goes at most for noise of at
     most 1 of the other, in continuous time, at the declared gains of an observer of a constant injection; or why that

@@ -21,7 +21,9 @@ from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.errors import BadArgument
+from hgogen.reading.door import Misfit, asks
 from hgogen.reading.given import count
+from hgogen.step import Step
 from hgogen.system import System
 from hgogen.trial import BadTrial, Plant, Trajectory, Trial, Truth, first_memory, tried
 from hgogen.trials.metrics import Metrics, Response, metrics
@@ -105,6 +107,7 @@ class Campaign:
         return replace(self.draws, values=self.draws.values[list(numbers)])
 
 
+@asks(Step, "a step, as hg.sample makes it")
 def campaign(
     step: CallableStep,
     trial: Trial,
@@ -118,8 +121,10 @@ def campaign(
     Args: `runs` how many, from 1 to 10^7; `vary` as in `trials.varied.varied`, None for noise alone; `seed` of the
     draws; `engine` as in `Step.run`.
 
-    Raises: `BadVariation`; `BadCampaign`.
+    Raises: `Misfit`; `BadVariation`; `BadCampaign`.
     """
+    if not isinstance(trial, Trial):
+        raise Misfit("campaign, trial=", trial, "a trial, as hgogen.trial.Trial makes it")
     plant = step.observer.form.system.declared
     number = count("runs", runs, 1, MOST)
     drawn = hypercube(() if vary is None else varied(vary, plant, trial), number, count("seed", seed, 0, 2**31))

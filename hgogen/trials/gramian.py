@@ -19,6 +19,8 @@ import sympy as sp
 
 from hgogen.errors import HgogenError
 from hgogen.graph import CVODES, to_casadi
+from hgogen.reading.door import Misfit, asks_a_plant
+from hgogen.reading.given import real
 from hgogen.reading.time_unit import plural
 from hgogen.system import System
 from hgogen.trial import Trial, simulate, t
@@ -82,15 +84,18 @@ class Gramian:
         )
 
 
+@asks_a_plant
 def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gramian, ...]:
     """The windows `d` along a trial without noise, one value each, in the order of `d`.
 
     Windows begin every tenth of the shortest; a length is rounded to a whole number of those. A window that spans a
     jump of the trial follows the plant through the jump. Parameters are nominal.
 
-    Raises: `BadWindows`, `BadTrial`.
+    Raises: `Misfit`; `BadGain` for what is no time; `BadWindows`, `BadTrial`.
     """
-    windows = tuple(float(one) for one in (d if isinstance(d, Iterable) else (d,)))
+    if not isinstance(trial, Trial):
+        raise Misfit("gramian, trial=", trial, "a trial, as hgogen.trial.Trial makes it")
+    windows = tuple(real("d", one) for one in (d if isinstance(d, Iterable) else (d,)))
     if not windows or not all(0 < one <= trial.duration for one in windows):
         longest = f"at most the trial's {trial.duration:g}"
         raise BadWindows(windows, f"must be times in {plural(plant.time)}, above 0 and {longest}")

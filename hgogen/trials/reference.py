@@ -33,6 +33,7 @@ from hgogen.kalman.theta import Decaying
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Block, Place, sym
+from hgogen.reading.door import asks
 from hgogen.step import Step, plan
 from hgogen.stepping.machine import Bound, Machine, casadi_block
 
@@ -56,6 +57,7 @@ class CannotIntegrate(HgogenError):
         )
 
 
+@asks((Observer, Step), "an observer, one of hg.observers, or a step, as hg.sample makes it")
 def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
     """The continuous observer at the samples of a record, gains and parameters at their nominal values.
 
