@@ -23,6 +23,10 @@ from hgogen.trials.prediction import Prediction, rms
 
 Array = np.ndarray
 NOMINAL = 0.0455  # of samples beyond 2 sigma, of normal ones
+_LATER = (
+    "if it is only until the estimate has settled, give --initial or --burn-in, else fit the parameters by `hgogen "
+    "fit` or the gains by `hgogen tune`"
+)
 WORSE = 1.05  # times the error of another prediction: worse
 
 
@@ -130,7 +134,7 @@ def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
         if worse:
             steps = f"{', '.join(str(one.ahead) for one in worse)} step{'s' * (worse[-1].ahead != 1)} ahead"
             errors = ", ".join(f"{one.model:.3g} for {one.copying:.3g}" for one in worse)
-            yield f"{output}: worse than copying at {steps}, by RMS errors of {errors}"
+            yield f"{output}: worse than copying at {steps}, by RMS errors of {errors}; {_LATER}"
 
 
 def _sentences(whole: Consistency) -> Iterator[str]:
