@@ -7,6 +7,7 @@ its thresholds, and theta. SVG for print and the web, PNG to look at; the same n
 import io
 import re
 from collections.abc import Mapping, Sequence
+from textwrap import shorten
 from types import MappingProxyType
 from typing import Any
 
@@ -60,6 +61,7 @@ WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
 COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # of a legend, at most; inches of its rows, lines and letters
 PARTS = 100  # of the time axis, where errors are drawn by their largest: they cross 0
 COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of Okabe and Ito
+LINE, EDGE = 80, 0.03  # letters of a line over a panel; inches between a label and the edge of the page
 DASHES = ("-", "--", ":", "-.")
 FAR = 1e300
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
@@ -262,7 +264,7 @@ def caption(axis: Axes, name: str, unit: str, meaning: str) -> None:
     """Says what a panel shows."""
     symbol = "$I_d$" if name == "I_d" else _symbol(name)
     axis.set_ylabel(f"{symbol} ({unit})" if unit else symbol)
-    axis.set_title(meaning, loc="left", pad=3)
+    axis.set_title(shorten(meaning, LINE, placeholder=" .."), loc="left", pad=3)
 
 
 def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
@@ -321,5 +323,9 @@ def png(figure: Figure) -> bytes:
 
 
 def files(name: str, figure: Figure) -> dict[str, bytes]:
-    """NAME.svg and NAME.png."""
+    """NAME.svg and NAME.png, with room on the left for the labels where numbers are long."""
+    with rc_context(STYLE):
+        beyond = -float(figure.get_tightbbox().x0)
+    if beyond > 0:
+        figure.subplots_adjust(left=figure.subplotpars.left + (beyond + EDGE) / figure.get_figwidth())
     return {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}
