@@ -115,6 +115,7 @@ def test_who_knows_of_a_proof_is_said_where_there_may_be_one() -> None:
             (0.1129, True, 0.1135, 0.1142),
             "certified up to 0.112; tried without failure up to 0.113; refused above 0.114",
         ),
+        ((0.147, True, 0.0506, 0.1872), "certified up to 0.147; refused above 0.187"),  # the float is below 0.147
         ((0.01, False, 0.005, None), "certified at 0.01; tried without failure up to 0.005"),
         ((None, False, None, 0.1142), "certified at none; refused above 0.114"),
         ((None, False, None, None), "certified at none"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from fractions import Fraction
 from typing import Any
 
 from hgogen.certificates.contraction import Contraction
@@ -35,7 +36,8 @@ class Admitted:
             yield Sentence.of("certified at none")
         else:
             pattern = "certified up to {most}" if self.throughout else "certified at {most}"
-            yield Sentence.of(pattern, most=Down(self.certified, 3))
+            typed = Fraction(repr(self.certified))  # as it is typed: 0.147, which no float is
+            yield Sentence.of(pattern, most=Down(typed, 3))
         if self.advised is not None and not (self.throughout and self.advised <= (self.certified or 0)):
             yield Sentence.of("tried without failure up to {most}", most=Down(self.advised, 3))
         if self.refused is not None:
