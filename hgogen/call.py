@@ -181,7 +181,8 @@ class CallableStep(Step):
 
         `u` (B, N, m) and `y` (B, N, p), or as `run` takes them where all records have the same; of `parameters`, by
         their names in `tune`, and `starts` a number, or one for each record (B): `starts` the plant's state by name, at
-        which `started` would start, or B states that `save` gave. `jobs`: threads, None for one for each core;
+        which `started` would start, or B states that `save` gave. A parameter beyond its range is limited to it, as
+        `tuned` of what is returned says. `jobs`: threads, None for one for each core;
         `each(done, B)` is called as records are done; `traces`: whether to give them; `engine` as in `run`. With C a
         compiler that knows vectors takes as many records at once as a register of this machine holds numbers. Beside
         what goes in and what comes out a thread holds the signals of 64 records.

@@ -162,10 +162,11 @@ def test_records_differ_by_parameters_and_starts(engine: Engine, real: Real) -> 
     assert many.engine == ("lanes" if engine == "c" else "python")
     before = made.tuned
     for k in range(4):
-        made.tune(Q=Q[k], R=0.3, theta_1=wanted["theta_1"][k])
+        assert many.tuned[k] == made.tune(Q=Q[k], R=0.3, theta_1=wanted["theta_1"][k])
         made.restore(started(real, starts[k]))
         assert is_run(many, k, made.run(u[0], y[k], engine)), k
         assert made.save() == many.states[k]
+    assert [made.flags(status) for status in many.tuned] == [(), (), (), ("PARAMETER_LIMITED",)]
     made.tune(**before)
 
 

@@ -1,7 +1,7 @@
 """What many records are asked for with: their signals, what each starts from, the parameters of each."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,7 @@ Started = Callable[[Mapping[str, float]], bytes]  # of the plant's state by name
 @dataclass(frozen=True, eq=False)
 class Asked:
     """The signals of many records on a step with this memory: `given_u`, `given_y`, `parameters` and `starts` as a
-    caller gives them.
+    caller gives them; `limited`: what tuning says, by the number of a record whose parameters are out of their ranges.
 
     Raises: `BadShape`, `BadNames` when they are looked at.
     """
@@ -33,6 +33,7 @@ class Asked:
     given_y: Any
     parameters: Mapping[str, Any]
     starts: Starts
+    limited: dict[int, int] = field(default_factory=dict)
 
     @cached_property
     def y(self) -> Array:
@@ -69,8 +70,8 @@ class Asked:
                 own.state[:] = states[k % len(states)]
             for place, values in self._parameters.items():
                 own.places[place][:] = values[k] if values.ndim == 2 else values
-            if self._parameters:
-                tune()
+            if self._parameters and (status := tune()):
+                self.limited[k] = status
             return bytes(own.whole)
 
         return first

@@ -41,7 +41,7 @@ Each = Callable[[int, int], object]  # is told how many records are done, and of
 class Batch:
     """What many records give: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by name
     where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one; `memory`
-    (B, bytes) of the states at their ends."""
+    (B, bytes) of the states at their ends; `tuned` (B): what `tune` says of each one's parameters, 0 for ok."""
 
     x: Array
     names: tuple[str, ...]
@@ -49,6 +49,7 @@ class Batch:
     traces: Mapping[str, Array]
     engine: Literal["lanes", "c", "python"]
     memory: Array = field(repr=False)
+    tuned: Array
 
     @property
     def states(self) -> tuple[bytes, ...]:
@@ -83,6 +84,7 @@ class Many:
             {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
             "lanes" if lanes else engine,
             results.states,
+            np.array([asked.limited.get(k, 0) for k in range(number)], np.uint32),
         )
 
     def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
