@@ -108,3 +108,13 @@ def test_an_input_in_another_unit_is_said() -> None:
     assert "check its column and its unit" in said
     assert not list(clamped(step, inside, {"tau": "u"}))
     assert not list(clamped(step, np.full((5, 1), np.nan), {"tau": "u"}))
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_samples_beyond_the_range_of_their_state_are_told_where_none_is_rejected(tmp_path: Path) -> None:
+    """Of the other sign, and yet within the width of the range beside it, where a sample is still taken."""
+    answer = json.loads(hgogen(*written(tmp_path, "m", 0, 10, -1, 2, "height"), "--json")[0])
+    assert "REJECTED_Y" not in {bit for bit, count in answer["status"].items() if count}
+    (said,) = (note for note in answer["notes"] if "declared range" in note)
+    assert said.startswith("y leaves the declared range of q, 0..10, in ")
+    assert f" of {answer['record']['samples']} samples, as far as -6." in said

@@ -27,6 +27,7 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of, truth_options
+from hgogen.identification.records import Log, beyond
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
@@ -38,7 +39,7 @@ from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
 from hgogen.trials.precision import Difference, coarse, differences
-from hgogen.trials.prediction import predictions, rms
+from hgogen.trials.prediction import predictions, rejected, rms
 from hgogen.trials.rejected import MostlyRejected, clamped, rejections
 from hgogen.trials.shifts import better
 from hgogen.trials.spoiled import before_loss, loss
@@ -136,6 +137,7 @@ def run_(
     notes = [
         *loss(step, done, record.t, u, y),
         *clamped(step, u, record.operands),
+        *beyond(loaded.plant, Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)),
         *no_better(errors),
         *sure.sentences(),
         *coarse(single, step.time),
