@@ -1,6 +1,7 @@
 """Reading logs, good and bad; predictions and noise from them."""
 
 import math
+import time
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -409,6 +410,24 @@ def test_the_spread_of_the_quiet_innovation():
 def test_a_record_that_is_not_quiet_is_doubted():
     moving = noise.suggest("y", np.sin(np.arange(2000) * 0.01), 0.01, 1.0)
     assert any("quiet" in note for note in moving.notes)
+
+
+def test_a_long_record_that_drifts_takes_a_moment():
+    """The correlation of 300,000 samples falls after some tenth of them; a sum for each lag takes minutes."""
+    t = np.arange(300_000) * 0.01
+    drift, begun = np.sin(2 * np.pi * 1.3 * t / t[-1]), time.process_time()
+    drift[::7] = np.nan
+    tau = noise.suggest("y", drift, 0.01, 1.0).tau
+    assert time.process_time() - begun < 10
+    direct, lag = np.where(np.isfinite(drift), drift - np.polyval(_line(t, drift), t), 0.0), round(tau / 0.01)
+    pairs = np.isfinite(drift)[lag:] & np.isfinite(drift)[:-lag]
+    fallen = np.mean((direct[lag:] * direct[:-lag])[pairs]) / np.mean(direct[np.isfinite(drift)] ** 2)
+    assert fallen == pytest.approx(math.exp(-1), abs=1e-4)
+
+
+def _line(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+    there = np.isfinite(y)
+    return np.polyfit(t[there], y[there], 1)
 
 
 @pytest.mark.parametrize(

@@ -149,10 +149,9 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
     there = np.isfinite(residual).astype(float)
     value = np.where(there > 0, residual, 0.0)
     variance = float(np.sum(value**2) / np.sum(there))
+    sums, pairs = _lagged(value), np.maximum(np.rint(_lagged(there)), 1.0)
     last = 1.0
-    for lag in range(1, len(value) // 2):
-        pairs = float(np.sum(there[lag:] * there[:-lag]))
-        now = float(np.sum(value[lag:] * value[:-lag])) / max(pairs, 1.0) / variance
+    for lag, now in enumerate((sums[1 : len(value) // 2] / pairs[1 : len(value) // 2] / variance).tolist(), 1):
         if lag == 1 and now < 2 / math.sqrt(float(np.sum(there))):
             return 0.0
         if now <= math.exp(-1):
@@ -161,6 +160,12 @@ def correlation_time(residual: np.ndarray, dt: float) -> float:
             return float((lag - 1 + (1 + math.log(last)) / math.log(last / now)) * dt)
         last = now
     return len(value) // 2 * dt
+
+
+def _lagged(value: np.ndarray) -> np.ndarray:
+    """The sums over k of value_k value_(k+lag) (N,), by lag; of twice the length, so that the ends do not meet."""
+    spectrum = np.abs(np.fft.rfft(value, 2 * len(value))) ** 2
+    return np.fft.irfft(spectrum, 2 * len(value))[: len(value)]
 
 
 def spread(window: int, dt: float, tau: float) -> float:
