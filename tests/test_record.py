@@ -380,6 +380,20 @@ def test_predictions_are_compared_with_what_the_step_took():
     assert max(one.model for one in forecasts) < 2
 
 
+@pytest.mark.parametrize(
+    ("cells", "values"),
+    [
+        (('"0,0"', '"0,125"', '"-1,5e1"'), [0, 0.125, -15]),  # as a spreadsheet in German writes it
+        (("0", '"0,125"', '"1,250"'), [0, 0.125, 1.25]),
+        (("0.5", '"1,250"', "2"), [0.5, math.nan, 2]),  # 1250, or 1.25?
+    ],
+)
+def test_decimal_commas_in_quotes_beside_a_comma_as_delimiter(tmp_path: Path, cells: tuple[str, ...], values: list):
+    rows = "\n".join(f"{k},{cell}" for k, cell in enumerate(cells))
+    column = table(log(tmp_path, f"t,level\n{rows}\n")).column("level")
+    assert column.values == pytest.approx(values, nan_ok=True)
+
+
 # --- noise ----------------------------------------------------------------------------------------------------
 
 

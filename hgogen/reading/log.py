@@ -15,6 +15,8 @@ from hgogen.reading.content import Unread, content_of
 BYTES = 1 << 28  # of a log, whose cells take some ten times as much memory
 DELIMITERS = ",;\t|"
 EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
+_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_NO_THOUSANDS = re.compile(r"[+-]?(0,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")  # as "1,234" may be
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
 
@@ -99,9 +101,10 @@ def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
 def table(path: str | Path, content: bytes | None = None) -> Table:
     """The CSV file at `path`, or the `content` that was read of it.
 
-    The delimiter (comma, semicolon, tab or bar) is the header's most frequent; with another than the comma,
-    decimal commas are understood. Lines that start with # are comments; the last one before the data is the
-    header where the data has none. Each line stands alone, so a stray quote spoils only its own.
+    The delimiter (comma, semicolon, tab or bar) is the header's most frequent. Decimal commas are understood, beside
+    a comma as delimiter in quotes, and where one of them can be no comma of thousands. Lines that start with # are
+    comments; the last one before the data is the header where the data has none. Each line stands alone, so a stray
+    quote spoils only its own.
 
     Raises: `BadRecord`.
     """
@@ -145,8 +148,8 @@ def _aligned(path: str, header: list[str], rows: list[list[str]], delimiter: str
         )
     if short:
         notes.append(f"{short} rows have fewer cells than the header: the rest of them is empty")
-    cells = [cell for row in aligned for cell in row]
-    comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell) for cell in cells)
+    certain = _COMMA if delimiter != "," else _NO_THOUSANDS
+    comma = any("," in cell and certain.fullmatch(cell) for row in aligned for cell in row)
     if comma:
         notes.append("decimal commas: read as decimal points")
     return Table(path, tuple(header), tuple(aligned), malformed, comma, tuple(notes))
