@@ -23,7 +23,7 @@ def described(item: Field) -> str:
     if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
         low, high = ranges.pop()
         text += f", {low:g} .. {high:g}" if low < high else f", fixed at {low:g}"
-    return text
+    return text.strip(", ")
 
 
 def of_signal(step: Step, signal: Signal, name: str) -> str:
