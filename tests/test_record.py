@@ -394,6 +394,15 @@ def test_decimal_commas_in_quotes_beside_a_comma_as_delimiter(tmp_path: Path, ce
     assert column.values == pytest.approx(values, nan_ok=True)
 
 
+@pytest.mark.parametrize("line", ["sep=;", '"sep=;"', "SEP=;", "sep="])
+def test_the_line_that_tells_a_spreadsheet_the_delimiter_is_no_header(tmp_path: Path, line: str):
+    one = table(log(tmp_path, f"{line}\r\nt;level\r\n0;1,5\r\n1;2\r\n"))
+    assert (one.header, list(one.column("level").values)) == (("t", "level"), [1.5, 2])
+    assert any("which is for a spreadsheet" in note for note in one.notes)
+    with pytest.raises(BadRecord, match="is empty"):
+        table(log(tmp_path, line))
+
+
 # --- noise ----------------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from hgogen.reading.content import Unread, content_of
 BYTES = 1 << 28  # of a log, whose cells take some ten times as much memory
 DELIMITERS = ",;\t|"
 EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
+_EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the header shows as well
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _NO_THOUSANDS = re.compile(r"[+-]?(0,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?")  # as "1,234" may be
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
@@ -117,6 +118,8 @@ def table(path: str | Path, content: bytes | None = None) -> Table:
         notes.append(f"{len(lines) - len(full)} empty lines: skipped")
     comments = [line for line in full if line.lstrip().startswith("#")]
     data = [line for line in full if not line.lstrip().startswith("#")]
+    if data and _EXCEL.fullmatch(data[0].strip()):
+        notes.append(f"the line {data.pop(0).strip()!r}, which is for a spreadsheet: skipped")
     if not data:
         raise BadRecord(str(path), "is empty; it needs a header with column names, then rows of numbers")
     delimiter = max(DELIMITERS, key=re.sub(r'"[^"]*"', "", data[0]).count)
