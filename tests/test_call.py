@@ -449,6 +449,7 @@ def test_a_sample_of_the_wrong_shape_is_refused(name: str, sample: dict[str, Any
         ("staggered", {"u": [0.0]}, r"y is missing; give y=, the values of y$"),
         ("two_outputs", {"u": [0], "y": [0]}, r"y of shape \(1,\) must have shape \(N, 2\): y1, y2$"),
         ("staggered", {"u": ["a"], "y": [0]}, r"u is not an array of numbers$"),
+        ("staggered", {"u": [0], "y": np.array([0j])}, r"y is not an array of numbers$"),
         ("staggered", {"u": [0], "y": [0], "engine": "fortran"}, r"engine = 'fortran' must be"),
     ],
 )

@@ -209,7 +209,7 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
     """An array (size) of what was given, NaN where an entry is masked. Raises: `BadShape`."""
     try:
-        array = np.asarray(unmasked(value), dtype=float).reshape(-1)
+        array = _reals(value).reshape(-1)
     except OverflowError:
         raise BadShape(name, "has a number beyond the range of a double") from None
     except (TypeError, ValueError):
@@ -239,7 +239,7 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         arrays = [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)]
         value = np.stack(arrays, 1) if arrays else []
     try:
-        array = np.asarray(unmasked(value), dtype=float)
+        array = _reals(value)
     except OverflowError:
         raise BadShape(name, "has a number beyond the range of a double") from None
     except (TypeError, ValueError):
@@ -254,6 +254,15 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         )
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{listed(signals)}")
     return np.ascontiguousarray(array)
+
+
+def _reals(value: Any) -> np.ndarray:
+    """What was given as doubles. Raises: `TypeError` of complex numbers, whose imaginary parts would be left out, and
+    what numpy raises."""
+    array = np.asarray(unmasked(value))
+    if array.dtype.kind == "c":
+        raise TypeError
+    return array.astype(float, copy=False)
 
 
 def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
