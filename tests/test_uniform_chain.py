@@ -68,6 +68,20 @@ def test_the_coordinates_of_the_paper() -> None:
     assert u in xi[1].free_symbols
 
 
+@pytest.mark.parametrize(
+    "jumps",
+    [
+        lambda x: sp.Piecewise((x, x < 0), (x - 1, True)),
+        lambda x: sp.atan2(sp.sin(4 * x), sp.cos(4 * x)),
+        lambda x: sp.Piecewise((2 * x, x < sp.Rational(1, 2)), (2 * x - 3, True)),
+    ],
+)
+def test_an_output_that_jumps_is_no_multiple_of_a_state_though_its_slope_is_a_number(jumps: Any) -> None:
+    x = states(2)
+    with pytest.raises(NoUniformChain, match="not a constant times x1; recast x1"):
+        hg.forms.uniform_chain(plant([x[1], -x[0]], x, jumps(x[0])))
+
+
 def test_of_the_derivatives_of_an_input_only_the_first_enters() -> None:
     """The phase form of the same plant reads u'' as well."""
     system = bent(rates=((-1, 1), (-1, 1), (-1, 1)))

@@ -77,14 +77,12 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
     answer, why = chains.answer(Shape.UNIFORM)
     if answer is not True or chains.broken:
         raise NoUniformChain(plant.name, f"is not shown to be in uniform form: {why}; {ELSEWHERE}")
-    first = chains.order[0]
-    output = exact(sp.sympify(chains.links[0][0].row))
-    c = sp.simplify(output.diff(first))
-    if not c.free_symbols <= {*plant.parameters}:
-        raise NoUniformChain(
-            plant.name, f"measures {output}, not a constant times {first}; recast {first}, or use phase"
-        )
-    return chains, c, sp.simplify(output - c * first)
+    shows = chains.links[0][0]
+    c, offset = (sp.simplify(exact(sp.sympify(part))) for part in (shows.gain, shows.rest))
+    if not (shows.answer(Shape.CONSTANT)[0] and c.free_symbols <= {*plant.parameters}):
+        measured = f"measures {exact(sp.sympify(shows.row))}, not a constant times {shows.state}"
+        raise NoUniformChain(plant.name, f"{measured}; recast {shows.state}, or use phase")
+    return chains, c, offset
 
 
 def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
