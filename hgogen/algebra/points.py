@@ -21,6 +21,7 @@ _PARTIAL = (sp.Pow, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh)
 # Where they jump or have no bounded slope: at -1 and 1, or where an argument is 0.
 _WITH_ENDS = (sp.asin, sp.acos, sp.acosh, sp.atanh)
 _STEEP = (sp.log, sp.sign, sp.Heaviside, sp.atan2, sp.cot, sp.coth)
+_CLOSE = 0.01  # to an end within it: SymPy takes two digits for the sign of a number
 _STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
@@ -43,10 +44,21 @@ def points(signals: Sequence[Signal]) -> Iterator[Point]:
 
 def kind(expression: sp.Expr, point: Point) -> str:
     """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
+    at = dict(point)
     try:
-        return _kind(expression.xreplace(dict(point)))
+        answer = _kind(expression.xreplace(at))
+        rounded = answer in ("= 0", "undefined") and any(_by_an_end(e, at) for e in expression.atoms(*_WITH_ENDS))
     except (ValueError, TypeError, NotImplementedError, ArithmeticError):
         return "?"  # SymPy compares what is not real, or gives up
+    return "?" if rounded else answer
+
+
+def _by_an_end(node: sp.Expr, at: Mapping[Any, Any]) -> bool:
+    """Whether a function has an argument next to an end and within it, which SymPy may round to the end: it takes
+    acosh(1 + 10^-20) for 0, and 1/acosh(1 + 10^-20) for infinite."""
+    argument = node.args[0].xreplace(at)
+    room = (argument - 1 if isinstance(node, sp.acosh) else 1 - argument**2).evalf(15)
+    return argument not in (1, -1) and (_is_noise(room) or bool(room.is_Float and 0 < room < _CLOSE))
 
 
 def _kind(value: sp.Expr) -> str:
