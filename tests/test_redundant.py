@@ -70,6 +70,12 @@ def verdicts(checks: Any) -> dict[str, str]:
         ((x1, x1**3 + x1), (2, 0), ((0, 1),)),
         ((x1, x1 * x2), (2, 0), ((0, 1),)),
         ((x1, u), (2, 0), ((0, 1),)),
+        # a slope of 1 wherever there is one, and jumps
+        ((x1, sp.Piecewise((x1, x1 < 0), (x1 - 1, True))), (2, 0), ((0, 1),)),
+        ((x1, sp.atan2(sp.sin(4 * x1), sp.cos(4 * x1)) / 4), (2, 0), ((0, 1),)),
+        ((k * x1, k * x1 + sp.Piecewise((0, x1 < 0), (1, True))), (2, 0), ((0, 1),)),
+        ((k * x1, k * x1 + sp.Piecewise((0, u < 1.5), (1, True))), (2, 0), ((0, 1), (1, 1))),  # with what is known
+        ((x1 * (k + 1) / k, 2 * x1 + 2 * x1 / k + u), (2, 0), ((0, 1), (1, 2))),
     ],
 )
 def test_what_adds_nothing_has_no_chain(output: Any, blocks: Any, ratios: Any) -> None:

@@ -76,13 +76,15 @@ def sharing(form: Form) -> frozenset[int]:
 
 
 def _ratio(form: Form, j: int, i: int, z: sp.Symbol) -> sp.Rational | None:
-    """dy_j/dz over dy_i/dz where y_j reads no other state and it is a number, not 0; else None."""
-    known = dict(fixed(form))
-    one, other = (sp.diff(exact(sp.sympify(form.output[k]).xreplace(known)), z) for k in (i, j))
+    """r, not 0, where y_j reads no other state and is r y_i up to what does not read z; else None. That the slopes have
+    the ratio r is not enough: y_j may jump."""
     if form.output[j].free_symbols & {*form.states} != {z}:
         return None
-    ratio = sp.cancel(other / one)
-    return ratio if ratio.is_Rational and ratio else None
+    known = dict(fixed(form))
+    one, other = (exact(sp.sympify(form.output[k]).xreplace(known)) for k in (i, j))
+    ratio = sp.cancel(sp.diff(other, z) / sp.diff(one, z))
+    alike = ratio.is_Rational and ratio and not sp.cancel(other - ratio * one).has(z)
+    return ratio if alike else None
 
 
 def weighted(form: Form, weights: Any) -> tuple[float, ...]:
