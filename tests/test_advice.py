@@ -10,8 +10,8 @@ from rich.console import Group
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.check import Verdict
-from hgogen.commands import jobs
 from hgogen.commands.advice import Admitted, Advice, advice
+from hgogen.commands.checked import checked
 from hgogen.commands.findings import taking
 from hgogen.emit.cost import cost
 from hgogen.model import Model, load
@@ -25,7 +25,7 @@ RULES = {kind: rule(getattr(hg.observers, kind)) for kind in hg.observers.__all_
 def asked(path: Path, *, deep: bool = False) -> tuple[Model, Advice]:
     model = load(path)
     survey = hg.survey(model.plant, deep=deep)
-    claims = jobs.checked(model, survey)
+    claims = checked(model, survey)
     return model, advice(model, hg.observability(model.plant), survey, claims, deep=deep)
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli, model
 from hgogen.calling import native
-from hgogen.commands import jobs
+from hgogen.commands import trial_runs
 from hgogen.program import Place
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, t
 from hgogen.trials import alarm, noise
@@ -50,7 +50,8 @@ def adaptive(theta_1: float, mu: Any = (GAMMA_0, 2 * GAMMA_0), innovation: Any =
 
 def tried(theta: Any, trial: Trial = TRIAL) -> Summary:
     made = step(theta)
-    (summary,) = jobs.summaries(made, [jobs.tried(made, trial, "c", trial.seeds, lambda: None)], "c", lambda said: None)
+    done = trial_runs.tried(made, trial, "c", trial.seeds, lambda: None)
+    (summary,) = trial_runs.summaries(made, [done], "c", lambda said: None)
     return summary
 
 

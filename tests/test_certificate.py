@@ -28,7 +28,7 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.certificates.certificate import NotCertifiable, certificate
 from hgogen.check import Check, Verdict
-from hgogen.commands import jobs
+from hgogen.commands.checked import Checked, checked
 from hgogen.evidence.grammar import outward
 from hgogen.model import load
 from hgogen.recheck.file import VERSION, digest, model_digest
@@ -88,8 +88,8 @@ def of_model(path: Path) -> dict[str, Any]:
 
 
 @cache
-def claims_of_model(path: Path) -> jobs.Checked:
-    return jobs.checked(load(path))
+def claims_of_model(path: Path) -> Checked:
+    return checked(load(path))
 
 
 @cache
@@ -97,7 +97,7 @@ def text_of_model(path: Path) -> str:
     return written(claims_of_model(path))
 
 
-def written(claims: jobs.Checked) -> str:
+def written(claims: Checked) -> str:
     return json.dumps(certificate(claims.form, claims.checks, claims.observer))
 
 

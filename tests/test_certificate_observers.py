@@ -21,7 +21,7 @@ from oracle.text import read as as_sympy
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
-from hgogen.commands import jobs
+from hgogen.commands.checked import checked
 from hgogen.guarantees import common_norm
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
@@ -232,7 +232,7 @@ def test_what_is_claimed_of_a_member_is_not_verified_of_its_bank() -> None:
 
 @pytest.mark.parametrize("name", sorted({name for _, name, _ in BUILT.values()}))
 def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
-    claims = jobs.checked(load(ROOT / "models" / "disturbed_pendulum.py"), None, name)
+    claims = checked(load(ROOT / "models" / "disturbed_pendulum.py"), None, name)
     content = certificate(claims.form, claims.checks, claims.observer)
     result = found(content)
     assert "stated" not in {claim["verdict"] for claim in content["claims"]}
@@ -767,7 +767,7 @@ def test_a_range_of_a_gain_that_reads_the_state_proves_nothing() -> None:
 @pytest.mark.parametrize("name", ["low_power", "switched_gain", "stubborn"])
 def test_the_claims_on_a_phase_form_are_verified(name: str) -> None:
     """Its chain is shown with them; not where b is taken at the recovered state, which is another observer."""
-    claims = jobs.checked(load(ROOT / "models" / "lotka_volterra.toml"), None, name)
+    claims = checked(load(ROOT / "models" / "lotka_volterra.toml"), None, name)
     content = certificate(claims.form, claims.checks, claims.observer)
     ids = [f"{name}.{what}" for what in ("lipschitz", "convergence")]
     assert {found(content)[id] for id in ids} == {"verified"}
@@ -780,7 +780,7 @@ def test_the_claims_on_a_phase_form_are_verified(name: str) -> None:
 
 def test_a_gain_on_a_phase_form_rests_on_its_convergence() -> None:
     """It is compared with the bound of that claim, whatever that claim is worth."""
-    claims = jobs.checked(load(ROOT / "models" / "lotka_volterra.toml"), None, "low_power")
+    claims = checked(load(ROOT / "models" / "lotka_volterra.toml"), None, "low_power")
     content = certificate(claims.form, claims.checks, claims.observer)
     content["observer"]["theta"] = str(10**9)
     convergence, theta = (
@@ -794,7 +794,7 @@ def test_a_gain_on_a_phase_form_rests_on_its_convergence() -> None:
 
 
 def test_a_form_whose_b_is_taken_at_the_recovered_state_says_so() -> None:
-    claims = jobs.checked(load(ROOT / "models" / "cstr.toml"), None, "stubborn")
+    claims = checked(load(ROOT / "models" / "cstr.toml"), None, "stubborn")
     content = certificate(claims.form, claims.checks, claims.observer)
     assert claims.form.behind is not None
     assert content["form"]["kind"] == "phase.recovered"

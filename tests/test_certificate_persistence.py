@@ -15,7 +15,7 @@ from oracle.text import read as as_sympy
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import ClaimId
-from hgogen.commands import jobs
+from hgogen.commands.checked import checked
 from hgogen.kalman.persistence import persistent
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
@@ -150,6 +150,6 @@ def test_a_parameter_that_hides_a_state_somewhere() -> None:
 
 @pytest.mark.parametrize("name", ["pendulum", "fitzhugh_nagumo"])
 def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
-    claims = jobs.checked(load(ROOT / "models" / f"{name}.py"), None, "kalman_like")
+    claims = checked(load(ROOT / "models" / f"{name}.py"), None, "kalman_like")
     content = certificate(claims.form, claims.checks, claims.observer)
     assert finding(content).startswith("verified")

@@ -23,7 +23,7 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.calling import native
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.commands import building, jobs, tables
+from hgogen.commands import building, tables, trial_runs
 from hgogen.commands import process as process_
 from hgogen.commands.logs import names_in, numbers_by_name
 from hgogen.modelfiles.meaning import summary
@@ -241,7 +241,7 @@ def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.usefixtures("undrawn")
 def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pytest.MonkeyPatch):
     bad = Agreement("short", 0, until=1.0, before=0.5, after=0.5, settled=((1.0, 2.0),), dt=0.01)
-    monkeypatch.setattr(jobs, "agreements", lambda *_: (bad,))
+    monkeypatch.setattr(trial_runs, "agreements", lambda *_: (bad,))
     _, err = hgogen("build", "neuron", status=1)
     assert "hgogen: C and Python disagree in trial 'short', seed 0: 5.0e-01" in err
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.cli import app
-from hgogen.commands import jobs, tables
+from hgogen.commands import stated_bounds, tables
 from hgogen.emit.cost import cost
 from hgogen.model import MissingPart, Model, load
 from hgogen.program import Block, Kernel, Loop, Place, Statement, When, sym
@@ -377,7 +377,7 @@ def test_the_table_of_what_is_proved_has_a_dash_for_what_is_not() -> None:
 def test_what_begins_alike_is_proved_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked, path = list[Any](), tmp_path / "swing.py"
     path.write_text(BOUNDED)
-    monkeypatch.setattr(jobs, "bound_of", lambda step, _: asked.append(step.observer.name))
+    monkeypatch.setattr(stated_bounds, "bound_of", lambda step, _: asked.append(step.observer.name))
     arguments = ["--observers", "high_gain", "--engine", "python", "--seeds", "1"]
     done = CliRunner().invoke(app, ["compare", str(path), "-o", str(tmp_path), *arguments])
     assert done.exit_code == 0, done.output

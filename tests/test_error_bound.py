@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli
 from hgogen.check import Verdict
-from hgogen.commands.jobs import checked
+from hgogen.commands.checked import checked
 from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.plant_step import PlantStep

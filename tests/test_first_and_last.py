@@ -10,8 +10,8 @@ from test_headline import NONE, agrees
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.commands import jobs
 from hgogen.commands.advice import advice
+from hgogen.commands.checked import checked
 from hgogen.commands.headline import headline
 from hgogen.model import load
 
@@ -54,7 +54,7 @@ def agree(path: Path, folder: Path) -> set[str]:
     """The forms that are proved, after first, table and last were compared."""
     model = load(path)
     survey = hg.survey(model.plant)
-    seen, claims = hg.observability(model.plant), jobs.checked(model, survey)
+    seen, claims = hg.observability(model.plant), checked(model, survey)
     first, advised = headline(seen, survey, claims), advice(model, seen, survey, claims)
     agrees(first, survey)
     proved = {row.kind for row in survey.proved}

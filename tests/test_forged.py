@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from hgogen import cli
 from hgogen.certificates.certificate import certificate
-from hgogen.commands import jobs
+from hgogen.commands.checked import checked
 from hgogen.model import load
 from hgogen.recheck.file import VERSION
 from hgogen.recheck.verification import NoCertificate, NothingVerified, Rechecked, Unreadable, recheck
@@ -32,7 +32,7 @@ FEW = ("disturbed_pendulum", "cascaded_tanks", "haldane", "lotka_volterra", "bat
 @cache
 def _written(name: str, observer: str | None = None) -> str:
     (path,) = [path for path in MODELS if path.stem == name]
-    claims = jobs.checked(load(path), None, observer)
+    claims = checked(load(path), None, observer)
     return json.dumps(certificate(claims.form, claims.checks, claims.observer))
 
 

@@ -8,7 +8,7 @@ import sympy as sp
 from plants import MODELS, chain
 
 import hgogen as hg
-from hgogen.commands import jobs
+from hgogen.commands.checked import Checked, checked
 from hgogen.commands.headline import headline
 from hgogen.model import load
 from hgogen.which_forms import Survey
@@ -36,7 +36,7 @@ def agrees(line: str, survey: Survey) -> None:
 def test_of_every_shipped_model(file: Path) -> None:
     model = load(file)
     survey = hg.survey(model.plant)
-    claims = jobs.checked(model, survey)
+    claims = checked(model, survey)
     line = headline(hg.observability(model.plant), survey, claims)
     agrees(line, survey)
     if claims.demanded:
@@ -65,7 +65,7 @@ def test_of_random_plants() -> None:
     for plant in [*plants(12), chain(3)]:
         survey = hg.survey(plant)
         form = survey.best
-        claims = jobs.Checked(plant.name, form, form.checks, (), demanded=False)
+        claims = Checked(plant.name, form, form.checks, (), demanded=False)
         lines.append(headline(hg.observability(plant), survey, claims))
         agrees(lines[-1], survey)
     assert any("proved" in line for line in lines)

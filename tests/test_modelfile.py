@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.check import Refuted
 from hgogen.cli import app
-from hgogen.commands import jobs
+from hgogen.commands.checked import checked
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.place import NoModel, listed
 from hgogen.reading.text_model import BadModelFile, NoText, from_table, read, to_text
@@ -375,7 +375,7 @@ def test_what_an_observer_claims_may_be_accepted_before_it_is_made(
     with pytest.raises(Refuted) as caught:
         load(path).step("adaptive_lmi")
     assert {check.id for check in caught.value.checks} >= {*(refused or ("adaptive_lmi.decay", "adaptive_lmi.shrink"))}
-    claims = jobs.checked(load(path), None, "adaptive_lmi")
+    claims = checked(load(path), None, "adaptive_lmi")
     assert (claims.accepted, tuple(check.id for check in claims.open)) == ((), refused)
 
 

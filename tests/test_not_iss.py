@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
-from hgogen.commands import jobs
+from hgogen.commands.checked import checked
 from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.recheck.algebra import Algebra
@@ -104,7 +104,7 @@ def test_what_makes_no_error_system_is_refused(change: dict[str, Any], said: str
 
 @cache
 def _written() -> str:
-    claims = jobs.checked(MODEL)
+    claims = checked(MODEL)
     return json.dumps(certificate(claims.form, claims.checks, claims.observer))
 
 

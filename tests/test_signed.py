@@ -17,7 +17,7 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.call import CallableStep
 from hgogen.certificates import reach
-from hgogen.commands.jobs import checked
+from hgogen.commands.checked import checked
 from hgogen.emit.promised import promised
 from hgogen.guarantees import under_inputs
 from hgogen.guarantees.signed import Signed

@@ -19,7 +19,7 @@ import hgogen as hg
 from hgogen.certificates.admitted import Admitted
 from hgogen.chains.frozen import frozen
 from hgogen.chains.transient import advised, first_unstable, stable
-from hgogen.commands.jobs import checked
+from hgogen.commands.checked import checked
 from hgogen.discretisation.growth import growth, polynomial
 from hgogen.discretisation.runge_kutta import EULER, RK4
 from hgogen.discretisation.stability import core_limit

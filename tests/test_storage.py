@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli
 from hgogen.check import Verdict
-from hgogen.commands import jobs
+from hgogen.commands.checked import checked
 from hgogen.errors import HgogenError
 from hgogen.guarantees.error_system import BadErrorSystem
 from hgogen.model import MissingPart, load
@@ -97,7 +97,7 @@ def plain(folder: Path, V: str = '"e_x**2"', mu: str = "2") -> Path:
 
 @pytest.mark.parametrize("V", ['"e_x**2"', "[[1]]"])
 def test_plain_text(tmp_path: Path, V: str) -> None:
-    claims = jobs.checked(load(plain(tmp_path, V)))
+    claims = checked(load(plain(tmp_path, V)))
     known = {check.id: check.verdict for check in claims.checks}
     assert known["dissipation.inequality"] is known["dissipation.level"] is Verdict.PROVED
     assert "with the L2 gain 2 from w" in claims.notes[-1]
@@ -105,7 +105,7 @@ def test_plain_text(tmp_path: Path, V: str) -> None:
 
 def test_a_bad_declaration_names_the_file(tmp_path: Path) -> None:
     with pytest.raises(MissingPart, match=r"decay\.toml: in dissipation, mu = 0"):
-        jobs.checked(load(plain(tmp_path, mu="0")))
+        checked(load(plain(tmp_path, mu="0")))
 
 
 def test_check_prints_it_and_recheck_verifies_it(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from hgogen import forms, observers
 from hgogen.analysis.observability import Observability
 from hgogen.call import CallableStep
 from hgogen.check import Verdict
-from hgogen.commands.jobs import Checked
+from hgogen.commands.checked import Checked
 from hgogen.emit.cost import Cost, cost
 from hgogen.errors import HgogenError
 from hgogen.form import Form

@@ -25,9 +25,9 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.headed import file_list
-from hgogen.commands.jobs import trials
 from hgogen.commands.logs import Deep, names_in, numbers_by_name
 from hgogen.commands.process import note
+from hgogen.commands.trial_runs import trials
 from hgogen.emit.cost import cost
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations

@@ -13,8 +13,9 @@ from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
-from hgogen.commands import jobs, tables
+from hgogen.commands import drawings, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import campaigns
+from hgogen.commands.checked import checked
 from hgogen.commands.command import (
     NO_RUNS,
     Bar,
@@ -88,11 +89,11 @@ _SPOKEN = f"The language of the code: {_either(_languages())}."
 Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 
-def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
+def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[trial_runs.Tried]:
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     language = {"c": "C", "python": "Python"}[engine]
     with Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
-        return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
+        return [trial_runs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
 def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, name: str | None) -> Sources:
@@ -140,9 +141,9 @@ def build_(
     loaded = load(model).set(setting)
     folder = Folder(Path("build"), name) if name and out is None else folder_of(out, loaded, observer)
     folder.demand("report.json")
-    step, trials = loaded.step(observer), jobs.trials(loaded)
-    claims = jobs.checked(loaded, name=observer)
-    stated = jobs.stating(step, loaded, claims.known)
+    step, trials = loaded.step(observer), trial_runs.trials(loaded)
+    claims = checked(loaded, name=observer)
+    stated = stated_bounds.stating(step, loaded, claims.known)
     coded = prefixed(stated, name) if name else stated
     if not as_json:
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
@@ -153,18 +154,18 @@ def build_(
     self_check = _checked(files, engine)
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
-    comparison = jobs.agreements(done, again, step.dt) if again else ()
-    figures = rendered(jobs.figures(step, done, claims.known))
+    comparison = trial_runs.agreements(done, again, step.dt) if again else ()
+    figures = rendered(drawings.figures(step, done, claims.known))
     written: dict[str, str | bytes] = {**library, **beside(figures, ecosystems)}
     paths = folder.demand(*written, "report.json")
-    summaries = jobs.summaries(step, done, engine, note)
+    summaries = trial_runs.summaries(step, done, engine, note)
     report = {
         "model": loaded.path,
         **claims.as_dict(),
         "c_names": dict(files.names),
         "compiler": native.compiler(),
         "self_check": self_check,
-        "trials": jobs.told(summaries, done),
+        "trials": trial_runs.as_dicts(summaries, done),
         "comparison": [one.as_dict() for one in comparison],
         "files": list(map(str, paths)),
     }
@@ -225,8 +226,8 @@ def generate_(
     for one, folder in zip(loaded, folders, strict=True):  # of all of them, before anything is tried or written
         note(*one.notes)
         steps.append(one.step(observer))
-        known.append(jobs.proved(steps[-1], one, note))
-        stated = jobs.stating(steps[-1], one, known[-1])
+        known.append(stated_bounds.proved(steps[-1], one, note))
+        stated = stated_bounds.stating(steps[-1], one, known[-1])
         coded = prefixed(stated, name) if name else stated
         codes.append(_emitted(coded, one, observer, target, name))
         libraries.append(packed(coded, codes[-1], ecosystems, _real(one), folder))
@@ -237,8 +238,8 @@ def generate_(
         files: dict[str, str | bytes] = {**library}
         if one.has("trial"):
             done = _tried(step, one.trials(), engine, 1)
-            note(*jobs.departures(done, step.time))
-            files |= beside(rendered(jobs.figures(step, done, error)), ecosystems)
+            note(*trial_runs.departures(done, step.time))
+            files |= beside(rendered(drawings.figures(step, done, error)), ecosystems)
         else:
             note(f"{one.path} has no trial, so there are no figures of it")
         paths = folder.write(files)
@@ -279,7 +280,7 @@ def simulate_(
     metrics, failed).
     """
     loaded = load(model).set(setting)
-    step, trials = loaded.step(observer), jobs.trials(loaded)
+    step, trials = loaded.step(observer), trial_runs.trials(loaded)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     gains = {gain.name: by_name(gain) for gain in step.gains}
     if asked:
@@ -291,9 +292,9 @@ def simulate_(
     if out is not None:
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = _tried(step, chosen, engine, seeds)
-    summaries = jobs.summaries(step, done, engine, note)
-    pairs = zip(jobs.told(summaries, done), done, strict=True)
-    known = jobs.proved(step, loaded, note)
+    summaries = trial_runs.summaries(step, done, engine, note)
+    pairs = zip(trial_runs.as_dicts(summaries, done), done, strict=True)
+    known = stated_bounds.proved(step, loaded, note)
     worst = [seen(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]
     listed_ = [
@@ -305,7 +306,7 @@ def simulate_(
         }
         for (summary, one), bounds, falls_ in zip(pairs, worst, falls, strict=True)
     ]
-    paths = [] if out is None else Folder(out).write(rendered(jobs.figures(step, done, known)))
+    paths = [] if out is None else Folder(out).write(rendered(drawings.figures(step, done, known)))
     report = {"model": loaded.path, "gains": gains, "trials": listed_, "files": list(map(str, paths))}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
     lines = (f"{one.trial}: {one.sentence(step.time)}" for one in falls if one)

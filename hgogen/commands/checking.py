@@ -11,9 +11,10 @@ from typer.core import TyperCommand
 
 import hgogen as hg
 from hgogen.check import Refuted
-from hgogen.commands import findings, jobs, library, tables
+from hgogen.commands import findings, library, tables
 from hgogen.commands.advice import advice
 from hgogen.commands.answers import FIELDS
+from hgogen.commands.checked import Checked, checked
 from hgogen.commands.command import Bar, Tuned, command, json_text, show
 from hgogen.commands.headline import headline
 from hgogen.commands.latex import fragment
@@ -161,7 +162,7 @@ def _one(
     least = _least(loaded) if seen.rank == seen.n else None
     try:
         forms = hg.survey(plant, deep=deep)
-        claims = jobs.checked(loaded, forms, observer)
+        claims = checked(loaded, forms, observer)
         first = headline(seen, forms, claims, least)
         say(first, "")
     finally:
@@ -174,7 +175,7 @@ def _one(
         say(tables.checks(singular.head, singular.checks, ()))
     say(tables.theorem(claims.theorem, claims.hypotheses))
     written = loaded.set(AS_WRITTEN)  # what to take is asked of the file
-    own = jobs.checked(written, forms, observer) if loaded.setting else claims
+    own = checked(written, forms, observer) if loaded.setting else claims
     take = None if latex else advice(written, seen, forms, own, deep=deep)
     if take:
         say(findings.taking(take))
@@ -213,7 +214,7 @@ def _ranges(ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
     return [{"expression": text, **one.as_dict()} for text, one in ranges.items()]
 
 
-def _certify(claims: jobs.Checked, path: Path) -> None:
+def _certify(claims: Checked, path: Path) -> None:
     from hgogen.certificates.certificate import asserted, certificate, stated
 
     content = certificate(claims.form, claims.checks, claims.observer)

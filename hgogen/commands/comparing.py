@@ -8,7 +8,7 @@ import typer
 from hgogen import observers as every
 from hgogen.call import CallableStep
 from hgogen.certificates.error_bound import ErrorBound
-from hgogen.commands import jobs, log_tables, tables
+from hgogen.commands import drawings, log_tables, stated_bounds, tables, trial_runs
 from hgogen.commands.campaigning import campaigns
 from hgogen.commands.command import (
     NO_RUNS,
@@ -78,7 +78,7 @@ def compare_(
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     names = _names(loaded, observers)
-    chosen, engine = one_or_all(jobs.trials(loaded), trial), engine_here(reader)
+    chosen, engine = one_or_all(trial_runs.trials(loaded), trial), engine_here(reader)
     if not asked:
         folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps, refused = _started(loaded, names, chosen)
@@ -109,7 +109,7 @@ def compare_(
             tried.append((one, [measured(name, step, one, *asked_of, bound) for name, step, bound in each]))
             _note_no_error(loaded.plant, one)
             note(*notes(one.name, _left(loaded.plant, tried[-1][1]), unit))
-    paths = folder.write(rendered({f"{one.name}_errors": jobs.errors(each, unit) for one, each in tried}))
+    paths = folder.write(rendered({f"{one.name}_errors": drawings.errors(each, unit) for one, each in tried}))
     shown = [
         tables.compared(
             f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one, unit)}",
@@ -166,7 +166,7 @@ def _known(
 def _bound(model: Model, step: CallableStep) -> ErrorBound | None:
     """What is proved of a step's errors; None, and a note, where there is no solver."""
     try:
-        return jobs.bound_of(step, model)
+        return stated_bounds.bound_of(step, model)
     except NoSolver as missing:
         note(str(missing))
         return None

@@ -10,7 +10,7 @@ import typer
 from hgogen import targets
 from hgogen.board.costs import measured
 from hgogen.board.qemu import demand_board
-from hgogen.commands import jobs
+from hgogen.commands import trial_runs
 from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, json_text, named, show
 from hgogen.commands.headed import file_list, headed
 from hgogen.commands.packing import COSTS, Prefix
@@ -72,7 +72,7 @@ def cost_(
     folder = Folder(out, name or named(loaded, observer))
     paths = folder.demand(COSTS)
     note(*loaded.notes)
-    made, trial, real = loaded.step(observer), jobs.trials(loaded)[0], loaded.setting.real or "float"
+    made, trial, real = loaded.step(observer), trial_runs.trials(loaded)[0], loaded.setting.real or "float"
     step = prefixed(made, name) if name else made
     costs = measured(step, targets.c99(step, real=real, check=False), rows_given(made, trial), real)
     report = costs.as_dict()

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 
 from hgogen.analysis.observability import Observability
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.commands.jobs import Checked
+from hgogen.commands.checked import Checked
 from hgogen.form import Form
 from hgogen.theorem import convergence
 from hgogen.trials.sight import Sight

@@ -12,7 +12,7 @@ import typer
 
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
-from hgogen.commands import jobs, log_tables, tables
+from hgogen.commands import csv_texts, drawings, log_tables, tables
 from hgogen.commands.command import (
     Json,
     ModelArgument,
@@ -27,6 +27,7 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of, truth_options
+from hgogen.commands.showing import innovation_window
 from hgogen.identification.records import Log, beyond
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -145,10 +146,10 @@ def run_(
     notes += too_far(ahead, [one.ahead for one in errors])
     if other:
         notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
-    status = jobs.flagged(step, done.status)
-    files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
-    files |= {f"{name}_innovations.csv": jobs.innovations(step, record, done)}
-    files |= rendered(jobs.record_figures(step, name, _drawn(step, record, y), done, measured))
+    status = _flagged(step, done.status)
+    files: dict[str, str | bytes] = {f"{name}_estimates.csv": csv_texts.estimates(step, record, done)}
+    files |= {f"{name}_innovations.csv": csv_texts.innovations(step, record, done)}
+    files |= rendered(drawings.record_figures(step, name, _drawn(step, record, y), done, measured))
     paths = folder.demand(*files, f"{name}_report.json")
     report = {
         "model": loaded.path,
@@ -302,7 +303,7 @@ def noise_(
     """
     loaded = _timed(load(model).set(setting), data, time, period)
     step = loaded.step(observer)
-    d = d if d is not None else jobs.window(loaded, "--window", observer)
+    d = d if d is not None else innovation_window(loaded, "--window", observer)
     record = _record(step, data, time, period, map_, step.outputs)
     quiet = noise.quiet(record.t, begin, end, step.time)
     suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs]
@@ -313,3 +314,9 @@ def noise_(
         log_tables.report(record.report),
         *(log_tables.suggestion(one, step.time) for one in suggestions),
     )
+
+
+def _flagged(step: CallableStep, status: np.ndarray) -> dict[str, int]:
+    """In how many samples each status bit was raised; only those that were."""
+    counts = {bit.name: int(np.count_nonzero(status & np.uint32(1 << k))) for k, bit in enumerate(step.bits)}
+    return {name: count for name, count in counts.items() if count}

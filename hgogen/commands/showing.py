@@ -5,9 +5,9 @@ from typing import Annotated
 import typer
 
 import hgogen as hg
-from hgogen.commands import jobs, tables
+from hgogen.commands import tables, trial_runs
 from hgogen.commands.command import Json, ModelArgument, Tuned, command, one_or_all, show
-from hgogen.model import load
+from hgogen.model import MissingPart, Model, load
 
 
 @command()
@@ -27,8 +27,8 @@ def window_(
     with the largest share of the direction that shows least, share).
     """
     loaded = load(model)
-    chosen, *_ = one_or_all(jobs.trials(loaded), trial)
-    windows = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d", observer), chosen.duration)
+    chosen, *_ = one_or_all(trial_runs.trials(loaded), trial)
+    windows = _lengths(lengths) if lengths else _about(innovation_window(loaded, "--d", observer), chosen.duration)
     gramians = hg.gramian(loaded.plant, chosen, windows)
     value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in gramians]}
     show(as_json, value, tables.windows(chosen.name, gramians, loaded.plant.time))
@@ -43,3 +43,18 @@ def _lengths(text: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise typer.BadParameter(f"{text!r} must be times, such as 0.5,1,2", param_hint="--d") from None
+
+
+def innovation_window(model: Model, option: str, observer: str | None = None) -> float:
+    """The innovation's window d (s) in a tuning of a model, by default the first that has one; `option` is the
+    command's that gives another.
+
+    Raises: `MissingPart` if no adaptive theta is there, or no tuning of that name.
+    """
+    tuning = model.tuning if observer is None else model.tuned(observer)
+    for name in tuning.tables if observer is None else (observer,):
+        innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
+        if innovation is not None:
+            return float(innovation.d)
+    reason = f"its tuning has no adaptive theta, whose window would be the default; give one by {option}"
+    raise MissingPart(model.path, "tuning", reason)

@@ -1,0 +1,79 @@
+"""A model's trials over their seeds, and what commands say of them."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine
+from hgogen.commands.process import note
+from hgogen.model import Model
+from hgogen.trial import Trajectory, Trial, try_out
+from hgogen.trials import alarm
+from hgogen.trials.agreement import Agreement, agreement
+from hgogen.trials.leaving import Left, left, notes
+from hgogen.trials.metrics import Metrics, Summary, metrics, summary
+from hgogen.trials.proposed import proposed_trial
+
+Tick = Callable[[], None]
+
+
+def trials(model: Model) -> tuple[Trial, ...]:
+    """The model's own, else one that is made of its ranges, and said. Raises: `NoTrial`, `MissingPart`."""
+    if model.has("trial"):
+        return model.trials()
+    trial = proposed_trial(model.plant)
+    at = ", ".join(f"{state} = {value:g}" for state, value in trial.start.items())
+    span = f"over {trial.duration:.3g} {model.plant.time} from {at}"
+    note(f"{model.path} has no trial; it is tried on one that stays in its ranges, {span}")
+    return (trial,)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A trial over its seeds: the first seed's trajectory, every seed's metrics, and where the plant itself leaves its
+    ranges."""
+
+    trial: Trial
+    first: Trajectory
+    each: tuple[Metrics, ...]
+    left: tuple[Left, ...]
+
+
+def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
+    """The step over a trial; `tick` is called after each seed."""
+    first: Trajectory | None = None
+    each: list[Metrics] = []
+    for trajectory in try_out(step, trial, engine, seeds):
+        first = first or trajectory
+        each.append(metrics(step, trajectory))
+        tick()
+    assert first is not None  # a trial without seeds has been refused
+    return Tried(trial, first, tuple(each), left(step.observer.form.system, first))
+
+
+def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
+    """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
+    ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
+    summed = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
+    for sentence in (*departures(done, step.time), *alarm.complaints(summed)):
+        say(sentence)
+    return summed
+
+
+def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
+    """A sentence for each trial whose plant leaves its ranges."""
+    return chain.from_iterable(notes(one.trial.name, one.left, unit) for one in done)
+
+
+def as_dicts(summaries: Iterable[Summary], done: Iterable[Tried]) -> list[dict[str, Any]]:
+    """The trials for JSON: the summary of each, and where the plant leaves its ranges."""
+    pairs = zip(summaries, done, strict=True)
+    return [{**one.as_dict(), "left": [each.as_dict() for each in tried.left]} for one, tried in pairs]
+
+
+def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:
+    """C against Python, on the first seed of each trial."""
+    pairs = zip(c, python, strict=True)
+    return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
