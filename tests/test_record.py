@@ -256,6 +256,11 @@ def test_another_pace_than_the_steps_is_noted(tmp_path: Path, period: float, sai
     assert said is None or said in notes[0]
 
 
+def test_a_file_that_is_not_there_is_said_before_what_is_asked_of_its_rows(tmp_path: Path) -> None:
+    with pytest.raises(BadRecord, match="there is no such file"):
+        read(tmp_path / "none.csv", {"y": "y"}, dt=0.1)
+
+
 def test_a_record_of_one_sample_is_a_sentence(tmp_path: Path):
     for text in ("t,y\n5,1\n", "t,y\n5,1\n5,2\n5.04,3\n"):
         with pytest.raises(BadRecord, match=r"make 1 sample of 0\.1 s; give a record of at least 2"):
@@ -265,7 +270,7 @@ def test_a_record_of_one_sample_is_a_sentence(tmp_path: Path):
 @pytest.mark.parametrize(
     ("times", "arguments", "said"),
     [
-        ("0\n1\n", {}, "give either --time COLUMN or --period"),
+        ("0\n1\n", {}, "give either --time COLUMN or --period TIME, so that the rows have times; the columns are t, y"),
         ("0\n1\n", {"time": "t", "period": 1.0}, "give either"),
         ("0\n1\n", {"period": 0.0}, "positive number"),
         ("0\n1\n", {"period": math.nan}, "positive number"),

@@ -11,7 +11,6 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -136,12 +135,12 @@ def read(
 
     Raises: `BadRecord`.
     """
-    name = str(path) if isinstance(path, str | Path) else "the log"
-    if (time is None) == (period is None):
-        raise BadRecord(name, f"give either {caller.times}, so that the rows have times")
-    if period is not None and not 0 < period < math.inf:
-        raise BadRecord(name, f"the period {period:g} must be a positive number of {plural(unit)}")
     log = log_of(path)
+    if (time is None) == (period is None):
+        listed = ", ".join(filter(None, log.header))
+        raise BadRecord(log.path, f"give either {caller.times}, so that the rows have times; the columns are {listed}")
+    if period is not None and not 0 < period < math.inf:
+        raise BadRecord(log.path, f"the period {period:g} must be a positive number of {plural(unit)}")
     taken = {name for name in rates if columns.get(name) == name and name not in log.header}
     columns = {name: column for name, column in columns.items() if name not in taken}
     for name, column in columns.items():
