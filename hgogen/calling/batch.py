@@ -110,7 +110,7 @@ class Many:
         """The step in lanes; None where it has none, or the compiler does not know them."""
         try:
             files = targets.lanes(self.step, real=self.real)
-            return _Lanes(self.step, self.real, native.library(files, native.own()))
+            return _Lanes(self.step, self.real, native.library(files, ("-O2", *native.own())))
         except (NoLanes, native.CompilerFailed):
             return None
 

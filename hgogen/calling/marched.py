@@ -72,7 +72,7 @@ class March:
         generator = ca.CodeGenerator("step.c")
         generator.add(self._step)
         loop = _LOOP % (self._step.sz_arg(), self._step.sz_res())
-        march = native.library({"step.c": generator.dump() + loop}).march
+        march = native.library({"step.c": generator.dump() + loop}, ("-O2",)).march
         march.argtypes = (*[ctypes.c_longlong] * 2, *[ctypes.c_void_p] * 7)
         march.restype = None
         return march
