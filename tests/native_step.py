@@ -3,12 +3,10 @@
 import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from hgogen import targets
-from hgogen.calling import native
+from hgogen.calling.readers import Kept
 from hgogen.emit import layout
 from hgogen.emit.syntax import Real
 from hgogen.program import Place
@@ -40,18 +38,12 @@ class Record:
     status: np.ndarray
 
 
-@lru_cache(maxsize=8)  # tests of one step come one after the other
-def library(step: Step, real: Real) -> ctypes.CDLL:
-    """Its C, compiled."""
-    return native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
-
-
 class NativeStep:
     """The compiled step; `state` and `params` are its structs, numpy records (1,) in the build's precision."""
 
     def __init__(self, step: Step, real: Real) -> None:
         self.step, self.number = step, NUMBER[real]
-        self._library = library(step, real)
+        self._library = Kept(step, real)._library  # that which a call of it compiles
         self.state = np.zeros(1, layout.state_type(step, real))
         self.params = np.zeros(1, layout.params_type(step, real))
         for kind, array in (("state", self.state), ("params", self.params)):
