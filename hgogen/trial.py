@@ -12,6 +12,7 @@ Ornstein-Uhlenbeck process, g from numpy's default_rng(seed); tau = 0 is white n
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -166,18 +167,16 @@ class Plant:
         self._trial = trial = replace(trial, inputs=_inputs(plant, trial))
         _validate(plant, trial, dt)
         self.times = np.arange(round(trial.duration / dt) + 1) * dt
-        self.u = sampled(plant, trial, self.times)
         time, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states)), ca.SX.sym("p", len(free))
         u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: time})
         symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
         symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
         symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
         self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ca.vertcat(*to_casadi(plant.flow, symbols))}
-        measure = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
-        self._measure: Any = measure.map(len(self.times))
+        self._measure: Any = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
         self._segments = list(_segments(trial, self.times))
         self._integrators: dict[float, ca.Function] = {}
-        moving = [segment for segment in self._segments if many and segment.stops]
+        moving = [one for one in self._segments if many and one.stops]
         self._marches = {one.begin: March(self._ode, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
@@ -185,13 +184,18 @@ class Plant:
 
         Raises: `BadTrial` for a plant that cannot be integrated that far.
         """
-        x = self._integrated(start, np.array(parameters, dtype=float))
-        times = self.times[None, :]
-        y = np.array(self._measure(x.T, times, np.tile(np.array(parameters, dtype=float)[:, None], times.shape)))
-        return Truth(self.times, x, self.u, y.T)
+        x, times = self.states(start, parameters), self.times[None, :]
+        values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
+        return Truth(self.times, x, self.u, np.array(self._measure.map(times.size)(x.T, times, values)).T)
 
-    def _integrated(self, start: Mapping[str, float], p: np.ndarray) -> np.ndarray:
-        """States (N, n), from jump to jump; a jump takes effect at its very time."""
+    @cached_property
+    def u(self) -> np.ndarray:
+        """The inputs (N, m) at the samples."""
+        return sampled(self._plant, self._trial, self.times)
+
+    def states(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> np.ndarray:
+        """Those of the truth (N, n), from jump to jump; a jump takes effect at its very time. Raises: `BadTrial`."""
+        p = np.array(parameters, dtype=float)
         index = {s.name: i for i, s in enumerate(self._plant.states)}
         now = np.array([start[s.name] for s in self._plant.states], dtype=float)
         states = np.empty((len(self.times), len(now)))
@@ -211,8 +215,7 @@ class Plant:
         return self._by_cvodes(segment, now, p) if reached is None else reached
 
     def _by_cvodes(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:
-        options = {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
-        begin, stops = segment.begin, segment.stops
+        begin, stops, options = segment.begin, segment.stops, {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
         try:
             with heard():
                 if begin not in self._integrators:
@@ -287,8 +290,7 @@ def try_out(
     Raises: `BadTrial`; `BadGain` for an estimate that the observer cannot start from.
     """
     truth = simulate(step.observer.form.system.declared, trial, step.dt)
-    seeds = trial.seeds if seeds is None else seeds
-    yield from tried(step, trial, truth, first_memory(step, trial), seeds, engine)
+    yield from tried(step, trial, truth, first_memory(step, trial), trial.seeds if seeds is None else seeds, engine)
 
 
 def first_memory(step: CallableStep, trial: Trial) -> bytes:

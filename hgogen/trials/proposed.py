@@ -20,7 +20,7 @@ from hgogen.errors import BadArgument
 from hgogen.reading.door import asks_a_plant
 from hgogen.signal import Signal
 from hgogen.system import System
-from hgogen.trial import BadTrial, Trial, simulate, t
+from hgogen.trial import BadTrial, Plant, Trial, t
 
 CROSSINGS = 10.0  # times D
 SAMPLES = 2000  # at which a motion is looked at
@@ -80,7 +80,7 @@ def _stay(plant: System, trial: Trial) -> float:
     for part in PARTS:
         duration = part * trial.duration
         try:
-            x = simulate(plant, replace(trial, duration=duration), duration / SAMPLES).x
+            x = Plant(plant, replace(trial, duration=duration), duration / SAMPLES).states(trial.start)
         except BadTrial:
             return stayed
         outside = np.flatnonzero(((x < low) | (x > high)).any(axis=1))
