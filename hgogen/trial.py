@@ -255,8 +255,8 @@ def sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
     """The plant's inputs (N, m) at `times`."""
     time, inputs = ca.SX.sym("t"), _inputs(plant, trial)
     u = to_casadi([sp.sympify(inputs[s.name]) for s in plant.inputs], {t: time})
-    values = ca.Function("inputs", [time], [ca.densify(ca.SX(ca.vertcat(*u)))])(times[None, :])
-    return np.array(values).T.reshape(len(times), -1)
+    each = ca.Function("inputs", [time], [ca.densify(ca.SX(ca.vertcat(*u)))])
+    return np.array(each.map(len(times))(times[None, :])).T.reshape(len(times), -1)
 
 
 def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
