@@ -4,6 +4,7 @@ Its nonlinear part is evaluated in the declared box, as in an observer.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -26,6 +27,7 @@ class OpenLoop:
     enter: Any
 
 
+@lru_cache(maxsize=8)  # one record after another is predicted by the same model
 def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
     """The model over a sample of `dt`, in so many Runge-Kutta steps; `between`: how inputs go on, "line" or "hold"."""
     dynamics, states = Dynamics(form), [signal for signal, _ in form.estimates]
