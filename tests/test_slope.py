@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.intervals.bounds import lipschitz_bound
+from hgogen.intervals.spectral import Field, steepest
 
 x1, x2, x3, u = sp.symbols("x1 x2 x3 u", real=True)
 STATES = (x1, x2, x3)
@@ -149,3 +151,12 @@ def test_a_root_under_a_saturation_and_a_power_with_a_range() -> None:
     power = lipschitz_bound([x1**u], [x1], {x1: (Fraction(0), Fraction(1)), u: (Fraction(1), Fraction(2))})
     assert power.verdict is Verdict.UNKNOWN
     assert 1.99 < power.low <= 2
+
+
+def test_a_bisection_that_goes_on_is_that_with_more_boxes() -> None:
+    program = tape([sp.sin(5 * x1 * x2), x2], (x1, x2))
+    vector, root = Field(program, (0, 1), tape([], (x1, x2)), ()), (-np.ones(2), np.ones(2))
+    first, whole = (steepest(vector, root, 1e-9, boxes) for boxes in (70, 212))
+    on = steepest(vector, root, 1e-9, 212, first.cover)
+    assert (first.boxes, on.boxes) == (69, 211)
+    assert (on.low, on.high, on.tree) == (whole.low, whole.high, whole.tree)

@@ -92,7 +92,7 @@ def _lipschitz_bound(
     outcome = steepest(vector, around.outer, relative, first)
     steep = None if outcome.bounded else _endless(rows, read, around)
     if not (outcome.finished or steep) and first < boxes and outcome.boxes + 2 > first:  # else they change nothing
-        outcome = steepest(vector, around.outer, relative, boxes)
+        outcome = steepest(vector, around.outer, relative, boxes, outcome.cover)
     if outcome.bounded:
         loose = because("{boxes} boxes bring it no closer to the slopes that are attained", boxes=outcome.boxes)
         return _answer(Verdict.PROVED, outcome, NONE if outcome.finished else loose, around)

@@ -54,18 +54,45 @@ class Field:
 
 
 @dataclass(frozen=True)
+class Cover:
+    """The boxes (m x k ends) of a bisection so far, each with its `node` in the tree, of whose nodes the `splits` were
+    cut, and where; what is known on each, as `Cut`; and `best` <= |J| at the point `at`."""
+
+    low: Array
+    high: Array
+    node: NDArray[np.int64]
+    splits: list[tuple[int, int]]
+    norm: Array
+    smooth: Flags
+    cut: NDArray[np.int64]
+    best: float
+    at: Array | None
+
+    @property
+    def boxes(self) -> int:
+        """How many were tried."""
+        return 1 + 2 * len(self.splits)
+
+    def doubtful(self, relative: float) -> NDArray[np.int64]:
+        """The boxes that are worth a cut, the worst first."""
+        todo = ((self.norm > (1.0 + relative) * self.best) | ~self.smooth) & (self.cut >= 0)
+        rows = np.nonzero(todo)[0]
+        return rows[np.argsort(-self.norm[rows], kind="stable")]
+
+
+@dataclass(frozen=True)
 class Steep:
     """Bounds of a slope: high >= |J| on the whole box, and low <= |J| at the point `at`. `smooth` tells whether the
-    field is proved defined; `worst` is the middle of the box that decides high."""
+    field is proved defined; from the `cover` the bisection goes on."""
 
     low: float
     high: float
     at: Array | None
-    worst: Array
     smooth: bool
     boxes: int
     finished: bool
     tree: Tree
+    cover: Cover
 
     @property
     def bounded(self) -> bool:
@@ -73,39 +100,50 @@ class Steep:
         return self.smooth and math.isfinite(self.high)
 
 
-def steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
-    """Bisect the box until high is within `relative` of low, or `limit` boxes were tried."""
+def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover | None = None) -> Steep:
+    """Bisect the box until high is within `relative` of low, or `limit` boxes were tried; what was `begun` with a lower
+    limit goes on."""
     with np.errstate(all="ignore"):
-        return _steepest(field, root, relative, limit)
+        return _steepest(field, root, relative, limit, begun or _whole(field, root, limit))
 
 
-def _steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
-    low, high = root[0][:, None], root[1][:, None]
-    node = np.zeros(1, dtype=np.int64)
-    (norm, smooth, cut), (best, at) = _ends(field, root, low, high, corners(*root)[:, : limit + 1])
-    splits: list[tuple[int, int]] = []
+def _steepest(field: Field, root: Pair, relative: float, limit: int, cover: Cover) -> Steep:
     while True:
-        todo = ((norm > (1.0 + relative) * best) | ~smooth) & (cut >= 0)
-        rows = np.nonzero(todo)[0]
-        boxes = 1 + 2 * len(splits)
-        if len(rows) == 0 or boxes + 2 > limit:
-            break
-        rows = rows[np.argsort(-norm[rows], kind="stable")][: min(_BATCH, (limit - boxes) // 2)]
-        children = boxes + np.arange(2 * len(rows), dtype=np.int64)
-        splits += zip(node[rows].tolist(), cut[rows].tolist(), strict=True)
-        new_low, new_high = _halves(low[:, rows], high[:, rows], cut[rows])
-        more, (value, point) = _ends(field, root, new_low, new_high, middle(new_low, new_high))
-        best, at = (value, point) if value > best else (best, at)
-        remaining = np.ones(len(norm), dtype=bool)
-        remaining[rows] = False
-        low, high = np.hstack((low[:, remaining], new_low)), np.hstack((high[:, remaining], new_high))
-        norm, smooth, cut = (np.concatenate((a[remaining], b)) for a, b in zip((norm, smooth, cut), more, strict=True))
-        node = np.concatenate((node[remaining], children))
-    worst = int(np.argmax(np.where(smooth, norm, np.inf)))
-    most = float(norm.max())
-    done = bool(most <= (1.0 + relative) * best)
-    centre = middle(low, high)[:, worst]
-    return Steep(best, most, at, centre, bool(smooth.all()), 1 + 2 * len(splits), done, split_tree(splits))
+        rows, room = cover.doubtful(relative), (limit - cover.boxes) // 2
+        if len(rows) == 0 or room < 1:
+            return _known(cover, relative, cover)
+        if room < len(rows[:_BATCH]):  # a higher limit makes the whole batch: it goes on from before
+            return _known(_bisected(field, root, cover, rows[:room]), relative, cover)
+        cover = _bisected(field, root, cover, rows[:_BATCH])
+
+
+def _known(last: Cover, relative: float, cover: Cover) -> Steep:
+    most, smooth = float(last.norm.max()), bool(last.smooth.all())
+    done = bool(most <= (1.0 + relative) * last.best)
+    return Steep(last.best, most, last.at, smooth, last.boxes, done, split_tree(last.splits), cover)
+
+
+def _whole(field: Field, root: Pair, limit: int) -> Cover:
+    """The box, not yet cut."""
+    low, high = root[0][:, None], root[1][:, None]
+    cut, attained = _ends(field, root, low, high, corners(*root)[:, : limit + 1])
+    return Cover(low, high, np.zeros(1, dtype=np.int64), [], *cut, *attained)
+
+
+def _bisected(field: Field, root: Pair, cover: Cover, rows: NDArray[np.int64]) -> Cover:
+    """With these boxes cut in two."""
+    low, high = _halves(cover.low[:, rows], cover.high[:, rows], cover.cut[rows])
+    more, (value, point) = _ends(field, root, low, high, middle(low, high))
+    best, at = (value, point) if value > cover.best else (cover.best, cover.at)
+    left = np.ones(len(cover.norm), dtype=bool)
+    left[rows] = False
+    children = cover.boxes + np.arange(2 * len(rows), dtype=np.int64)
+    before = cover.low, cover.high, cover.node, cover.norm, cover.smooth, cover.cut
+    low, high, node, norm, smooth, cut = (
+        np.concatenate((a[..., left], b), axis=-1) for a, b in zip(before, (low, high, children, *more), strict=True)
+    )
+    splits = [*cover.splits, *zip(cover.node[rows].tolist(), cover.cut[rows].tolist(), strict=True)]
+    return Cover(low, high, node, splits, norm, smooth, cut, best, at)
 
 
 def _halves(low: Array, high: Array, cut: NDArray[np.int64]) -> Pair:
