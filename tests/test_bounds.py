@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from hgogen.algebra.variants import STEEP, largest_exponent
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import Range, bound
+from hgogen.intervals.bounds import Range, bound, problem_of
 from hgogen.intervals.box import EmptyBox, box
 from hgogen.intervals.rational import multiplied
+from hgogen.intervals.search import tight
 from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
 from tests.sweep import sweep
@@ -400,3 +401,12 @@ def test_a_fraction_that_is_too_long_is_shortened_outward() -> None:
     assert product[0] < low * low < high * high < product[1]
     assert max(end.numerator.bit_length() for end in product) < (low * low).numerator.bit_length()
     assert product == pytest.approx((low * low, high * high), rel=1e-100)
+
+
+def test_a_search_that_goes_on_is_that_with_more_boxes() -> None:
+    problem = problem_of(sp.sin(5 * u * v) + v, UNIT)
+    assert problem is not None
+    first, whole = (problem.search(tight(1e-6), boxes) for boxes in (10, 32))
+    on = problem.search(tight(1e-6), 32, first.cover)
+    assert (first.boxes, on.boxes) == (9, 31)
+    assert (on.low, on.high, on.tree) == (whole.low, whole.high, whole.tree)

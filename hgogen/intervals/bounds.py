@@ -17,10 +17,11 @@ from hgogen.algebra.points import exact, put
 from hgogen.algebra.tabulated import Stepped
 from hgogen.algebra.tape import Tape, tape
 from hgogen.algebra.variants import variants
+from hgogen.intervals.bisection import Tree
 from hgogen.intervals.box import Box, End, Sides, box, sides
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.outward import Array
-from hgogen.intervals.search import Goal, Outcome, Tree, search, tight
+from hgogen.intervals.search import Cover, Goal, Outcome, search, tight
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.intervals.taken import taken
 from hgogen.intervals.zeros import special_point
@@ -105,7 +106,7 @@ def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: flo
             note = because("it is not a finite real number at {point}", point=equations(special[1]))
             return replace(range_of(problem, outcome, relative), note=note)
     if first < boxes and outcome.boxes + 2 > first:  # else more boxes would change nothing
-        outcome = problem.search(tight(relative), boxes)
+        outcome = problem.search(tight(relative), boxes, outcome.cover)
     return range_of(problem, outcome, relative)
 
 
@@ -120,9 +121,9 @@ class Problem:
     sides: Sides
     program: Tape
 
-    def search(self, goal: Goal, boxes: int) -> Outcome:
-        """The outcome of a bisection of its box for a goal."""
-        return search(self.program, self.sides.outer, self.sides.inner, goal, boxes)
+    def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Outcome:
+        """The outcome of a bisection of its box for a goal, or of one that was begun for it."""
+        return search(self.program, self.sides.outer, self.sides.inner, goal, boxes, begun)
 
 
 def problem_of(expression: sp.Expr, box: Box) -> Problem | None:

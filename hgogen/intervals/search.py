@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgogen.algebra.tape import Tape
+from hgogen.intervals.bisection import Tree, halves, split_tree
 from hgogen.intervals.enclosure import Enclosure, Flags, enclose
 from hgogen.intervals.floats import corners, middle, placed, spread
 from hgogen.intervals.outward import Array, Pair, add, meet, negate, scale
-
-Tree = tuple[object, ...] | str
 
 _BATCH = 256  # boxes a round
 _FINE = 2.0**-44  # of the root's width: no box is cut further
@@ -72,14 +71,30 @@ class Inner:
 
 
 @dataclass(frozen=True)
+class Cover:
+    """A bisection so far: the leaves of its tree, of whose nodes the `splits` were cut, and where, and inner values."""
+
+    leaves: Leaves
+    inner: Inner
+    splits: list[tuple[int, int]]
+
+    @property
+    def boxes(self) -> int:
+        """How many were tried."""
+        return 1 + 2 * len(self.splits)
+
+
+@dataclass(frozen=True)
 class Outcome:
-    """The result of a search: the leaves, the inner values, how many boxes were tried, and the bisection tree."""
+    """The result of a search: the leaves, the inner values, how many boxes were tried, the bisection tree, and the
+    cover from which a search with more boxes goes on."""
 
     leaves: Leaves
     inner: Inner
     boxes: int
     finished: bool
     tree: Tree
+    cover: Cover
 
     @property
     def low(self) -> float:
@@ -139,13 +154,15 @@ def regular(leaves: Leaves, inner: Inner) -> Array:
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
 
 
-def search(program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int) -> Outcome:
-    """Bisect `root` (m ends each) until nothing is left to do for the goal, or `limit` boxes were tried.
+def search(program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int, begun: Cover | None = None) -> Outcome:
+    """Bisect `root` (m ends each) until nothing is left to do for the goal, or `limit` boxes were tried; what was
+    `begun` for the same goal with a lower limit goes on.
 
     `inside`: the largest box of floats in the true box, whose ends lie at most one float inside the root's.
     """
     with np.errstate(all="ignore"):
-        return _search(_Problem(program, root, inside), goal, limit)
+        problem = _Problem(program, root, inside)
+        return _search(problem, goal, limit, begun or _whole(problem, goal))
 
 
 @dataclass(frozen=True)
@@ -163,52 +180,41 @@ class _Problem:
         return np.where(x > last, last, low), np.where(x > last, top, high)
 
 
-def _search(problem: _Problem, goal: Goal, limit: int) -> Outcome:
+def _search(problem: _Problem, goal: Goal, limit: int, cover: Cover) -> Outcome:
+    while True:
+        todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
+        rows, room = np.nonzero(todo > 0.0)[0], (limit - cover.boxes) // 2
+        worst = rows[np.argsort(-todo[rows], kind="stable")][:_BATCH]
+        if len(worst) == 0 or room < 1:
+            return _outcome(cover, goal, cover)
+        if room < len(worst):  # a higher limit makes the whole batch: it goes on from before
+            return _outcome(_bisected(problem, cover, worst[:room]), goal, cover)
+        cover = _bisected(problem, cover, worst)
+
+
+def _outcome(last: Cover, goal: Goal, cover: Cover) -> Outcome:
+    unresolved = goal(last.leaves, last.inner) > 0.0
+    return Outcome(last.leaves, last.inner, last.boxes, not unresolved.any(), split_tree(last.splits), cover)
+
+
+def _whole(problem: _Problem, goal: Goal) -> Cover:
+    """The box, not yet cut."""
     inner = Inner(math.inf, -math.inf, None, None, None)
     if goal not in (everywhere, regular):  # these ask for no values
         inner = _explore(problem, inner)
     low, high = problem.root
-    leaves, inner = _boxes(problem, low[:, None], high[:, None], np.zeros(1, dtype=np.int64), inner)
-    boxes, splits = 1, list[tuple[int, int]]()
-    count = 1
-    while True:
-        todo = goal(leaves, inner)
-        todo = np.where((leaves.cut < 0), 0.0, todo)
-        rows = np.nonzero(todo > 0.0)[0]
-        if len(rows) == 0 or boxes + 2 > limit:
-            break
-        worst = rows[np.argsort(-todo[rows], kind="stable")][: min(_BATCH, (limit - boxes) // 2)]
-        parents = leaves.only(worst)
-        remaining = np.ones(len(todo), dtype=bool)
-        remaining[worst] = False
-        children = count + np.arange(2 * len(worst), dtype=np.int64)
-        count += len(children)
-        splits += zip(parents.node.tolist(), parents.cut.tolist(), strict=True)
-        new, inner = _boxes(problem, *_halves(parents), children, inner)
-        leaves = leaves.only(remaining).with_more(new)
-        boxes += len(children)
-    unresolved = goal(leaves, inner) > 0.0
-    return Outcome(leaves, inner, boxes, not unresolved.any(), split_tree(splits))
+    return Cover(*_boxes(problem, low[:, None], high[:, None], np.zeros(1, dtype=np.int64), inner), [])
 
 
-def _halves(parents: Leaves) -> Pair:
-    """Left and right children in turn."""
-    k = len(parents.node)
-    columns = np.arange(k)
-    centre = middle(parents.low, parents.high)[parents.cut, columns]
-    low, high = np.repeat(parents.low, 2, axis=1), np.repeat(parents.high, 2, axis=1)
-    high[parents.cut, 2 * columns] = centre
-    low[parents.cut, 2 * columns + 1] = centre
-    return low, high
-
-
-def split_tree(splits: list[tuple[int, int]]) -> Tree:
-    """Nested ("split", variable, left, right) and "leaf"; node 0 is the root, the j-th split makes 2j+1 and 2j+2."""
-    made: dict[int, Tree] = {}
-    for j in range(len(splits) - 1, -1, -1):
-        node, variable = splits[j]
-        made[node] = ("split", variable, made.pop(2 * j + 1, "leaf"), made.pop(2 * j + 2, "leaf"))
-    return made.get(0, "leaf")
+def _bisected(problem: _Problem, cover: Cover, rows: NDArray[np.int64]) -> Cover:
+    """With these leaves cut in two."""
+    parents = cover.leaves.only(rows)
+    left = np.ones(len(cover.leaves.node), dtype=bool)
+    left[rows] = False
+    children = cover.boxes + np.arange(2 * len(rows), dtype=np.int64)
+    new, inner = _boxes(problem, *halves(parents.low, parents.high, parents.cut), children, cover.inner)
+    splits = [*cover.splits, *zip(parents.node.tolist(), parents.cut.tolist(), strict=True)]
+    return Cover(cover.leaves.only(left).with_more(new), inner, splits)
 
 
 # --- one batch of boxes ---------------------------------------------------------------------------------------------

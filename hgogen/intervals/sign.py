@@ -86,9 +86,10 @@ def _nonzero(
     problem = problem_of(expression, dict(ends))
     if problem is None:
         return Sign(Verdict.REFUTED, 0, 0.0, {}, NOWHERE.note, NOWHERE, Cause.UNDEFINED)
-    never = False
+    never, cover = False, None
     for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
-        outcome = problem.search(one_sign, limit)
+        outcome = problem.search(one_sign, limit, cover)
+        cover = outcome.cover
         if outcome.defined and (outcome.low > 0 or outcome.high < 0):
             return _proved(problem, outcome)
         refuted = _refutation(problem, outcome, limit) if refute else None

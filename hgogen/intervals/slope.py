@@ -19,8 +19,9 @@ from hgogen.algebra.points import exact, kind, put
 from hgogen.algebra.tabulated import Kinked, Stepped, Table
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
+from hgogen.intervals.bisection import Tree
 from hgogen.intervals.box import Box, End, Point, Sides, sides
-from hgogen.intervals.search import Tree, everywhere, search
+from hgogen.intervals.search import everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
 from hgogen.intervals.taken import taken
 from hgogen.intervals.zeros import special_point

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgogen.algebra.tape import Tape
+from hgogen.intervals.bisection import Tree, halves, split_tree
 from hgogen.intervals.enclosure import Flags, enclose
 from hgogen.intervals.floats import corners, middle
 from hgogen.intervals.outward import (
@@ -33,7 +34,6 @@ from hgogen.intervals.outward import (
     scale,
     up,
 )
-from hgogen.intervals.search import Tree, split_tree
 
 _BATCH = 128
 _FINE = 2.0**-40  # of the root's width: no box is cut further
@@ -132,7 +132,7 @@ def _whole(field: Field, root: Pair, limit: int) -> Cover:
 
 def _bisected(field: Field, root: Pair, cover: Cover, rows: NDArray[np.int64]) -> Cover:
     """With these boxes cut in two."""
-    low, high = _halves(cover.low[:, rows], cover.high[:, rows], cover.cut[rows])
+    low, high = halves(cover.low[:, rows], cover.high[:, rows], cover.cut[rows])
     more, (value, point) = _ends(field, root, low, high, middle(low, high))
     best, at = (value, point) if value > cover.best else (cover.best, cover.at)
     left = np.ones(len(cover.norm), dtype=bool)
@@ -144,15 +144,6 @@ def _bisected(field: Field, root: Pair, cover: Cover, rows: NDArray[np.int64]) -
     )
     splits = [*cover.splits, *zip(cover.node[rows].tolist(), cover.cut[rows].tolist(), strict=True)]
     return Cover(low, high, node, splits, norm, smooth, cut, best, at)
-
-
-def _halves(low: Array, high: Array, cut: NDArray[np.int64]) -> Pair:
-    columns = np.arange(low.shape[1])
-    centre = middle(low, high)[cut, columns]
-    low, high = np.repeat(low, 2, axis=1), np.repeat(high, 2, axis=1)
-    high[cut, 2 * columns] = centre
-    low[cut, 2 * columns + 1] = centre
-    return low, high
 
 
 Cut = tuple[Array, Flags, NDArray[np.int64]]  # upper bounds of |J| (k), where it is smooth, and where to cut
