@@ -95,7 +95,8 @@ class Inclusion:
         """Units d (N) of e and P (N, N) with N'P + P N = -I for that in these: 1, or where P is too far from round for
         floats those in which N is balanced; None where it shows nothing."""
         N = self.limit
-        for d in (np.ones(len(N)), balance(N)):
+        for units in (lambda N: np.ones(len(N)), balance):
+            d = units(N)
             P = lyapunov(N * d / d[:, None])
             if P is not None and 0 < _ROUND * np.linalg.eigvalsh(P).max() < np.linalg.eigvalsh(P).min():
                 return d, P
