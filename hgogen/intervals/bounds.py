@@ -105,7 +105,7 @@ def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: flo
         if special:  # more boxes would not help
             note = because("it is not a finite real number at {point}", point=equations(special[1]))
             return replace(range_of(problem, outcome, relative), note=note)
-    if first < boxes and outcome.boxes + 2 > first:  # else more boxes would change nothing
+    if first < boxes:
         outcome = problem.search(tight(relative), boxes, outcome.cover)
     return range_of(problem, outcome, relative)
 

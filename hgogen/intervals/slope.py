@@ -92,7 +92,7 @@ def _lipschitz_bound(
     first = min(boxes, _FIRST)
     outcome = steepest(vector, around.outer, relative, first)
     steep = None if outcome.bounded else _endless(rows, read, around)
-    if not (outcome.finished or steep) and first < boxes and outcome.boxes + 2 > first:  # else they change nothing
+    if not (outcome.finished or steep) and first < boxes:
         outcome = steepest(vector, around.outer, relative, boxes, outcome.cover)
     if outcome.bounded:
         loose = because("{boxes} boxes bring it no closer to the slopes that are attained", boxes=outcome.boxes)
