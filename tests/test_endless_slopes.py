@@ -79,6 +79,14 @@ def test_a_jump_is_none() -> None:
     assert "may jump" in str(check.reason)
 
 
+def test_a_jump_at_a_pole_is_none() -> None:
+    """-atan(tan(x2)) has the slope -1 wherever it has one, and jumps by pi where the tangent has its poles."""
+    made = observer((1, 0.5), drag(lambda x: -(x[1] ** 3) - sp.atan(sp.tan(x[1]))))
+    assert verdict(made) is verdict(made, "theta") is hg.Verdict.UNKNOWN
+    (check,) = (each for each in made.checks if each.id == "circle_criterion.convergence")
+    assert str(check.reason) == "tan(x2) of the plant is not shown to have a value on the box"
+
+
 @pytest.mark.parametrize("theta", [2.0, 5.0])
 def test_errors_fall_by_the_norm_at_slopes_of_any_size(theta: float) -> None:
     """V' <= -2 rate V with slopes from 0 to -1e9 beside those of sin x1, in floats."""

@@ -17,6 +17,7 @@ import sympy as sp
 
 from hgogen.algebra.definite import Matrix, root
 from hgogen.algebra.points import exact
+from hgogen.analysis.written import valueless
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
@@ -55,6 +56,9 @@ def obstacle(form: Form, endless: bool = False) -> Reason:
     open_ = [check.id for check in others if check.verdict is not Verdict.PROVED]
     if open_:
         return because("the bound rests on {check}, which is not proved", check=open_[0])
+    part = valueless(form.system) if endless else None  # at a pole of it b may jump, which its slope does not see
+    if part is not None:
+        return because("{part} of the plant is not shown to have a value on the box", part=part)
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
