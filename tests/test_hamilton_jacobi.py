@@ -1,5 +1,6 @@
 """The minimum-energy estimator against the extended Kalman filter of inverse weights, its own equations, and theory."""
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -230,10 +231,13 @@ def test_c_is_python(method: str) -> None:
     assert x == pytest.approx(step.run(y=y, engine="python").x, rel=1e-12, abs=1e-13)
 
 
-def test_a_model_that_jumps_is_not_affine() -> None:
-    """The derivative of a Piecewise of constants is 0 wherever it is not asked."""
+@pytest.mark.parametrize(
+    "jumps", [lambda x: sp.Piecewise((1, x > 0), (-1, True)), lambda x: sp.atan(sp.tan(x))], ids=["piecewise", "pole"]
+)
+def test_a_model_that_jumps_is_not_affine(jumps: Callable[[Any], Any]) -> None:
+    """The derivative of a Piecewise of constants is 0 wherever it is not asked, that of atan(tan(x1)) is 1."""
     x1, x2 = (hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2))
-    flow = [x2, -x1 + sp.Piecewise((1, x1 > 0), (-1, True))]
+    flow = [x2, -x1 + jumps(x1)]
     form = hg.forms.original(hg.System("jumps", states=(x1, x2), outputs=(hg.Signal("y"),), flow=flow, output=[x1]))
     built = hg.observers.hamilton_jacobi(form, Q=(1, 1), R=1.0, accept=accept(form))
     assert {c.id: c.verdict for c in built.checks}["hamilton_jacobi.quadratic"] is Verdict.UNKNOWN

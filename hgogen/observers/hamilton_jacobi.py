@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import sympy as sp
 
+from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Claims, Verdict
 from hgogen.form import Form
 from hgogen.intervals.slope import JUMPS
@@ -166,7 +167,7 @@ def _inverted(n: int) -> Callable[[Clock], Pieces]:
 def _quadratic(form: Form) -> Check:
     rows = sp.Matrix([*form.flow, *form.output])
     affine = not rows.has(*JUMPS) and not rows.jacobian(form.states).free_symbols & {*form.states}
-    return Check(
+    check = Check(
         ClaimId("hamilton_jacobi", "quadratic"),
         "the value function is quadratic, so that the estimate minimises the cost",
         Verdict.PROVED if affine else Verdict.UNKNOWN,
@@ -174,3 +175,4 @@ def _quadratic(form: Form) -> Check:
         if affine
         else because("its third derivatives are left out: an approximation near its minimum"),
     )
+    return if_valued(check, form.system)
