@@ -87,6 +87,7 @@ x1, x2, w, y1 = (getattr(MODEL.module, name) for name in ("x1", "x2", "w", "y1")
     ("change", "said"),
     [
         ({"along": {"x2": x1**3}}, "is not kept by the plant"),
+        ({"along": {"x2": sp.Piecewise((x1**2, x1 < 0), (x1**2 + 1, True))}}, "may jump"),
         ({"along": {"x2": x2}}, "uses x2"),
         ({"along": {"w": x1}}, "none of the states"),
         ({"observer": {"x1": w, "x2": x2}}, "uses w"),

@@ -19,6 +19,7 @@ from hgogen.analysis.written import written
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem
 from hgogen.intervals.box import box
 from hgogen.intervals.lost import lost, put_apart
+from hgogen.intervals.slope import JUMPS
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import BadNames, in_order, names_of
 from hgogen.signal import Signal
@@ -71,6 +72,8 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
         return sp.cancel(on_way(e).xreplace(real)).xreplace(plain)
 
     for x, a in made.along:
+        if a.has(*JUMPS):  # the plant's state does not jump with it, and its slope does not see it
+            raise BadErrorSystem(f"along {x} = {a}", "may jump; write it with Abs, Min and Max")
         drift = plant.flow[plant.states.index(x)] - sum(
             a.diff(other) * rate for other, rate in zip(plant.states, plant.flow, strict=True)
         )
