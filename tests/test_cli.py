@@ -751,7 +751,7 @@ def test_an_observer_without_a_tuning_is_a_sentence(here: Path, command: str):
     bare.write_text(PENDULUM.read_text().replace('"bank": {', '"riccati_twice": {"kind": "bank", '))
     _, err = hgogen(command, str(bare), "--observer", "bank", status=2)
     assert f"{bare}: it has tunings for " in err
-    assert "none for bank; add 'bank': {...} to tuning, with count, period" in err
+    assert "none for bank; add 'bank': {...} to tuning, with member, count, period" in err
 
 
 def test_a_theory_that_refuses_says_why(here: Path):
