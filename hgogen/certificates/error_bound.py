@@ -33,7 +33,6 @@ from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import OnErrors
-from hgogen.observer import Observer
 from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, by_name, size, sizes
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
@@ -220,8 +219,8 @@ def _bounded(
         shares.append(Share(name, entered, entered.largest, proofs[relative], one.follows))
     each_sample = zip(*(one.sizes.samples for one in entering.values() if one.sizes.samples), strict=True)
     samples = [sum(each, Fraction(0)) for each in each_sample] or [Fraction(0)] * len(form.output)
-    without = _totals(fields, shares)
-    begun = _begun(step.observer, steps, proof, without)
+    known, without = start_of(step.observer, steps), _totals(fields, shares)
+    begun = _begun(known, form, steps, proof, without)
     early, calls = without, 0
     decayed: Mapping[int, Fraction] = {k: _CLOSE * without[k] for k in error.layout.picks}
     if real:
@@ -230,7 +229,7 @@ def _bounded(
         rounding = rounding_share(step, real, steps, proof, shares, *begun, samples, shown, plant)
         early, calls, decayed = {k: without[k] + rounding.early[k] for k in fields}, rounding.calls, rounding.left
         shares.append(rounding.share)
-        begun = _begun(step.observer, steps, proof, early)
+        begun = _begun(known, form, steps, proof, early)
         if isinstance(begun, Nothing):
             raise Unbounded(because("with what is rounded at first, {why}", why=begun.reason))
     left = room(step, samples, plant.margins, early, error.layout, shown)
@@ -254,15 +253,14 @@ def _totals(fields: Sequence[int], shares: Sequence[Share]) -> dict[int, Fractio
 
 
 def _begun(
-    observer: Observer, steps: Steps, proof: Contracts, totals: Mapping[int, Fraction]
+    start: Start | Nothing, form: Form, steps: Steps, proof: Contracts, totals: Mapping[int, Fraction]
 ) -> tuple[Start, Fraction] | Nothing:
     """The start, and of how many times its first errors the limits are not touched, beside what the inputs do."""
-    start = start_of(observer, steps)
     if isinstance(start, Nothing):
         return start
     left = {k: limit - totals[k] for k, limit in start.limits.items()}
     if min(left.values()) <= 0:
-        names = [observer.form.names[steps.error.layout.index[k]] for k, most in left.items() if most <= 0]
+        names = [form.names[steps.error.layout.index[k]] for k, most in left.items() if most <= 0]
         return Nothing(because(_MET, states=dict.fromkeys(names)))
     clear = confined(
         steps, proof.h, start.corners, {k: of_state(start.scales, k) / rational(m) for k, m in left.items()}
