@@ -21,9 +21,8 @@ from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.analysis.on_box import within_tables
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import nearest
 from hgogen.reading.door import asks_a_plant, remembers
-from hgogen.reading.given import BadGain, names
+from hgogen.reading.given import BadGain, signals_named
 from hgogen.sentence import because, joined
 from hgogen.system import System
 
@@ -163,11 +162,12 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
 
 def _named(plant: System, unknown: Any) -> tuple[sp.Symbol, ...]:
     """The parameters of these names. Raises: `BadGain`."""
-    wanted, known = set(map(str, names("unknown", unknown))), [p.name for p in plant.parameters]
-    for name in sorted(wanted.difference(known)):
-        listed = f"there are {', '.join(known)}" if known else "there is none"
-        raise BadGain(f"unknown names {name[:60]!r}", f"which is no parameter; {nearest(name, known, listed)}")
-    return tuple(p for p in plant.parameters if p.name in wanted)
+    return signals_named(
+        "unknown",
+        unknown,
+        plant.parameters,
+        lambda name, fix: BadGain(f"unknown names {name!r}", f"which is no parameter; {fix}"),
+    )
 
 
 Exprs = Sequence[sp.Expr]

@@ -6,16 +6,14 @@ from typing import Literal
 
 import numpy as np
 
-from hgogen.errors import nearest
 from hgogen.identification.lag import lagged
 from hgogen.identification.progress import Progress, Searches, digests
 from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Fit, above
 from hgogen.identification.solution import Solution
 from hgogen.identification.task import BY, Task
-from hgogen.reading import given
 from hgogen.reading.door import asks_a_plant
-from hgogen.reading.given import count
+from hgogen.reading.given import count, signals_named
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -122,9 +120,4 @@ def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, .
 
 def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) -> tuple[Signal, ...]:
     """The signals of these names, in their own order. Raises: `CannotFit`."""
-    wanted = {str(name) for name in given.names(what, names)}
-    known = [s.name for s in signals]
-    for name in sorted(wanted.difference(known)):
-        listed = f"there are {', '.join(known)}" if known else "there is none"
-        raise CannotFit(f"{what} {name[:60]!r}", f"is unknown; {nearest(name, known, listed)}")
-    return tuple(s for s in signals if s.name in wanted)
+    return signals_named(what, names, signals, lambda name, fix: CannotFit(f"{what} {name!r}", f"is unknown; {fix}"))

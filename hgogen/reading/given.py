@@ -1,14 +1,16 @@
-"""Numbers as a user gives them; a masked entry of a NumPy array is missing, NaN, wherever numbers are taken."""
+"""Numbers and names as a user gives them; a masked entry of a NumPy array is missing, NaN, wherever numbers are taken."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import sympy as sp
 
 from hgogen.check import Check
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, nearest
+
+S = TypeVar("S", bound=sp.Symbol)
 
 
 @dataclass(eq=False)
@@ -62,6 +64,19 @@ def names(what: str, value: Any) -> tuple[Any, ...]:
     if not isinstance(value, Iterable):
         raise BadGain(f"{what} = {value!r}", "must be a name or several, such as ['a', 'b']")
     return tuple(value)
+
+
+def signals_named(
+    what: str, value: Any, signals: Iterable[S], unknown: Callable[[str, str], HgogenError]
+) -> tuple[S, ...]:
+    """The signals of these names, in their own order. Raises: `BadGain` for no names; for the name of none what
+    `unknown` makes of it and of what to take instead."""
+    every = {str(signal): signal for signal in signals}
+    wanted = set(map(str, names(what, value)))
+    for name in sorted(wanted.difference(every)):
+        listed = f"there are {', '.join(every)}" if every else "there is none"
+        raise unknown(name[:60], nearest(name, every, listed))
+    return tuple(signal for name, signal in every.items() if name in wanted)
 
 
 def count(name: str, value: Any, low: int, high: int) -> int:
