@@ -421,6 +421,16 @@ def test_a_plant_and_its_mirror_image_round_alike() -> None:
     assert share(-30, -10) == pytest.approx(share(10, 30), rel=1e-3)
 
 
+def test_rounding_leaves_less_room_for_first_errors() -> None:
+    """Beside what inputs do, what is rounded while the first error decays moves the estimate towards its limits."""
+    exact, single = (
+        hg.error_bound(step_of(), noise={"y": 1e-3}, rates={"tau": 5}, real=real) for real in (None, "float")
+    )
+    assert single.multiple is not None
+    assert exact.multiple is not None
+    assert single.multiple < exact.multiple
+
+
 def test_from_larger_first_errors_more_is_rounded_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """The share in the end is all but the same."""
     taken = list[Any]()

@@ -1,4 +1,4 @@
-"""Numbers and names as a user gives them; a masked entry of a NumPy array is missing, NaN, wherever numbers are taken."""
+"""Numbers and names as a user gives them; a masked entry of a NumPy array is missing, NaN, where numbers are taken."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
