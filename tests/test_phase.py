@@ -239,6 +239,21 @@ def test_what_jumps_has_no_phase_form(jump: Any) -> None:
         hg.forms.phase(plant("jump", x, [(2 + jump(x1)) * x2, -x1], x1))
 
 
+@pytest.mark.parametrize(
+    ("flow", "output", "verdict"),
+    [
+        ("x2", "Piecewise((x1, x1 < 0), (x1 - 1, True))", Verdict.UNKNOWN),
+        ("x2", "Piecewise((x1, x1 < 0), (2*x1, True))", Verdict.UNKNOWN),
+        ("Piecewise((x2, x2 < 0), (x2 - 1, True))", "x1", Verdict.PROVED),  # y' is what it is, and y'' is not claimed
+    ],
+)
+def test_what_jumps_or_bends_moves_as_no_derivative_says(flow: str, output: str, verdict: Verdict) -> None:
+    x = states((-1, 1), (-1, 1))
+    names = {"x1": x[0], "x2": x[1]}
+    rows = [sp.sympify(text, locals=names) for text in (flow, "-x1", output)]
+    assert checks(hg.forms.phase(plant("rough", x, rows[:2], rows[2])))["chain"].verdict is verdict
+
+
 def test_a_kink_that_cancels_a_choice_refutes_no_rank() -> None:
     """2 max(v, 0) - (v where v >= 0, else -v) = v, whose slope at 0 SymPy has as 2/2 - 1; that of -v^3/3 is 0 there."""
     x1, x2 = x = states((-1, 1), (-1, 1))

@@ -82,6 +82,19 @@ def test_an_output_that_jumps_is_no_multiple_of_a_state_though_its_slope_is_a_nu
         hg.forms.uniform_chain(plant([x[1], -x[0]], x, jumps(x[0])))
 
 
+def test_what_jumps_or_bends_moves_as_no_derivative_says() -> None:
+    """x2 - 1 and x2, one above the other: the first of xi that moves by an impulse, and no slope sees it."""
+    x = states(2)
+    jumps = checks(hg.forms.uniform_chain(plant([sp.Piecewise((x[1] - 1, x[1] > 0), (x[1], True)), -x[0]], x)))
+    assert {name for name, check in jumps.items() if check.verdict is Verdict.PROVED} == {"slope_1", "inputs"}
+    assert str(jumps["structure"].reason).startswith("Piecewise")
+    assert str(jumps["slope_2"].reason).startswith("x1' may jump with x2, at a step of Piecewise")
+    bends = checks(hg.forms.uniform_chain(plant([x[1] + sp.Abs(x[1]) / 2, -x[0]], x)))
+    assert {name for name, check in bends.items() if check.verdict is Verdict.PROVED} == {
+        *("slope_1", "slope_2", "inputs")
+    }
+
+
 def test_of_the_derivatives_of_an_input_only_the_first_enters() -> None:
     """The phase form of the same plant reads u'' as well."""
     system = bent(rates=((-1, 1), (-1, 1), (-1, 1)))

@@ -33,7 +33,7 @@ from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import NONZERO, Condition, reasons
 from hgogen.sentence import NONE, Sentence, because, equations
 from hgogen.signal import Signal
-from hgogen.structure.carried import BOXES, Carried, undefined
+from hgogen.structure.carried import BOXES, Carried, by_construction, undefined
 from hgogen.structure.inverse import tidy
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.structure.phasing import Derivatives, FullRank, OneToOne
@@ -80,16 +80,16 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     does in any case where phi may have poles in the box of z: of that box the image of the plant's is often a thin
     part, beyond which phi is far larger and would ask for as large a theta. No bound on theta is then proved.
 
-    Checks: `phase.chain` (by construction, where the plant has a value); `phase.inputs` (the derivatives of inputs that
-    enter have ranges); `phase.rank` (det dPhi/dx has no zero on the box); `phase.inverse` (Phi is one to one on the
-    box); `phase.lipschitz` (phi, as a function of z).
+    Checks: `phase.chain` (by construction, where the plant has a value and y .. y^(n-2) have derivatives);
+    `phase.inputs` (the derivatives of inputs that enter have ranges); `phase.rank` (det dPhi/dx has no zero on the
+    box); `phase.inverse` (Phi is one to one on the box); `phase.lipschitz` (phi, as a function of z).
 
     Raises: `NoPhase` for several outputs, or derivatives of more than `LIMIT` nodes; `BadSystem` where a signal has the
     name of an input's derivative.
     """
     whole = _map(plant)
     determinant_check, sign = _rank(whole)
-    chain, rank = (if_valued(check, plant) for check in (_chain(), determinant_check))
+    chain, rank = (if_valued(check, plant) for check in (_chain(whole), determinant_check))
     carried = whole.carried
     back = carried.inverse()
     one_to_one = if_valued(_one_to_one(whole, carried.images, back, rank), plant)
@@ -127,11 +127,11 @@ def _map(plant: System) -> _Map:
 # ---------------------------------------------------------------- checks
 
 
-def _chain() -> Check:
+def _chain(whole: _Map) -> Check:
     """The check that Phi is y with its derivatives, where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3,
     x3' = 0, but not at x3 = 0."""
-    id, claim = ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)"
-    return Check(id, claim, Verdict.PROVED, because("by construction"), proofs=(Derivatives(),))
+    check = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.Phi[:-1])
+    return replace(check, proofs=(Derivatives(),))
 
 
 def _inputs(whole: _Map) -> Check:

@@ -30,8 +30,8 @@ from hgogen.evidence.grounds import ByForm, Evidence
 from hgogen.form import ELSEWHERE, Asking, Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.sign import Cause, nonzero
-from hgogen.sentence import Reason, because
-from hgogen.structure.apart import apart
+from hgogen.sentence import Reason
+from hgogen.structure.apart import apart, without_jumps
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.lipschitz import lipschitz
@@ -127,16 +127,11 @@ def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
 
 
 def _slope(i: int, link: Link, plant: System) -> Check:
-    """The slope keeps off zero; it is not known of a row that may jump, which is not one-to-one for its slope alone,
-    nor of a plant that may have no value, which the slope does not show."""
+    """The slope keeps off zero; it is not known of a row that may jump, nor of a plant that may have no value, which
+    the slope does not show."""
     alone = apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant)
     check = if_valued(replace(alone, proofs=(AwayFromZero(i),), disproof=Vanishing(i)), plant)
-    if check.verdict is not Verdict.PROVED or link.jumps is None:
-        return check
-    pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
-    reason = because(pattern, row=link.name, state=link.state, part=link.jumps)
-    fix = f"Narrow the range of {link.state} to one branch, or smooth the step."
-    return Check(check.id, check.claim, Verdict.UNKNOWN, reason, fix=fix)
+    return without_jumps(check, link)
 
 
 def _name(i: int) -> str:

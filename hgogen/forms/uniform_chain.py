@@ -23,8 +23,8 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import ELSEWHERE, Asking, Form
 from hgogen.sentence import NONE, because
-from hgogen.structure.apart import apart
-from hgogen.structure.carried import Carried, undefined
+from hgogen.structure.apart import apart, without_jumps
+from hgogen.structure.carried import Carried, by_construction, undefined
 from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
@@ -48,10 +48,10 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     observer reads b at Psi(xi), clamped to the plant's ranges, as it does in any case where b may have poles in the box
     of xi. No bound on theta is then proved.
 
-    Checks: `uniform_chain.structure` (y shows one state, each row brings in one); `uniform_chain.slope_1` (c) ..
-    `uniform_chain.slope_n` (dF_{n-1}/dz_n), each bounded away from zero; `uniform_chain.smooth` (xi is differentiable
-    and finite on the box); `uniform_chain.inputs` (u' has a range where it enters); `uniform_chain.lipschitz` (b, as a
-    function of xi).
+    Checks: `uniform_chain.structure` (y shows one state, each row brings in one, and xi has no jump or kink);
+    `uniform_chain.slope_1` (c) .. `uniform_chain.slope_n` (dF_{n-1}/dz_n), each bounded away from zero;
+    `uniform_chain.smooth` (xi is differentiable and finite on the box); `uniform_chain.inputs` (u' has a range where it
+    enters); `uniform_chain.lipschitz` (b, as a function of xi).
 
     Raises: `NoUniformChain` for several outputs, a plant that is not shown to be in uniform form, or expressions of
     more than `LIMIT` nodes.
@@ -60,7 +60,7 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     carried = _carried(plant, chains, c, offset)
     smooth, slopes = _smooth(carried), _slopes(plant, chains, c)
     one_to_one = all(check.verdict is Verdict.PROVED for check in (smooth, *slopes))
-    checks = (_structure(), *slopes, smooth, _rates_ranged(carried), _lipschitz(carried, one_to_one))
+    checks = (_structure(carried), *slopes, smooth, _rates_ranged(carried), _lipschitz(carried, one_to_one))
     checks = tuple(if_valued(check, plant) for check in checks)
     back = carried.inverse()
     if original or back is None or not one_to_one:
@@ -116,9 +116,9 @@ def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carr
 # ---------------------------------------------------------------- checks
 
 
-def _structure() -> Check:
+def _structure(carried: Carried) -> Check:
     claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
-    return Check(ClaimId(_MAKER, "structure"), claim, Verdict.PROVED, because("by construction"))
+    return by_construction(ClaimId(_MAKER, "structure"), claim, carried.Phi)
 
 
 def _slopes(plant: System, chains: Chains, c: sp.Expr) -> tuple[Check, ...]:
@@ -126,8 +126,8 @@ def _slopes(plant: System, chains: Chains, c: sp.Expr) -> tuple[Check, ...]:
     slopes = [c, *(link.slope for link in links[1:])]
     names = ["dy/dz_1", *(f"dF_{i}/dz_{i + 1}" for i in range(1, len(links)))]
     return tuple(
-        apart(ClaimId(_MAKER, "slope", i), name, sp.sympify(slope), plant)
-        for i, (name, slope) in enumerate(zip(names, slopes, strict=True), 1)
+        without_jumps(apart(ClaimId(_MAKER, "slope", i), name, sp.sympify(slope), plant), link)
+        for i, (name, slope, link) in enumerate(zip(names, slopes, links, strict=True), 1)
     )
 
 

@@ -1,5 +1,7 @@
 """The hypothesis that a slope is bounded away from zero on the closed box of states, inputs and parameters."""
 
+from dataclasses import replace
+
 import sympy as sp
 
 from hgogen.algebra.tape import NoTape
@@ -9,6 +11,7 @@ from hgogen.intervals.box import EVERYTHING
 from hgogen.intervals.digits import Down
 from hgogen.intervals.sign import nonzero
 from hgogen.sentence import Sentence, because
+from hgogen.structure.chain import Link
 from hgogen.system import System
 
 
@@ -36,3 +39,14 @@ def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
     loose = ", ".join(s.name for s in plant.signals if s in slope.free_symbols and around[s] == EVERYTHING)
     fix = f"Declare low= and high= for {loose}." if loose else ""
     return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix)
+
+
+def without_jumps(check: Check, link: Link) -> Check:
+    """The check of the slope of a link: unknown in place of proved where the row may jump with its state, since it is
+    not one-to-one for its slope alone."""
+    if check.verdict is not Verdict.PROVED or link.jumps is None:
+        return check
+    pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
+    reason = because(pattern, row=link.name, state=link.state, part=link.jumps)
+    fix = f"Narrow the range of {link.state} to one branch, or smooth the step."
+    return replace(check, verdict=Verdict.UNKNOWN, reason=reason, fix=fix, subject=None, proofs=())

@@ -13,12 +13,13 @@ import sympy as sp
 
 from hgogen.algebra.points import exact
 from hgogen.algebra.tabulated import held
-from hgogen.analysis.lie import size
-from hgogen.check import Check
+from hgogen.analysis.lie import size, without_derivative
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box, problem_of
 from hgogen.intervals.search import everywhere
 from hgogen.intervals.singular import singular
+from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
@@ -87,6 +88,16 @@ class Carried:
         z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
         J = sp.ImmutableDenseMatrix(self.jacobian.applyfunc(z.carry))
         return form_in(z, f"{self.kind}, original coordinates", checks, self.reference, jacobian=J)
+
+
+def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check:
+    """The check that coordinates move as their derivatives along the plant say; unknown where one of those that are
+    `moving` has a jump or a kink, at which it has no derivative."""
+    rough = without_derivative(moving)
+    if rough:
+        fix = "Write jumps and kinks as smooth functions, or use another form."
+        return Check(id, claim, Verdict.UNKNOWN, rough, fix=fix)
+    return Check(id, claim, Verdict.PROVED, because("by construction"))
 
 
 def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, time: str) -> Signal:
