@@ -74,8 +74,8 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
         squares = _squares(step, other_u, other_y, first, scale, engine)
         error = _typical(squares)
         if error < CLEAR * now and error < (best.error if best else copying) and _steady(present - squares):
-            level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else present
-            if error < CLEAR * _typical(level):
+            level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else None
+            if level is None or error < CLEAR * _typical(level):
                 best = Better(signal, shift, sign, error, now)
     return best
 
