@@ -22,7 +22,7 @@ from hgogen.emit.pystep import Entry
 from hgogen.emit.syntax import Real
 from hgogen.form import Form
 from hgogen.method import Method
-from hgogen.observer import Observer
+from hgogen.observer import Initial, Observer
 from hgogen.program import dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
@@ -237,8 +237,8 @@ class CallableStep(Step):
         self._kept.state[:] = self._kept.saved(saved)
         self._clock[0] = 0
 
-    def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "CallableStep":
-        """A step of the same observer that starts at what `initial` gives for its form, the plant's state by name.
+    def started(self, initial: Initial) -> "CallableStep":
+        """A step of the same observer from `initial`, the plant's state by name, or from what it gives for its form.
 
         Raises: `BadGain`.
         """

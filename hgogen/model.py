@@ -32,6 +32,7 @@ from hgogen.modelfiles.storage import stored
 from hgogen.modelfiles.tuning import Start, Tuning
 from hgogen.modelfiles.tunings import read as read_tunings
 from hgogen.reading import filename
+from hgogen.reading.door import Misfit
 from hgogen.reading.folding import Fold
 from hgogen.reading.languages import READERS
 from hgogen.reading.text_model import BadModelFile, PlainModel, read
@@ -105,8 +106,10 @@ class Model:
         """The model with a form, a method or a period of its steps, tunings, or values of parameters, in the place of
         what its file says, which is read again for these.
 
-        Raises: `UnknownCase`; `BadFile`, `BadParameters`, `BadValue`.
+        Raises: `UnknownCase`; `BadFile`, `BadParameters`, `BadValue`; `Misfit` for what is no setting.
         """
+        if not isinstance(setting, Setting):
+            raise Misfit("set", setting, "a Setting, as of hgogen.modelfiles.setting")
         setting.demand()
         model = self if setting.parameters is None else self.valued(read_values(setting.parameters, self.plant))
         tables, take = (self.tables, self.take)

@@ -26,6 +26,7 @@ from hgogen.structure.scaling import exponents
 from hgogen.system import System
 from hgogen.theorem import Theorem
 
+Initial = Mapping[str, float] | Callable[[Form], Mapping[str, float]]
 STARTS = ("initial", "start")  # the arguments of an observer that say where its estimate starts
 _LAST = 32  # calls of each case whose observers are remembered
 
@@ -72,8 +73,9 @@ class Observer:
         """The form's and the theorem's, proved when they are first read: to prove may take longer than to build."""
         return self.claims()
 
-    def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "Observer":
-        """The observer, or one around the same member, made again to start at what `initial` gives for its form.
+    def started(self, initial: Initial) -> "Observer":
+        """The observer, or one around the same member, made again to start at `initial`, the plant's state by name, or
+        at what it gives for its form.
 
         Raises: `BadGain` for a start that its form does not take, or where it was not made by `hg.observers`.
         """
@@ -81,7 +83,7 @@ class Observer:
         if isinstance(base, Observer):
             return make(base.started(initial), **gains)
         others = {name: value for name, value in gains.items() if name not in STARTS}
-        return make(base, **others, initial=initial(base))
+        return make(base, **others, initial=initial(base) if callable(initial) else initial)
 
     @property
     def initial(self) -> dict[str, float]:

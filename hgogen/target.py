@@ -14,6 +14,7 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from hgogen.errors import HgogenError
+from hgogen.reading.door import asks
 from hgogen.reading.filename import same, shown
 
 AT_ONCE = 1 << 16  # bytes of a file, in search of its last line
@@ -70,15 +71,20 @@ class Sources(Files):
     notes: tuple[str, ...] = ()
 
 
+@asks(Mapping, "files by name, as of hg.targets.c99(step)")
 def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
     """Write texts (UTF-8) or bytes into `folder` (made if it is not there), by name, or by a path below it; returns
     their paths.
 
     Nothing is written unless all can be, and each file appears whole or not at all.
 
-    Raises: `CannotWrite`.
+    Raises: `CannotWrite`; `Misfit` for what is no mapping from names.
     """
     paths = demand(files, folder)
+    for name, content in files.items():
+        if not isinstance(content, str | bytes):
+            reason = f"what it is to hold is of type {type(content).__name__}"
+            raise CannotWrite(shown(name), reason, "give a text or bytes")
     staged: list[Path] = []
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -170,7 +176,11 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
 
     Raises: `CannotWrite` where it would refuse one of them.
     """
+    if not isinstance(folder, str | os.PathLike):
+        raise CannotWrite(shown(folder), "it is no path", "give that of a folder")
     names, root = list(names), Path(folder)
+    if strange := [name for name in names if not isinstance(name, str)]:
+        raise CannotWrite(shown(strange[0]), "it is no name of a file", "give a text")
     try:
         if _kind(root, follow=True) not in (None, stat.S_IFDIR):
             raise _misplaced(root, "a folder")

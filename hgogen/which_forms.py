@@ -15,7 +15,7 @@ from hgogen.analysis.gauthier_bornard import of_plant
 from hgogen.check import Check, Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
-from hgogen.reading.door import asks_a_plant
+from hgogen.reading.door import asks_a_plant, switches
 from hgogen.sentence import Reason, because, point
 from hgogen.system import System
 
@@ -111,6 +111,7 @@ class Survey:
 
 
 @asks_a_plant
+@switches
 def survey(plant: System, *, deep: bool = False) -> Survey:
     """Every form of the plant on its declared box; those that take seconds only if `deep`."""
     names = sorted(forms.__all__, key=lambda name: asking(name).place)

@@ -1,6 +1,8 @@
 """Bad input to what is asked in Python is a sentence, not a traceback."""
 
+import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -12,6 +14,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.reading.door import Misfit, remembers
+from hgogen.target import CannotWrite
 from hgogen.trial import Trial
 
 x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
@@ -57,6 +60,8 @@ def step() -> Any:
         (lambda: hg.campaign(step(), 5, 10), "campaign, trial= was given 5"),
         (lambda: hg.consistency(5), "consistency was given 5, of type int; give a run"),
         *((lambda f=f: getattr(hg.forms, f)(None), f"{f} was given None") for f in hg.forms.__all__),
+        (lambda: hg.write(5, "nowhere"), "write was given 5, of type int; give files by name"),
+        (lambda: hg.load("pendulum").set("rk4"), "set was given 'rk4', of type str; give a Setting"),
     ],
 )
 def test_a_misfit_is_a_sentence(question: Callable[[], Any], said: str) -> None:
@@ -78,12 +83,53 @@ def test_a_misfit_is_a_sentence(question: Callable[[], Any], said: str) -> None:
         (lambda: hg.load("pendulum").step(5), "there is no observer 5"),
         (lambda: step().run_many(y=np.zeros((2, 3, 1)), parameters=5), "parameters = 5 is no mapping from some of"),
         (lambda: step().run_many(y=np.zeros((2, 3, 1)), starts=5), "starts = 5 is no mapping from states to numbers"),
+        (lambda: step().flags("1"), "status = '1' must be a number"),
+        (lambda: step().flags(1.5), "status = 1.5 must be a whole number"),
+        (lambda: step().started("x1"), "initial = 'x1' must be a number"),
+        (lambda: hg.from_casadi("p", states=5, outputs=(y,), flow=[], output=[]), "states is 5; give a list of pairs"),
+        (lambda: hg.write({}, 5), "cannot write 5: it is no path; give that of a folder"),
+        (lambda: hg.write({5: ""}, "nowhere"), "cannot write 5: it is no name of a file"),
+        (lambda: hg.write({"a": 5}, "nowhere"), "cannot write 'a': what it is to hold is of type int; give a text"),
     ],
 )
 def test_what_is_no_name_is_a_sentence(question: Callable[[], Any], said: str) -> None:
     with pytest.raises(HgogenError) as caught:
         question()
     assert said in str(caught.value)
+
+
+SWITCHES = [
+    *((getattr(folder, name), PLANT) for folder in (hg.forms, hg.observers, hg.targets) for name in folder.__all__),
+    *((question, PLANT) for question in (hg.advise, hg.fit, hg.survey, hg.tune)),
+]
+
+
+@pytest.mark.parametrize("value", ["x1", 1, None, np.ones(2)])
+def test_a_switch_is_true_or_false(value: Any) -> None:
+    """measured="x1" would be taken for measured=True."""
+    asked = 0
+    for question, first in SWITCHES:
+        for name, each in inspect.signature(question).parameters.items():
+            if each.annotation not in (bool, "bool"):
+                continue
+            asked += 1
+            assert each.kind is each.KEYWORD_ONLY
+            with pytest.raises(Misfit, match=f"^{question.__name__}, {name}= was given .*; give True or False$"):
+                question(first, **{name: value})
+    assert asked >= 17
+    assert hg.forms.triangular(PLANT, measured=np.True_) == hg.forms.triangular(PLANT, measured=True)
+
+
+def test_nothing_is_made_of_what_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(CannotWrite):
+        hg.write({"a": "text", "b": None}, tmp_path / "new")  # type: ignore[dict-item]
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_step_starts_where_it_is_told_by_name() -> None:
+    there = step().started({"x1": 0.5, "x2": -0.25})
+    assert there.observer.initial == step().started(lambda form: {"x1": 0.5, "x2": -0.25}).observer.initial
+    assert there.observer.initial == {"x1": 0.5, "x2": -0.25}
 
 
 def test_a_parameter_may_be_named_alone() -> None:

@@ -135,7 +135,7 @@ def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Ration
 
 def _vanishes(node: sp.Basic) -> bool:
     """Whether it is a root of a sum of squares, which may be 0."""
-    return isinstance(node, sp.Pow) and _rooted(node) and node.exp.is_positive and _squares(node.base) is not None
+    return isinstance(node, sp.Pow) and _rooted(node) and _squares(node.base) is not None
 
 
 def at_kinks(derivative: sp.Expr) -> sp.Expr:

@@ -25,7 +25,7 @@ from hgogen.evidence.grounds import Grounds
 from hgogen.form import Form
 from hgogen.modelfiles.first import First, everywhere
 from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
-from hgogen.reading.door import asks_a_plant
+from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import positive
 from hgogen.starting import Scale, Starting, gains_of, scale, two
 from hgogen.system import System
@@ -100,6 +100,7 @@ class NoneAdmitted(BadArgument):
 
 
 @asks_a_plant
+@switches
 def advise(
     plant: System,
     *,

@@ -21,7 +21,7 @@ from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, nearest
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import everywhere
-from hgogen.reading.door import asks_a_plant
+from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import count
 from hgogen.system import System
 from hgogen.trials.spread import Workers
@@ -36,6 +36,7 @@ class CannotTune(BadArgument):
 
 
 @asks_a_plant
+@switches
 def tune(
     plant: System,
     *records: Log,

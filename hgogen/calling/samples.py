@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, Protocol, cast
 import numpy as np
 
 from hgogen.errors import BadArgument
-from hgogen.reading.given import unmasked
+from hgogen.reading.given import count, unmasked
 from hgogen.reading.named import in_order, names_of
 from hgogen.reading.optional import library
 from hgogen.signal import Signal
@@ -36,8 +36,9 @@ class Legend(NamedTuple):
     kind: Literal["d", "f"] = "d"
 
     def flags(self, status: int) -> tuple[str, ...]:
-        """The names of the bits that a status holds."""
-        return tuple(name for k, name in enumerate(self.bits) if int(status) >> k & 1)
+        """The names of the bits that a status holds. Raises: `BadGain` for no status."""
+        held = count("status", status, 0, 2**32 - 1)
+        return tuple(name for k, name in enumerate(self.bits) if held >> k & 1)
 
 
 class Sample:

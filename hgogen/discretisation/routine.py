@@ -148,5 +148,5 @@ class _Result:
         """The same with what the routine has computed; numbers stay numbers."""
         elements = self.value.nonzeros()
         for k, each in zip(self._computed, computed.nonzeros(), strict=True):
-            elements[k] = elements[k] if elements[k].is_constant() else each
+            elements[k] = each
         return ca.SX(self.value.sparsity(), column(elements))

@@ -12,7 +12,7 @@ from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Fit, above
 from hgogen.identification.solution import Solution
 from hgogen.identification.task import BY, Task
-from hgogen.reading.door import asks_a_plant
+from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import count, signals_named
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -27,6 +27,7 @@ class CannotFit(BadLog):
 
 
 @asks_a_plant
+@switches
 def fit(
     plant: System,
     *records: Log,

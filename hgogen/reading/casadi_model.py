@@ -43,7 +43,7 @@ def from_casadi(
     and for rounding; `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
     """
     groups = {"states": states, "inputs": inputs, "parameters": parameters}
-    declared = {kind: [_pair(name, kind, pair) for pair in pairs] for kind, pairs in groups.items()}
+    declared = {kind: _pairs(name, kind, pairs) for kind, pairs in groups.items()}
     symbols = [symbol for pairs in declared.values() for symbol, _ in pairs]
     signals = [entries for pairs in declared.values() for _, entries in pairs]
     graphs = [_graph(name, what, rows) for what, rows in (("flow", flow), ("output", output))]
@@ -67,6 +67,13 @@ def from_casadi(
         raise BadGraph(name, f"uses {steps[0]}, which has no slope; hold a rounded value as an input or a parameter")
     by_kind: dict[str, Any] = {kind: [s for _, entries in pairs for s in entries] for kind, pairs in declared.items()}
     return System(name, **by_kind, outputs=outputs, flow=expressions[0], output=expressions[1], time=time)
+
+
+def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal, ...]]]:
+    """The declared pairs of a kind. Raises: `BadGraph`."""
+    if not isinstance(pairs, Iterable):
+        raise BadGraph(system, f"{kind} is {str(pairs)[:60]}; give a list of pairs (symbol, Signal)")
+    return [_pair(system, kind, pair) for pair in pairs]
 
 
 def _pair(system: str, kind: str, pair: Any) -> tuple[Graph, tuple[Signal, ...]]:

@@ -1,4 +1,4 @@
-"""What a question takes: a plant, an expression, limits; anything else is met with a sentence."""
+"""What a question takes: a plant, an expression, limits, switches; anything else is met with a sentence."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from functools import lru_cache, wraps
 from inspect import signature
 from typing import Any, TypeVar, cast
 
+import numpy as np
 import sympy as sp
 
 from hgogen.errors import HgogenError
@@ -47,25 +48,40 @@ def asks(kind: type | tuple[type, ...], wanted: str) -> Callable[[Asked], Asked]
     return guards
 
 
+def switches(question: Asked) -> Asked:
+    """For a function with keywords that are switches, of type bool: for anything but True or False, which would count
+    as one of them, it raises `Misfit`."""
+    names = [each.name for each in signature(question).parameters.values() if each.annotation in (bool, "bool")]
+
+    @wraps(question)
+    def guarded(*args: Any, **options: Any) -> Any:
+        for name in names:
+            if not isinstance(value := options.get(name, False), bool | np.bool_):
+                raise Misfit(f"{question.__name__}, {name}=", value, "True or False")
+        return question(*args, **options)
+
+    return cast(Asked, guarded) if names else question
+
+
 asks_a_plant = asks(System, "a plant, an hg.System; hgogen.model.load reads one from a file")
 
 
 def remembers(question: Asked) -> Asked:
     """The function with its last answers, which do not change: a survey, the observers that are tried and each command
-    ask the same of one plant, and of one form. What cannot be compared is asked anew."""
+    ask the same of one plant, and of one form. What cannot be compared is asked anew, and 1 is not True."""
 
     @lru_cache(maxsize=_ANSWERS)
-    def once(args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
-        return question(*args, **dict(options))
+    def once(args: tuple[Any, ...], options: tuple[tuple[str, type, Any], ...]) -> Any:
+        return question(*args, **{name: value for name, _, value in options})
 
     @wraps(question)
     def remembered(*args: Any, **options: Any) -> Any:
-        pairs = tuple(options.items())
+        known = tuple((name, type(value), value) for name, value in options.items())
         try:
-            hash((args, pairs))
+            hash((args, known))
         except TypeError:
             return question(*args, **options)
-        return once(args, pairs)
+        return once(args, known)
 
     return cast(Asked, remembered)
 
