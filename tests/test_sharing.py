@@ -5,6 +5,7 @@ from collections import Counter
 from dataclasses import replace
 from functools import cache
 
+import casadi as ca
 import emitted
 import plants
 import pytest
@@ -126,6 +127,18 @@ def test_only_what_is_as_after_a_reset_stands_in_the_reset() -> None:
     moved = replace(made("fitzhugh_nagumo").state[0], initial=(1.0, 2.0, 3.0))
     other = hg.Step(**{**parts_of(made("fitzhugh_nagumo")), "state": (moved, *made("fitzhugh_nagumo").state[1:])})
     assert Place("predictor", "z") not in SharingWriter(C, other, "float").fresh
+
+
+def test_what_keeps_a_value_does_not_begin_from_a_reset() -> None:
+    """The memory holds anything before a reset: twice nothing is as after one, twice what is there is not."""
+    step = made("fitzhugh_nagumo")
+    place, writer = Place("state", "doubt_y"), SharingWriter(C, step, "float")
+    (first,) = (field.initial for field in step.state if field.name == place.name)
+    begins, keeps = (
+        Block("b", {place: value}, part="b") for value in (ca.SX(list(first)), sym(*place, len(first)) * 2)
+    )
+    assert first == (0.0,)
+    assert [writer._left((block,)) for block in (begins, keeps)] == [{place}, set()]
 
 
 def test_a_part_ends_where_something_else_is_touched() -> None:
