@@ -10,6 +10,7 @@ import decimal
 import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from sys import float_info
 from typing import Any, Literal
 
 from hgogen.discretisation.lengths import Lengths
@@ -29,6 +30,7 @@ from hgogen.program import (
     in_capitals,
     places,
 )
+from hgogen.reading.given import among
 from hgogen.reading.time_unit import of_time, plural
 from hgogen.signal import Signal
 from hgogen.stepping import discretise
@@ -50,7 +52,7 @@ class NoStep(BadArgument):
 
 def demand_choice(name: str, value: object, choices: tuple[str | None, ...]) -> None:
     """Raise `BadStep` for what is none of the choices of an option."""
-    if value not in choices:
+    if not among(value, choices):
         *others, last = ("None" if each is None else f'"{each}"' for each in choices)
         raise BadStep(f"{name} = {value!r}", f"must be {', '.join(others)} or {last}")
 
@@ -261,7 +263,7 @@ def plan(
 
     Raises: `BadStep`, `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`.
     """
-    if not isinstance(dt, int | float) or not 0 < dt < INF:
+    if not isinstance(dt, int | float) or not 0 < dt <= float_info.max:
         raise BadStep(f"dt = {dt!r}", f"must be a positive time in {plural(observer.form.system.time)}")
     demand_choice("between", between, ("line", "hold"))
     system = observer.form.system

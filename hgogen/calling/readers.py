@@ -23,6 +23,7 @@ from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Place
+from hgogen.reading.given import among
 from hgogen.step import Step
 
 
@@ -64,7 +65,7 @@ class Kept:
 
         Raises: `BadShape`; `NoCompiler`, `CompilerFailed`.
         """
-        if engine not in (None, "c", "python"):
+        if not among(engine, (None, "c", "python")):
             raise BadShape(f"engine = {engine!r}", 'must be "c", "python" or None')
         engine = engine or own
         if engine is None and not native.compiler():

@@ -54,7 +54,11 @@ def available() -> dict[str, str]:
 def located(model: str) -> Path:
     """The model file at a path, or of a bare name. Raises: `NoModel`."""
     path = Path(model)
-    if path.is_file():
+    try:
+        there = path.is_file()
+    except OSError as error:  # a name that is too long
+        raise NoModel(f"{str(model)[:60]}..", f"is no path of a file here ({error.strerror})", listed()) from None
+    if there:
         if path.suffix not in SUFFIXES:
             raise NoModel(model, f"is no model file ({', '.join(SUFFIXES)})", listed())
         return path

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, wraps
 from inspect import signature
+from sys import float_info
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -104,5 +105,5 @@ def limits(what: str, boxes: int, relative: float = 0.0) -> None:
     """Raise `Misfit` unless at least one box may be tried, and `relative` is a number from 0 on."""
     if isinstance(boxes, bool) or not isinstance(boxes, int) or boxes < 1:
         raise Misfit(f"{what}, boxes=", boxes, "a whole number from 1 on")
-    if isinstance(relative, bool) or not isinstance(relative, int | float) or not 0 <= relative < float("inf"):
+    if isinstance(relative, bool) or not isinstance(relative, int | float) or not 0 <= relative <= float_info.max:
         raise Misfit(f"{what}, relative=", relative, "a number from 0 on, such as 0.02")

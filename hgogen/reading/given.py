@@ -79,6 +79,11 @@ def signals_named(
     return tuple(signal for name, signal in every.items() if name in wanted)
 
 
+def among(value: object, choices: Iterable[str | None]) -> bool:
+    """Whether a value is a text, or None, that is one of the choices; an array or a list is none."""
+    return (value is None or isinstance(value, str)) and value in choices
+
+
 def count(name: str, value: Any, low: int, high: int) -> int:
     """A whole number from `low` to `high`. Raises: `BadGain` for anything else."""
     number = real(name, value)

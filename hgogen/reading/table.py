@@ -16,6 +16,7 @@ from hgogen.algebra.piece import coefficients
 from hgogen.algebra.tabulated import applied
 from hgogen.errors import BadArgument
 from hgogen.reading.expression import FUNCTIONS
+from hgogen.reading.given import among
 from hgogen.signal import check_name
 
 Numbers = tuple[Fraction, ...]
@@ -77,7 +78,7 @@ def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
     check_name(name)
     if name in FUNCTIONS:
         raise BadTable(name, "has the name of a function; choose another")
-    if kind not in KINDS:
+    if not among(kind, KINDS):
         raise BadTable(name, f'kind = {kind!r} is none of its kinds; write "linear" or "monotone"')
     if len(axes) > 1 and kind not in SEVERAL:
         raise BadTable(name, f'is of two expressions and kind = {kind!r}; a map is linear in each: write "linear"')

@@ -18,7 +18,7 @@ import numpy as np
 
 from hgogen.calling.samples import BadShape, Run
 from hgogen.identification.whiteness import Whiteness, alike, quantile, whiteness
-from hgogen.reading.door import asks
+from hgogen.reading.door import Misfit, asks
 from hgogen.trials.prediction import Prediction, rms
 
 Array = np.ndarray
@@ -78,7 +78,9 @@ class Consistency:
 
 @asks(Run, "a run, as step.run gives it")
 def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consistency:
-    """Of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises: `BadShape`."""
+    """Of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises: `BadShape`, `Misfit`."""
+    if truth is not None and not isinstance(truth, Mapping):
+        raise Misfit("consistency, truth=", truth, "a mapping from states to arrays")
     e, variances = run.innovations, run.variances
     if e is None:
         return Consistency((), None)
