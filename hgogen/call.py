@@ -190,9 +190,9 @@ class CallableStep(Step):
         Raises: as `run`; `BadShape` for lengths that differ, `BadNames`, `BadGain` for a start.
         """
         engine = self._kept.ready(engine, self.engine)
-        asked = Asked(self, self._kept, u, y, parameters or {}, starts or ())
+        asked = Asked(self, self._kept, u, y, parameters, starts)
         firsts = asked.firsts(self._many.own, engine, lambda start: self.started(lambda _: start).save())
-        return self._many.run(asked, firsts, engine, jobs, traces, each)
+        return self._many.run(asked, firsts, engine, jobs, traces=traces, each=each)
 
     def reset(self) -> None:
         """Sets the state to what it is before the first call; tuned parameters stay."""

@@ -11,7 +11,6 @@ from types import ModuleType
 from typing import Any
 
 from hgogen.errors import HgogenError
-from hgogen.reading.door import switches
 
 PACKAGE = Path(__file__).resolve().parent
 
@@ -33,7 +32,7 @@ def load(package: str) -> dict[str, Any]:
     A folder's `__init__` says `globals().update(load(__name__))`. Loading is eager because importing a module
     later would bind the package's attribute to the module in place of the case. That hides the file's docstring too: a
     function's own follows it, so that help() shows equations and reference before the arguments, and a value has it in
-    the place of its class's. A function takes True or False alone for what its signature says is one.
+    the place of its class's.
 
     Raises: `NoCase`.
     """
@@ -42,8 +41,7 @@ def load(package: str) -> dict[str, Any]:
         module = import_module(f"{package}.{name}")
         if name not in vars(module):
             raise NoCase(module.__name__)
-        case = _documented(module, vars(module)[name])
-        loaded[name] = switches(case) if isfunction(case) else case
+        loaded[name] = _documented(module, vars(module)[name])
     return loaded
 
 

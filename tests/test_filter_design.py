@@ -93,7 +93,7 @@ def test_what_floats_find_counts_only_once_it_is_proved(monkeypatch: pytest.Monk
             "rate = 1000 is not shown to be reached at theta = 20 by a first filter; raise theta",
         ),
         ({"state": "v"}, "state = 'v' is none of q, w"),
-        ({"size": 9}, "size = 9 must be from 1 to 6"),
+        ({"size": 9}, "size = 9 must be a whole number, from 1 to 6"),
     ],
 )
 def test_what_it_does_not_take(changes: dict[str, Any], said: str) -> None:
@@ -104,7 +104,7 @@ def test_what_it_does_not_take(changes: dict[str, Any], said: str) -> None:
 def test_forms_that_are_no_chain() -> None:
     with pytest.raises(BadGain, match="takes one output"):
         hg.design.injection_filter(hg.forms.original(two_outputs()), theta=5, rate=1)
-    with pytest.raises(BadGain, match="for a chain of at most as many states"):
+    with pytest.raises(BadGain, match="for a chain of at most 6 states, not of 7"):
         hg.design.injection_filter(hg.forms.triangular(chain(7)), theta=5, rate=1)
     with pytest.raises(Misfit, match="injection_filter"):
         hg.design.injection_filter(load(MODELS / "pendulum.py").plant, theta=5, rate=1)  # type: ignore[arg-type]

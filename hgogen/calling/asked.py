@@ -31,9 +31,15 @@ class Asked:
     memory: Kept
     given_u: Any
     given_y: Any
-    parameters: Mapping[str, Any]
-    starts: Starts
+    parameters: Any
+    starts: Any
     limited: dict[int, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """None is no parameters, and no starts."""
+        for name, nothing in (("parameters", {}), ("starts", ())):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, nothing)
 
     @cached_property
     def y(self) -> Array:

@@ -25,7 +25,8 @@ from hgogen.emit import layout
 from hgogen.emit.lanewriter import NoLanes
 from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.syntax import Real
-from hgogen.reading.given import count
+from hgogen.reading.door import switches
+from hgogen.reading.given import BadGain, count
 from hgogen.step import Step
 from hgogen.stepping.ready import UNINITIALISED
 
@@ -64,10 +65,14 @@ class Many:
     step: Step
     real: Real
 
+    @switches
     def run(
-        self, asked: Asked, memory: Memories, engine: Engine, jobs: int | None, traces: bool, each: Each | None
+        self, asked: Asked, memory: Memories, engine: Engine, jobs: int | None, *, traces: bool, each: Each | None
     ) -> Batch:
-        """The records, each from its memory. Raises: `BadShape`, `BadNames`; `BadGain` for jobs that are no number."""
+        """The records, each from its memory. Raises: `BadShape`, `BadNames`; `BadGain` for jobs that are no number, and
+        what is not to be called; `Misfit`."""
+        if not (each is None or callable(each)):
+            raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
         u, y, number = asked.u, asked.y, asked.count
         results = _Results.of(self.step, y.shape[-2], number, traces, self.real)
         lanes, threads = self.lanes if engine == "c" else None, _threads(jobs)

@@ -49,15 +49,20 @@ class OutsideParabola(HgogenError):
         )
 
 
+def numbers(poles: Sequence[complex]) -> tuple[complex, ...]:
+    """Poles as complex numbers. Raises: `BadPoles` for anything else."""
+    try:
+        return tuple(complex(pole) for pole in poles)
+    except (TypeError, ValueError, OverflowError):
+        raise BadPoles((), f"{poles!r} is no sequence of numbers; write, say, (-1, -2)") from None
+
+
 def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
     """p_1..p_n (n) of n poles in the open left half plane, complex ones in conjugate pairs.
 
     Raises: `BadPoles`.
     """
-    try:
-        values = tuple(complex(pole) for pole in poles)
-    except (TypeError, ValueError):
-        raise BadPoles((), f"{poles!r} is no sequence of numbers; write, say, (-1, -2)") from None
+    values = numbers(poles)
     if len(values) != n:
         raise BadPoles(values, f"there are {len(values)}, the form has {n} states; give one for each")
     if not all(np.isfinite(values)):

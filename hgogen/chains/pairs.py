@@ -22,7 +22,7 @@ import casadi as ca
 import mpmath
 import numpy as np
 
-from hgogen.chains.gains import BadPoles, coefficients
+from hgogen.chains.gains import BadPoles, coefficients, numbers
 from hgogen.graph import Graph
 from hgogen.reading.given import BadGain, reals
 
@@ -56,11 +56,9 @@ def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
 
     Raises: `BadPoles`, also where the search finds no positive gains for the poles.
     """
-    listed = tuple(poles) if isinstance(poles, Sequence | np.ndarray) else (poles,)
-    if len(listed) != 2 * n - 2 and not isinstance(poles, str):
-        raise BadPoles(
-            tuple(complex(p) for p in listed), f"there are {len(listed)}, {n} states have {2 * n - 2} in low power"
-        )
+    listed = numbers(poles if isinstance(poles, Sequence | np.ndarray) else (poles,))
+    if len(listed) != 2 * n - 2:
+        raise BadPoles(listed, f"there are {len(listed)}, {n} states have {2 * n - 2} in low power")
     wanted = coefficients(poles, 2 * n - 2)
     slopes: list[Any] = []
     with mpmath.workdps(_DIGITS):

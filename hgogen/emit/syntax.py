@@ -15,6 +15,7 @@ import numpy as np
 from hgogen.algebra.lookup import Lookup
 from hgogen.emit.interface import Entry
 from hgogen.errors import HgogenError
+from hgogen.reading.given import among
 
 Real = Literal["float", "double"]
 Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
@@ -82,7 +83,7 @@ class BadReal(HgogenError):
 
 def demand_real(real: str) -> None:
     """Raise `BadReal` for a precision that there is not."""
-    if real not in ("float", "double"):
+    if not among(real, ("float", "double")):
         raise BadReal(real)
 
 

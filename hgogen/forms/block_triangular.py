@@ -27,6 +27,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.reading.given import among
 from hgogen.sentence import Reason, because
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
@@ -52,7 +53,7 @@ _ALIGNMENTS: Mapping[str, tuple[Callable[[Rows], Chains], str]] = {
 class NoAlignment(HgogenError):
     """A name that is no alignment."""
 
-    name: str
+    name: object
 
     def __str__(self) -> str:
         return f"align={self.name!r} is none of {', '.join(_ALIGNMENTS)}; leave it out to take the first that is proved"
@@ -91,7 +92,7 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
 
     Raises: `NoAlignment`.
     """
-    if align is not None and align not in _ALIGNMENTS:
+    if not (align is None or among(align, _ALIGNMENTS)):
         raise NoAlignment(align)
     rows = of_plant(plant)
     name, chains = _chosen(rows, align)

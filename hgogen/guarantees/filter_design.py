@@ -32,7 +32,7 @@ from hgogen.guarantees.stagewise import flowing
 from hgogen.guarantees.under_inputs import Bounded, InputBound, bound_at, bound_in_floats
 from hgogen.intervals.digits import up
 from hgogen.reading.door import Misfit
-from hgogen.reading.given import BadGain, positive
+from hgogen.reading.given import BadGain, among, count, positive
 
 _NAME = "filtered_injection"
 _STATES = 6  # of the chain, and of the filter
@@ -100,12 +100,11 @@ def injection_filter(
     if not isinstance(form, Form):
         raise Misfit("injection_filter", form, "a form: hg.forms.triangular(plant)")
     chain, level, wanted = integrators(_NAME, form), positive("theta", theta), positive("rate", rate)
-    n = chain.n
-    m = n if size is None else size
-    if not (1 <= m <= _STATES and n <= _STATES):
-        raise BadGain(f"size = {m}", f"must be from 1 to {_STATES}, for a chain of at most as many states")
-    names = form.names
-    if state is not None and state not in names:
+    n, names = chain.n, form.names
+    if n > _STATES:
+        raise BadGain(_NAME, f"is for a chain of at most {_STATES} states, not of {n}")
+    m = count("size", n if size is None else size, 1, _STATES)
+    if not among(state, (None, *names)):
         raise BadGain(f"state = {state!r}", f"is none of {', '.join(names)}")
     search = _Search(chain, Fraction(level), Fraction(wanted), names.index(state) if state else n - 1, m)
     first = search.first

@@ -23,7 +23,7 @@ import numpy as np
 
 from hgogen.algebra.definite import exact, largest, nonnegative, number, root, smallest, unit
 from hgogen.algebra.hurwitz import demand_hurwitz
-from hgogen.chains.gains import BadPoles, coefficients, filtered_core, least_ratio
+from hgogen.chains.gains import BadPoles, coefficients, filtered_core, least_ratio, numbers
 from hgogen.chains.injection import companion
 from hgogen.check import Verdict
 from hgogen.guarantees.adaptive_gain import Candidate, candidate, facts
@@ -43,8 +43,8 @@ def gain_of_poles(poles: Sequence[complex]) -> tuple[float, ...]:
     Astolfi, Jungers, Zaccarian, ECC 2018, remark 1. Raises: `BadPoles` for poles that do not decay, or are in no
     conjugate pairs.
     """
-    count = len(poles) if isinstance(poles, Sequence | np.ndarray) else 0
-    if isinstance(poles, Sequence) and not count:
+    count = len(numbers(poles))
+    if not count:
         raise BadPoles((), "there are none; give one for each integrator")
     return tuple(coefficients(poles, count).tolist())
 

@@ -150,6 +150,8 @@ def seconds(period: Any) -> float | None:
 def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
     """Each input by name as an expression of the time. Raises: `BadGain`."""
     names = [u.name for u in form.system.inputs]
+    if not isinstance(inputs, Mapping):
+        raise BadGain(f"inputs = {inputs!r}", "must be a mapping from inputs to expressions of the time")
     for name in inputs:
         if name not in names:
             fix = f"; its inputs are {', '.join(names)}" if names else ", which has none"

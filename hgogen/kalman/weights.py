@@ -78,9 +78,9 @@ def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
     Raises: `BadGain`.
     """
     array = reals(name, value)
-    numbers = tuple(map(float, array if array.ndim else [array] * outputs))
-    if array.ndim > 1 or len(numbers) != outputs:
+    if array.shape not in ((), (outputs,)):
         raise BadGain(f"{name} of shape {array.shape}", f"must have one number for each of {outputs} outputs")
+    numbers = tuple(np.broadcast_to(array, outputs).tolist())
     if any(not HUGE**-2 <= number <= LOST for number in numbers):
         raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {LOST:g}")
     return numbers

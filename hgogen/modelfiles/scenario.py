@@ -110,7 +110,7 @@ def read_field(trial: Any, key: str, value: Any) -> Any:
         return reader(value)
     except HgogenError as error:
         raise BadTrial(str(trial), f"{key}: {error}") from None
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BadTrial(str(trial), f"{key} = {filename.shown(value)} must be {wanted}") from None
 
 

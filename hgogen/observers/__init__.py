@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from hgogen.observer import remembered
+from hgogen.reading.door import switches
 from hgogen.registry import load
 
 if TYPE_CHECKING:
@@ -10,7 +11,7 @@ if TYPE_CHECKING:
     def __getattr__(name: str) -> Any: ...
 
 
-_cases = {name: remembered(case) for name, case in load(__name__).items()}
+_cases = {name: switches(remembered(case)) for name, case in load(__name__).items()}
 globals().update(_cases)
 __all__ = list(_cases)
 

@@ -20,7 +20,7 @@ from hgogen.check import Verdict
 from hgogen.intervals.digits import same
 from hgogen.kalman.innovation import Innovation
 from hgogen.observer import Observer, gain
-from hgogen.reading.given import BadGain, positive, real
+from hgogen.reading.given import BadGain, among, positive, real
 from hgogen.starting import starts
 from hgogen.stepping.parallel import Parallel, demand_one
 from hgogen.theorem import Hypothesis
@@ -76,7 +76,7 @@ def bank(
     if real("count", count) not in range(2, MOST + 1):
         reason = f"must be a whole number of members, from 2 (one runs while another restarts) to {MOST}"
         raise BadGain(f"count = {count!r}", reason)
-    if selection not in RULES:
+    if not among(selection, RULES):
         raise BadGain(f"selection = {selection!r}", 'must be "window" or "newest"')
     if innovation is not None and (selection == "newest" or not isinstance(innovation, Innovation)):
         reason = 'must be innovation.staggered(..) or innovation.window(..), for selection="window"'

@@ -16,7 +16,7 @@ from hgogen.system import BadSystem, System
 
 @asks_a_plant
 def with_disturbance(
-    plant: System, on: str | sp.Symbol, order: int = 1, *, signal: Signal | None = None, name: str = ""
+    plant: System, on: str | sp.Symbol, order: int = 1, *, signal: Signal | None = None, name: str | None = None
 ) -> System:
     """The plant with an unknown input d that is added to the rate of a state.
 
@@ -35,7 +35,7 @@ def with_disturbance(
     unknown = _chain(plant, plant.states[row], order, signal)
     flow = [f + unknown[0] if i == row else f for i, f in enumerate(plant.flow)]
     return System(
-        name or plant.name,
+        plant.name if name is None else name,
         states=(*plant.states, *unknown),
         inputs=plant.inputs,
         outputs=plant.outputs,

@@ -69,20 +69,20 @@ asks_a_plant = asks(System, "a plant, an hg.System; hgogen.model.load reads one 
 
 def remembers(question: Asked) -> Asked:
     """The function with its last answers, which do not change: a survey, the observers that are tried and each command
-    ask the same of one plant, and of one form. What cannot be compared is asked anew, and 1 is not True."""
+    ask the same of one plant, and of one form. What cannot be compared is asked anew."""
 
     @lru_cache(maxsize=_ANSWERS)
-    def once(args: tuple[Any, ...], options: tuple[tuple[str, type, Any], ...]) -> Any:
-        return question(*args, **{name: value for name, _, value in options})
+    def once(args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
+        return question(*args, **dict(options))
 
     @wraps(question)
     def remembered(*args: Any, **options: Any) -> Any:
-        known = tuple((name, type(value), value) for name, value in options.items())
+        pairs = tuple(options.items())
         try:
-            hash((args, known))
+            hash((args, pairs))
         except TypeError:
             return question(*args, **options)
-        return once(args, known)
+        return once(args, pairs)
 
     return cast(Asked, remembered)
 

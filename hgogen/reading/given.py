@@ -61,9 +61,10 @@ def names(what: str, value: Any) -> tuple[Any, ...]:
     """Names, or signals for theirs, of which one may be given alone. Raises: `BadGain` for anything else."""
     if isinstance(value, str | sp.Symbol):
         return (value,)
-    if not isinstance(value, Iterable):
+    several = tuple(value) if isinstance(value, Iterable) else None
+    if several is None or not all(isinstance(each, str | sp.Symbol) for each in several):
         raise BadGain(f"{what} = {value!r}", "must be a name or several, such as ['a', 'b']")
-    return tuple(value)
+    return several
 
 
 def signals_named(

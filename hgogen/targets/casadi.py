@@ -31,6 +31,7 @@ from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
 from hgogen.program import Block
+from hgogen.reading.given import among
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.entries import Vector
@@ -102,7 +103,7 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
     Raises: `NoStep`; `NotInCasadi` for float.
     """
     demand_step(step, "casadi")
-    if real != "double":
+    if not among(real, ("double",)):
         raise NotInCasadi(f"real = {real!r}", 'is not what CasADi computes in: take "double", or the target c99')
     known = elementary("double") if bundled else {}
     graphs = Graphs(step, lambda block: _block(block, known))

@@ -23,7 +23,7 @@ from hgogen.calling.samples import Engine
 from hgogen.errors import BadArgument
 from hgogen.reading.door import Misfit, asks
 from hgogen.reading.given import count
-from hgogen.step import Step
+from hgogen.step import Step, demand_choice
 from hgogen.system import System
 from hgogen.trial import BadTrial, Plant, Trajectory, Trial, Truth, first_memory, tried
 from hgogen.trials.metrics import Metrics, Response, metrics
@@ -125,6 +125,7 @@ def campaign(
     """
     if not isinstance(trial, Trial):
         raise Misfit("campaign, trial=", trial, "a trial, as hgogen.trial.Trial makes it")
+    demand_choice("engine", engine, (None, "c", "python"))
     plant = step.observer.form.system.declared
     number = count("runs", runs, 1, MOST)
     drawn = hypercube(() if vary is None else varied(vary, plant, trial), number, count("seed", seed, 0, 2**31))

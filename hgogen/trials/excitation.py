@@ -16,6 +16,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.kalman.weights import positive
 from hgogen.program import sym
+from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, reals
 from hgogen.reading.given import positive as above
 from hgogen.reading.named import of_outputs
@@ -32,8 +33,10 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
     Args: `R` (p) as of the observer, by name too, y^2 s; `u` (N, m), `y` (N, p), all numbers, `dt` (s) apart.
 
-    Raises: `BadGain`.
+    Raises: `BadGain`; `Misfit` for no form.
     """
+    if not isinstance(form, Form):
+        raise Misfit("excitation.along", form, "a form: hg.forms.state_affine(plant)")
     dynamics, outputs = Dynamics(form), len(form.output)
     dt, d = above("dt", dt), above("d", d)
     m = len(form.system.inputs)
@@ -51,7 +54,14 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 
 def shown(id: str, gramian: Gramian) -> Check:
-    """The check that windows along a record decide: it is refuted where one hides a direction, and never proved."""
+    """The check that windows along a record decide: it is refuted where one hides a direction, and never proved.
+
+    Raises: `Misfit`.
+    """
+    if not isinstance(id, str):
+        raise Misfit("excitation.shown, id=", id, "the name of the claim")
+    if not isinstance(gramian, Gramian):
+        raise Misfit("excitation.shown, gramian=", gramian, "what excitation.along gave")
     name = ClaimId("", id)
     claim = f"every window d = {gramian.d:g} of the record shows every state, to {HIDDEN:g} of the one seen best"
     share = gramian.smallest / np.maximum(gramian.largest, np.finfo(float).tiny)
@@ -69,6 +79,8 @@ def shown(id: str, gramian: Gramian) -> Check:
 
 def _record(name: str, values: Any, size: int) -> np.ndarray:
     array = reals(name, values)
+    if not array.ndim:
+        raise BadGain(f"{name} = {values!r}", "must be a record, a row for each sample")
     array = array[:, None] if array.ndim == 1 and size == 1 else array.reshape(len(array), -1)
     if size and array.shape[1] != size:
         raise BadGain(f"{name} of shape {np.shape(values)}", f"must have {size} columns")
