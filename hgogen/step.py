@@ -276,7 +276,7 @@ def plan(
     _pieces(observer, method, clock)  # whose demands come before those of the step's length
     lengths = _lengths(observer, method, float(dt))
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
-    proof = _CERTIFIED if _certifiable(observer, method, guards) else ""
+    proof = _CERTIFIED if _certifiable(observer, method) else ""
     if dt > tightest.refused:
         rule, take = tightest.rule or method.name, min(tightest.refused, advised.take)
         why = "; ".join(filter(None, (tightest.why, tightest.other)))
@@ -295,10 +295,10 @@ def plan(
     return step
 
 
-def _certifiable(observer: Observer, method: Method, guards: Guards) -> bool:
+def _certifiable(observer: Observer, method: Method) -> bool:
     """Whether a proof that errors decay as the step runs is made for the observer by the method."""
     error = observer.error
-    if guards == "none" or error is None or isinstance(error, Nothing) or not isinstance(method, OnErrors):
+    if error is None or isinstance(error, Nothing) or not isinstance(method, OnErrors):
         return False
     return not method.obstacle(error)
 

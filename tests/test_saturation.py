@@ -116,6 +116,18 @@ def test_a_proof_needs_both_clamps(name: str) -> None:
         assert why in str(each[f"{name}.step"].reason)
 
 
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_a_limit_of_a_row_without_a_b_holds_0(name: str) -> None:
+    """x1' = x2 becomes x2 + 1 in the observer, whose estimate of x2 comes to -1 where the plant rests at 0."""
+    pytest.importorskip("clarabel")
+    for limit, end, verdict in ((1, 0, Verdict.PROVED), ((1, 2), -1, Verdict.UNKNOWN)):
+        observer = getattr(hg.observers, name)(swing(), **OBSERVERS[name], saturate={"x1": limit, "x2": 2})
+        step = hg.sample(observer, hg.methods.rk4, dt=0.01, engine="python")
+        assert step.run(y=np.zeros((500, 1)))["x2"][-1] == pytest.approx(end, abs=1e-6)
+        known = {check.id: check.verdict for check in (*observer.checks, *hg.contraction(step).checks)}
+        assert known[f"{name}.theta"] is known[f"{name}.step"] is verdict
+
+
 def test_no_slope_is_proved_of_an_argument_that_is_free() -> None:
     """In the coordinates (y, y') of x1' = x2 + x1^2/9, whose slopes a claim of its own is about."""
     plant = hg.System("bowl", states=(x1, x2), outputs=(y,), flow=[x2 + x1**2 / 9, -x1], output=[x1])

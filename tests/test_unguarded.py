@@ -228,6 +228,24 @@ def test_guards_come_and_go_with_the_observer() -> None:
     assert plain.made_again(guards="all").bits == guarded.bits
 
 
+@pytest.mark.parametrize("name", ["high_gain", "circle_criterion", "low_power", "peaking_free", "filtered"])
+def test_nothing_is_proved_of_what_is_not_clamped(name: str) -> None:
+    """Of its observer in continuous time neither: beyond its range the slope of q^3 has no end."""
+    q, w, y = hg.Signal("q", low=-1, high=1), hg.Signal("w", low=-1, high=1), hg.Signal("y")
+    plant = hg.System("cube", states=(q, w), outputs=(y,), flow=[w, -(q**3) - w], output=[q])
+    gains = {"alpha": 3, "beta": 1} if name == "filtered" else {}
+    poles = {} if name in ("low_power", "peaking_free") else {"poles": (-0.5, -0.5)}
+    observer = getattr(hg.observers, name)(hg.forms.triangular(plant), theta=20, **gains, **poles)
+    step = hg.sample(observer, hg.methods.rk4, dt=1e-3, guards="none", engine="python")
+    for answer in (
+        hg.design.noise_bounds(step.observer),
+        hg.l2_gain(step.observer, noise={"y": 1}).check.reason,
+        hg.iss_gain(step.observer, noise={"y": 1}).check.reason,
+        hg.contraction(step).checks[0].reason,
+    ):
+        assert "no argument of b is clamped" in str(answer)
+
+
 def test_the_commands_take_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     hgogen("generate", str(plants.MODELS / "pendulum.py"), "--guards", "none", "-o", str(tmp_path))

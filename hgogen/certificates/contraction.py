@@ -64,12 +64,12 @@ def contraction(step: Step) -> Contraction:
     Raises: `NoSolver` without cvxpy; `NoStep`.
     """
     demand_step(step, "contraction")
-    return _contraction(step.observer, step.method, step.rule, step.dt, step.limit, step.guards)
+    return _contraction(step.observer, step.method, step.rule, step.dt, step.limit)
 
 
 @lru_cache(maxsize=32)
-def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit: float, guards: str) -> Contraction:
-    error = _error(observer, guards)
+def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit: float) -> Contraction:
+    error = _error(observer)
     if isinstance(error, Reason):
         return _unknown(observer, rule, dt, error)
     if not isinstance(method, OnErrors):
@@ -128,10 +128,8 @@ def _unknown(
     return Contraction((Check(id, _claim(observer, rule, dt), Verdict.UNKNOWN, why, fix=fix),), None, far)
 
 
-def _error(observer: Observer, guards: str) -> Inclusion | Reason:
+def _error(observer: Observer) -> Inclusion | Reason:
     """What the error obeys, or why that is not known."""
-    if guards == "none":
-        return because("without guards no argument of b is clamped, on which the proof rests")
     if observer.error is None:
         return because("the proof is for a constant injection: high_gain, filtered and the like, on chains")
     error: Inclusion | Nothing = observer.error

@@ -74,10 +74,12 @@ def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:
 
 def cut(form: Form) -> Reason:
     """Why what an observer evaluates in the place of b is not shown to be b with its argument clamped, or `NONE`."""
+    if not form.clamped:
+        return because("without guards no argument of b is clamped, on which the proof rests")
     if form.free:
         return because("the argument of b is not clamped to the declared ranges, on which the proof rests")
     for i, (row, (low, high)) in enumerate(zip(form.b, form.limits or (), strict=False), 1):
-        if (low, high) == _ANY or row == 0:
+        if (low, high) == _ANY:
             continue
         known = span(row, form)
         if not (known and known.defined and low <= known.low and known.high <= high):
