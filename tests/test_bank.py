@@ -431,6 +431,32 @@ def test_a_period_that_does_not_fit(period: float, said: str) -> None:
         step(period=period)
 
 
+# --- what is proved -----------------------------------------------------------------------------------------
+
+
+def test_what_is_proved_of_the_step_of_a_member_is_not_of_a_bank() -> None:
+    """Two banks of `filtered`, given the same samples, are far apart after four seconds, in which the member's error
+    falls by exp(-23): the filters of a member that restarts at each sample are empty, and inject hardly anything."""
+    pytest.importorskip("clarabel")
+    form, ends = hg.forms.triangular(model("pendulum")), []
+
+    def made(**start: Any) -> tuple[Any, Any]:
+        gains = {"theta": 60, "alpha": 3, "beta": 1, "poles": (-0.5, -0.5)}
+        alone = hg.observers.filtered(form, **gains, **start)
+        return alone, hg.observers.bank(alone, count=2, period=1e-3, selection="newest")
+
+    alone, bank = (hg.sample(observer, hg.methods.rk4, dt=1e-3) for observer in made())
+    for start in ({"q": 0, "w": 0}, {"q": 0.3, "w": 3}):
+        one = hg.sample(made(initial=start)[1], hg.methods.rk4, dt=1e-3)
+        ends.append(one.run(u=np.zeros(4000), y=np.zeros(4000)).x[-1])
+    assert hg.contraction(alone).rate == pytest.approx(5.8, abs=0.1)
+    assert np.abs(ends[0] - ends[1]).max() > 0.01
+    assert hg.contraction(bank).rate is None
+    assert "a member that restarts" in str(hg.noise_gain(bank))
+    assert "a member that restarts" in str(hg.start_set(bank))
+    assert "a member that restarts" in str(hg.design.noise_bounds(bank.observer))
+
+
 # --- the theorem's bound ------------------------------------------------------------------------------------
 
 

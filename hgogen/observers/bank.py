@@ -17,10 +17,12 @@ from dataclasses import replace
 from typing import Literal
 
 from hgogen.check import Verdict
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.intervals.digits import same
 from hgogen.kalman.innovation import Innovation
 from hgogen.observer import Observer, gain
 from hgogen.reading.given import BadGain, among, positive, real
+from hgogen.sentence import because
 from hgogen.starting import starts
 from hgogen.stepping.parallel import Parallel, demand_one
 from hgogen.theorem import Hypothesis
@@ -42,6 +44,8 @@ SELECTED = Hypothesis(
     reason="the theorem is of each member from its restart on; that the one with the smallest innovation is near the "
     "plant's state is not proved",
 )
+
+_RESTARTS = Nothing(because("a member that restarts keeps its estimate alone, and another member may be selected"))
 
 
 @starts(
@@ -94,4 +98,5 @@ def bank(
         equations=(*member.equations, schedule + RULES[selection]),
         reference=f"{REFERENCE}; member: {member.reference}",
         traces=("selected", *member.traces),
+        error=_RESTARTS,
     )
