@@ -104,6 +104,42 @@ def test_what_makes_no_error_system_is_refused(change: dict[str, Any], said: str
 
 
 @cache
+def _clocks() -> tuple[hg.System, str]:
+    """a' = b' = 1 + v, both measured and observed by themselves: b = a is kept."""
+    a, b = (hg.Signal(name, low=-4, high=4) for name in ("a", "b"))
+    v, outputs = hg.Signal("v", low=-1, high=1), (hg.Signal("y1"), hg.Signal("y2"))
+    plant = hg.System("clocks", states=(a, b), inputs=(v,), outputs=outputs, flow=[1 + v, 1 + v], output=[a, b])
+    error = hg.observer_errors(
+        plant, [1 + 3 * (y - x) for x, y in zip((a, b), outputs, strict=True)], unknown=(v,), along={"b": a}
+    )
+    known = hg.dissipation(error, sum(e**2 for e in error.errors), mu=2, within=(1, 1))
+    form = hg.forms.original(plant)
+    return plant, json.dumps(certificate(form, (*form.checks, *known.checks)))
+
+
+JUMPING = ("atan(tan(a))", "atan(tan(a/2)) + a/2", "atan2(sin(a), cos(a))", "a + atan(1/a) + acot(-a)", "a + sign(a)")
+
+
+@pytest.mark.parametrize("text", JUMPING)
+def test_no_plant_keeps_to_a_set_that_jumps(text: str) -> None:
+    """atan(tan(a)) is a up to pi/2, and jumps to -pi/2 there: the state b goes on, though the slopes agree."""
+    plant, _ = _clocks()
+    a = plant.states[0]
+    with pytest.raises(HgogenError, match=r"^along b = .* (may|and) jump"):
+        hg.observer_errors(plant, [0, 0], unknown=plant.inputs, along={"b": sp.sympify(text, {"a": a})})
+
+
+@pytest.mark.parametrize("text", ["a", *JUMPING[:3]])
+def test_no_set_that_jumps_is_verified(text: str) -> None:
+    content: dict[str, Any] = json.loads(_clocks()[1])
+    claims = [claim for claim in content["claims"] if claim["id"].startswith("dissipation.")]
+    for claim in claims:
+        claim["evidence"]["system"]["along"] = {"b": text}
+    findings = {row.id: row.found for row in recheck(sealed(content)).rows}
+    assert {findings[claim["id"]] for claim in claims} == {"verified" if text == "a" else "fails"}
+
+
+@cache
 def _written() -> str:
     claims = checked(MODEL)
     return json.dumps(certificate(claims.form, claims.checks, claims.observer))

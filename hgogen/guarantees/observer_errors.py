@@ -18,7 +18,7 @@ from hgogen.algebra.points import exact
 from hgogen.analysis.written import written
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import lost, put_apart
+from hgogen.intervals.lost import is_defined, lost, put_apart
 from hgogen.intervals.slope import JUMPS
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import BadNames, in_order, names_of
@@ -71,9 +71,12 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     def reduced(e: sp.Expr) -> sp.Expr:
         return sp.cancel(on_way(e).xreplace(real)).xreplace(plain)
 
-    for x, a in made.along:
-        if a.has(*JUMPS):  # the plant's state does not jump with it, and its slope does not see it
+    around = {s: ends for s, ends in box(signals, plant.nominal).items() if s not in fixed}
+    for x, a in made.along:  # a jump of which the plant's state has no part, and its slope does not see it
+        if a.has(*JUMPS):
             raise BadErrorSystem(f"along {x} = {a}", "may jump; write it with Abs, Min and Max")
+        if not is_defined(a.xreplace(fixed), around):  # as of atan(tan(x)) at a pole
+            raise BadErrorSystem(f"along {x} = {a}", "may have no value on the box, and jump there; narrow the ranges")
         drift = plant.flow[plant.states.index(x)] - sum(
             a.diff(other) * rate for other, rate in zip(plant.states, plant.flow, strict=True)
         )
@@ -83,7 +86,6 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     still = dict.fromkeys(made.unknown, sp.S.Zero)
     flow = [reduced(rate.xreplace(still)) for rate in rates]
     noise = [[reduced(rate.diff(w)) for w in made.unknown] for rate in rates]
-    around = {s: ends for s, ends in box(signals, plant.nominal).items() if s not in fixed}
     for x, rate, drift, pushed in zip(plant.states, rates, flow, noise, strict=True):
         moved = sum(p * w for p, w in zip(pushed, made.unknown, strict=True))
         if not is_zero(rate - drift - moved, around):

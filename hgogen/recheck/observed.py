@@ -18,7 +18,7 @@ from typing import Any
 from .algebra import Algebra, Quotient
 from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
 from .box import Box, NotShown
-from .context import Context, algebra_of, cut, letters_of, value_of
+from .context import Context, algebra_of, cut, finite, letters_of, value_of
 from .error import Rows, around_of, flat, matrix_of, names_of, smooth, text_of
 from .file import Equations, part
 from .interval import intervals, point
@@ -168,9 +168,13 @@ def _inside(low: Any, high: Any) -> Fraction:
 
 
 def _invariant(system: ObservedSystem, at: Values, speeds: Values, algebra: Algebra) -> None:
-    """Shows that the set x_k = a_k(x) is invariant: x_k' is the derivative of a_k(x). Raises: `NotShown`."""
+    """Shows that the set x_k = a_k(x) is invariant: a_k is continuous, and x_k' the derivative of a_k(x).
+
+    Raises: `NotShown`.
+    """
     moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in at.items()}
     for name, value in system.along.items():
+        finite(value, system.plant.box)
         slope = evaluate(value, moving, dual(algebra.arithmetic)).slopes.get(0, algebra.number(Fraction(0)))
         if not algebra.is_zero(speeds[name] - slope):
             raise NotShown(f"the plant is not shown to keep to {name} = {cut(value.text)}")
