@@ -630,3 +630,17 @@ def test_a_norm_of_small_things_is_their_norm(real: Any, scale: float, power: in
         slope = power * (size * scale) ** (power - 1) * np.array(at) / size
         assert np.ravel(slopes) == pytest.approx(slope, rel=close, abs=0)
     assert np.ravel(run([np.zeros(2, DTYPE[real])])[1]).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("kink", [sp.Abs, lambda u: sp.Max(u, 0), lambda u: sp.sqrt(u**2 + 1)])
+def test_a_gain_that_bends_with_the_input_runs(kink: Any) -> None:
+    """x1' = (1 + kink(u)/2) x2: what the form reads of it is what a program and a user write."""
+    (x1, x2), u = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2")), hg.Signal("u", low=-1, high=1)
+    gain = 1 + kink(u) / 2
+    plant = hg.System(
+        "bent", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=[gain * x2, -x1], output=[gain * x1]
+    )
+    form = forms.triangular(plant)
+    assert [is_zero(a - gain) for (chain,) in [form.gains] for a in chain] == [True, True]
+    step = hg.sample(hg.observers.high_gain(form, theta=3, gains=(3, 1)), dt=0.01, engine="python")
+    assert np.isfinite(step.run(u=np.full(50, -0.5), y=np.zeros(50)).x).all()

@@ -112,6 +112,11 @@ def bent(row: sp.Expr) -> sp.Expr:
     return over_reals(lambda e, _: _bent(e), row)
 
 
+def unbent(e: sp.Expr) -> sp.Expr:
+    """The expression with its norms in SymPy's own functions, as programs read them."""
+    return e.replace(lambda node: isinstance(node, Norm), lambda node: node.plain())
+
+
 def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Rational]) -> sp.Expr:
     """The expression with sqrt(e_1^2 + .. + e_k^2) as the root of no less than a number, of squares in their `unit`:
     its derivative as programs have it, e_i e_i' over it, is then 0 where all e_i are 0, and no 0/0.

@@ -12,7 +12,7 @@ from itertools import combinations
 
 import sympy as sp
 
-from hgogen.algebra.kinks import Norm, bent
+from hgogen.algebra.kinks import Norm, bent, unbent
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
 
@@ -22,7 +22,7 @@ def shared(expression: sp.Expr) -> sp.Expr:
     own = [_own(node) for node in _kinks(expression)]
     if all(a.isdisjoint(b) for a, b in combinations(own, 2)):
         return expression
-    return bent(expression).replace(lambda node: isinstance(node, Norm), lambda node: node.plain())
+    return unbent(bent(expression))
 
 
 def _kinks(expression: sp.Expr) -> set[sp.Expr]:

@@ -17,7 +17,7 @@ from functools import cached_property
 import sympy as sp
 
 from hgogen.algebra.identity import Box, dependence, free_of, is_zero
-from hgogen.algebra.kinks import bent
+from hgogen.algebra.kinks import bent, unbent
 from hgogen.algebra.kinks import slope as slope_of
 from hgogen.algebra.points import put
 from hgogen.analysis.on_box import on_box
@@ -253,7 +253,7 @@ def _line(
 ) -> tuple[sp.Expr, sp.Expr, bool | None]:
     """gain, rest, and whether row = gain * state + rest with both free of the state; `clean` is the row without what
     it does not read. The gain is the slope, or the row's difference between 0 and 1, where the slope is not exact."""
-    gain = free_of(slope, rows.states, rows.box)
+    gain = unbent(free_of(slope, rows.states, rows.box))
     start, end = (_at(clean, state, value) for value in (0, 1))
     lines = [(gain, _rest(clean, state, gain)), (end - start, start)]
     for a, b in lines:
