@@ -301,6 +301,38 @@ def test_the_formula_of_a_slope_refutes_nothing_at_a_kink(kink: str) -> None:
     assert (rows["uniform.slope_2"], rows["uniform.structure"]) == ("verified" if vanishes else "fails", "verified")
 
 
+CHAINS: dict[str, tuple[str, str, bool]] = {  # y - x1, its derivative, and whether it has one wherever u is
+    "a square": ("u**2", "2*u*u_dot", True),
+    "a modulus": ("Abs(u)", "sign(u)*u_dot", False),
+    "a modulus of a modulus": ("Abs(Abs(u) - 1/2)", "sign(Abs(u) - 1/2)*sign(u)*u_dot", False),
+    "a corner": ("Linear(u, 0, -1, -1, 0, 0, 1, 2)", "Linear(u, 1, -1, -1, 0, 0, 1, 2)*u_dot", False),
+    "a corner of a slope": (
+        *(f"Monotone(u, {m}, -1, -1, 0, 0, 1, 2){by}" for m, by in ((1, ""), (2, "*u_dot"))),
+        False,
+    ),
+    "a jump": ("sign(u)", "0", False),
+    "a maximum": ("Max(u, 0)", "u_dot", False),
+}
+
+
+@pytest.mark.parametrize("what", CHAINS)
+def test_an_output_that_an_input_bends_has_no_chain(what: str) -> None:
+    """x1' = x2, x2' = |x1|: y has no derivative where u passes a kink; of y' none is claimed, which bends with x2."""
+    bend, rate, smooth = CHAINS[what]
+    for last in ("x2", "x2 + Abs(x2)/2"):
+        chain = [f"x1 + {bend}", f"{last} + {rate}"]
+        content = plain("phase, original coordinates", [{**CHAIN, "evidence": {"chain": chain}}])
+        x = [{"name": f"{kind}{i}", "low": "-1", "high": "1"} for kind in "xz" for i in (1, 2)]
+        u = [{"name": name, "low": "-1", "high": "1"} for name in ("u", "u_dot")]
+        content["plant"] |= {"states": x[:2], "inputs": u, "flow": [last, "Abs(x1)"], "output": [chain[0]]}
+        rows = [last.replace("x", "z"), "Abs(z1)"]
+        output = chain[0].replace("x1", "z1")
+        content["form"] |= {"states": x[2:], "to_form": ["x1", "x2"], "from_form": ["z1", "z2"], "blocks": ["2"]}
+        content["form"] |= {"A": [["0", "0"], ["0", "0"]], "b": rows, "output": [output]}
+        found = {row.id: row.found for row in read(content).rows}
+        assert found["phase.chain"] == ("verified" if smooth else "fails")
+
+
 def test_a_deep_file_is_refused() -> None:
     value: Any = "1"
     for _ in range(400):

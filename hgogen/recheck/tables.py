@@ -286,12 +286,12 @@ def next_of(name: str, k: int) -> str:
     return " ".join((kind, *orders[:k], str(int(orders[k]) + 1), *orders[k + 1 :]))
 
 
-def jumps(name: str) -> bool:
-    """Whether it is a table's derivative that jumps somewhere."""
+def jumps(name: str, more: int = 0) -> bool:
+    """Whether it is a table's derivative that jumps somewhere, or of which one of so many orders `more` does."""
     if not is_table(name):
         return False
     table, order = table_of(name)
-    return any(min(along) <= m for along, m in zip(table.jumps, order, strict=True))
+    return any(min(along) <= m + more for along, m in zip(table.jumps, order, strict=True))
 
 
 def in_one_piece(name: str, box: Sequence[Side]) -> bool:

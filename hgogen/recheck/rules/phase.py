@@ -36,12 +36,13 @@ from ..stages import place
 from ..tables import jumps
 from ..text import Expression, expression
 
-_BENT = ("Abs", "sign", "side", "Min", "Max")
+_BENT = ("Abs", "sign", "Min", "Max")
 MOST = 6  # states, beyond which the determinant's expansion is too long
 
 
 def phases(context: Context, claim: Claim) -> Shown:
-    """Phi is the output with its derivatives along the plant's flow, and smooth on the box."""
+    """Phi is the output with its derivatives along the plant's flow, and smooth on the box, but for its last entry also
+    in what inputs do: where an input passes a kink, the entry has no derivative."""
     plant, states = context.plant, context.plant.states
     box, rates, Phi = _read(context, claim)
     if len(plant.output) != 1 or len(Phi) != len(states):
@@ -59,6 +60,7 @@ def phases(context: Context, claim: Claim) -> Shown:
             if not algebra.is_zero(value_of(row, letters, algebra) - value_of(image, letters, algebra)):
                 raise NotShown("the form's states are not Phi")
     known = set(states) | set(rates) | set(context.file.parameters)
+    _smooth_enough(Phi[:-1], 1)
     for k, (before, after) in enumerate(pairwise(Phi), 1):
         if before.names - known:
             raise NotShown(f"it does not say the derivative of {sorted(before.names - known)[0]}")
@@ -66,7 +68,7 @@ def phases(context: Context, claim: Claim) -> Shown:
         speed = evaluate(before, moving, dual(algebra.arithmetic)).slopes.get(0, algebra.number(Fraction(0)))
         if not algebra.is_zero(value_of(after, letters, algebra) - speed):
             raise NotShown(f"its entry {k + 1} is not the derivative of entry {k}")
-    boxes = sum(_smooth(row, states, box) for row in Phi)
+    boxes = sum(_regular(row, states, box) for row in Phi)
     return Shown("Phi = (y, y', ..) along the plant's flow", boxes)
 
 
@@ -82,9 +84,7 @@ def rank(context: Context, claim: Claim) -> Shown:
 def one_to_one(context: Context, claim: Claim) -> Shown:
     """All principal minors of L dPhi/dx are above zero; Phi is another claim."""
     slopes, n, boxes = _slopes(context, claim), len(context.plant.states), 0
-    for row in slopes.Phi:
-        if any(step.op in _BENT or jumps(step.op) for step in row.instructions):
-            raise NotShown(f"{row.text[:60]} is not shown to be differentiable")
+    _smooth_enough(slopes.Phi, 0)
     L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
     _ = inverse(L)
     weighed = [[_weighted(row, column, algebra) for column in zip(*slopes.rows, strict=True)] for row in L]
@@ -171,7 +171,14 @@ def _suffixes(count: int) -> list[str]:
     return [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
 
 
-def _smooth(row: Expression, states: Sequence[str], box: Box) -> int:
+def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
+    """That they have no modulus and the like, and no table whose derivative of that order jumps. Raises: `NotShown`."""
+    for row in rows:
+        if any(step.op in _BENT or jumps(step.op, order) for step in row.instructions):
+            raise NotShown(f"{row.text[:60]} is not shown to be differentiable")
+
+
+def _regular(row: Expression, states: Sequence[str], box: Box) -> int:
     read = [name for name in states if name in row.names]
     return covered(narrowed(box, row.names), ".", regular([row], read)) if _bounded(row, box) else _entire(row)
 
