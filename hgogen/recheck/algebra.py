@@ -176,7 +176,7 @@ class Algebra:
     def _at(self, index: int) -> Quotient:
         return Quotient({((index, 1),): Fraction(1)})
 
-    def _no_hull(self, a: Quotient, b: Quotient) -> Quotient:
+    def _no_hull(self, way: Quotient, a: Quotient, b: Quotient) -> Quotient:
         raise Undefined("Min and Max have no slope in closed form")
 
     def power(self, x: Quotient, exponent: int) -> Quotient:
@@ -240,6 +240,9 @@ class Algebra:
     def function(self, name: str, args: tuple[Quotient, ...]) -> Quotient:
         """A function's value, as a letter; tan and exp of a sum by others."""
         one = self.number(Fraction(1))
+        if name == "jump":
+            raise Undefined("a side has no slope in closed form")
+        name = "sign" if name == "side" else name
         if name == "tan":
             return self.function("sin", args) / self.function("cos", args)
         if name == "exp":

@@ -22,15 +22,16 @@ class Undefined(Exception):  # not an error of the user: the walk over the boxes
 class Arithmetic:
     """What a kind of value can do besides + - * /.
 
-    `number`: of a Fraction; `power`: whole exponents; `root`: rational exponents; `function`: by name; `hull`: a value
-    that holds both (for the slope of Min and Max where either may be active).
+    `number`: of a Fraction; `power`: whole exponents; `root`: rational exponents; `function`: by name; `hull`: of two
+    values the first where another is above zero, the second where it is below, else what holds both (the slope of Min
+    and Max).
     """
 
     number: Callable[[Fraction], Any]
     power: Callable[[Any, int], Any]
     root: Callable[[Any, Fraction], Any]
     function: Callable[[str, tuple[Any, ...]], Any]
-    hull: Callable[[Any, Any], Any]
+    hull: Callable[[Any, Any, Any], Any]
 
 
 def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
@@ -127,7 +128,7 @@ def dual(base: Arithmetic) -> Arithmetic:
         if not any(arg.slopes for arg in args):
             return Dual(value, {})
         if name in ("Min", "Max"):
-            return Dual(value, _hull([arg.slopes for arg in args], base))
+            return reduce(lambda a, b: _extreme(name, a, b, base), args)
         if name == "atan2":
             y, x = args
             square = base.power(x.value, 2) + base.power(y.value, 2)
@@ -137,21 +138,24 @@ def dual(base: Arithmetic) -> Arithmetic:
             return Dual(value, reduce(_sum, (arg.scaled(rate) for arg, rate in zip(args, rates, strict=True))))
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
-    def no_hull(a: Dual, b: Dual) -> Dual:
-        raise Undefined("no second slopes of Min and Max")
+    def both(way: Dual, a: Dual, b: Dual) -> Dual:
+        """Where the way passes 0, what is chosen jumps, and has any slope in what moves the way."""
+        jump = way.scaled(base.function("jump", (way.value,)))
+        return Dual(base.hull(way.value, a.value, b.value), _sum(_either(way.value, a, b, base), jump))
 
-    return Arithmetic(lambda value: Dual(base.number(value), {}), power, root, function, no_hull)
+    return Arithmetic(lambda value: Dual(base.number(value), {}), power, root, function, both)
 
 
-def _hull(slopes: list[Mapping[int, Any]], base: Arithmetic) -> dict[int, Any]:
+def _extreme(name: str, a: Dual, b: Dual, base: Arithmetic) -> Dual:
+    """Min or Max of two."""
+    way = a.value - b.value if name == "Max" else b.value - a.value
+    return Dual(base.function(name, (a.value, b.value)), _either(way, a, b, base))
+
+
+def _either(way: Any, a: Dual, b: Dual, base: Arithmetic) -> dict[int, Any]:
+    """The slopes of a where the way is above 0, those of b where it is below."""
     zero = base.number(Fraction(0))
-    result: dict[int, Any] = {}
-    for k in sorted({k for one in slopes for k in one}):
-        first, *rest = (one.get(k, zero) for one in slopes)
-        for other in rest:
-            first = base.hull(first, other)
-        result[k] = first
-    return result
+    return {k: base.hull(way, a.slopes.get(k, zero), b.slopes.get(k, zero)) for k in sorted({*a.slopes, *b.slopes})}
 
 
 def _slope(name: str, x: Any, value: Any, base: Arithmetic) -> Any:
@@ -169,8 +173,15 @@ def _slope(name: str, x: Any, value: Any, base: Arithmetic) -> Any:
     raise Undefined(f"{name} has no slope")
 
 
-# f' = factor * other(x); the sign of an interval about zero is [-1, 1], which holds every slope of Abs there
-_OTHERS = {"sin": (1, "cos"), "cos": (-1, "sin"), "sinh": (1, "cosh"), "cosh": (1, "sinh"), "Abs": (1, "sign")}
+# f' = factor * other(x). No text has a `side`, the slope of Abs, or a `jump`, that of a side; a sign has no slope.
+_OTHERS = {
+    "sin": (1, "cos"),
+    "cos": (-1, "sin"),
+    "sinh": (1, "cosh"),
+    "cosh": (1, "sinh"),
+    "Abs": (1, "side"),
+    "side": (1, "jump"),
+}
 _RATIONAL: Mapping[str, Callable[..., Any]] = {
     "exp": lambda one, xx, ff, x, f: f,
     "log": lambda one, xx, ff, x, f: one / x,

@@ -117,7 +117,7 @@ def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
         share = width / _width(first, last) if math.isfinite(_width(first, last)) else width
         steep = _magnitude(slopes[index]) if slopes and index in slopes else 0.0
         size = steep * width if slopes else share
-        sizes[name] = share if math.isinf(width) or size != size else size + 1e-6 * share
+        sizes[name] = size + 1e-6 * share if math.isfinite(size) else share
     return max(sizes, key=lambda name: sizes[name]) if sizes else None
 
 

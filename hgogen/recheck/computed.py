@@ -157,7 +157,7 @@ def precision(real: str) -> Arithmetic:
             raise Undefined("an angle beyond those of which the error is measured")
         return x.through(name, UNITS[name])
 
-    def no_hull(a: Computed, b: Computed) -> Computed:
+    def no_hull(way: Computed, a: Computed, b: Computed) -> Computed:
         raise Undefined("no second slopes of Min and Max")
 
     return Arithmetic(number, power, root, function, no_hull)

@@ -67,7 +67,7 @@ def _exact_function(name: str, args: tuple[Fraction, ...]) -> Fraction:
     raise NotExact
 
 
-def _same(a: Fraction, b: Fraction) -> Fraction:
+def _same(way: Fraction, a: Fraction, b: Fraction) -> Fraction:
     if a != b:
         raise NotExact
     return a

@@ -60,11 +60,11 @@ class Interval:
         """Whether both ends are numbers."""
         return not any(end in (*_INFINITE, libmp.fnan) for end in self.ends)
 
-    def at_least(self, bound: Fraction) -> bool:
+    def at_least(self, bound: Fraction | float) -> bool:
         """Whether no number of the interval is below the bound."""
         return bool(libmp.mpf_ge(self.ends[0], _rounded(bound, _UP)))
 
-    def at_most(self, bound: Fraction) -> bool:
+    def at_most(self, bound: Fraction | float) -> bool:
         """Whether no number of the interval is above the bound."""
         return bool(libmp.mpf_le(self.ends[1], _rounded(bound, _DOWN)))
 
@@ -207,6 +207,12 @@ def _side(x: Interval) -> Interval:
     return point(Fraction(1 if high > 0 else -1)) if low * high >= 0 and (low or high) else _UNIT
 
 
+def _jump(x: Interval) -> Interval:
+    """The slope of a side: 0 where that is one number all over a box, else any: nothing is known of where it jumps."""
+    side = _side(x)
+    return between(-math.inf, math.inf) if side == _UNIT else point(Fraction(0))
+
+
 def _sinh(x: Interval) -> Interval:
     return _rising(libmp.mpf_sinh)(_bounded(x))
 
@@ -305,6 +311,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "Abs": _abs,
     "sign": _sign,
     "side": _side,
+    "jump": _jump,
     "Min": _least,
     "Max": _most,
 }
@@ -359,4 +366,9 @@ def _root(x: Interval, exponent: Fraction) -> Interval:
     return _power(intersection(root, between(0, math.inf)), p)
 
 
-intervals = Arithmetic(point, _power, _root, _function, hull)
+def _both(way: Interval, a: Interval, b: Interval) -> Interval:
+    sign = _side(way).sign
+    return hull(a, b) if not sign else a if sign > 0 else b
+
+
+intervals = Arithmetic(point, _power, _root, _function, _both)

@@ -12,12 +12,12 @@ from fractions import Fraction
 from functools import lru_cache
 from math import factorial
 
-from .arithmetic import Dual, Undefined, dual, evaluate
-from .box import Box, End, Try, centre_of, covered, face_on, sides
+from .arithmetic import Dual, dual, evaluate
+from .box import Box, End, covered, sides
 from .context import narrowed
 from .interval import Interval, point
 from .plant_motion import PlantMotion
-from .slope import mean_value, ways
+from .slope import on_faces
 from .taylor import Taylor, taylor
 from .text import Expression
 
@@ -35,11 +35,6 @@ class Derivative:
     order: int
     most: Fraction
 
-    def beyond(self, value: Interval) -> list[int]:
-        """Where it may be more than that: below 0 (1), above (-1)."""
-        within = {1: value.at_least(-self.most), -1: value.at_most(self.most)}
-        return [sign for sign in within if not within[sign]]
-
 
 def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
     """That derivatives of rows of the plant are at most what is said; with how many boxes. Raises: `NotShown`."""
@@ -52,19 +47,10 @@ def demand_derivatives(motion: PlantMotion, each: Sequence[Derivative]) -> int:
     def on(here: Box) -> list[Dual]:
         return _derivatives(*plant, moves, tuple(here.items()))
 
-    def attempt(here: Box) -> Try:
-        try:
-            for k, (one, wide) in enumerate(zip(each, on(here), strict=True)):
-                for sign in one.beyond(wide.value):
-                    face = face_on(here, wide.slopes, sign)
-                    centre = centre_of(face)
-                    if sign in one.beyond(mean_value(on(centre)[k].value, wide.slopes, ways(centre, face))):
-                        return Try(False, wide.slopes, face)
-        except Undefined:
-            return Try(False)
-        return Try(True)
+    def values(here: Box) -> list[Interval]:
+        return [each.value for each in on(here)]
 
-    return covered(box, ".", attempt)
+    return covered(box, ".", on_faces([(-one.most, one.most) for one in each], values, on))
 
 
 @lru_cache(maxsize=1 << 10)  # other bounds of them are shown, or are not, of the same boxes

@@ -13,9 +13,9 @@ from itertools import combinations
 from typing import Any
 
 from .arithmetic import Dual, Undefined, dual, evaluate
-from .box import Box, End, NotShown, Slopes, Try, centre_of, covered, sides
+from .box import Box, End, NotShown, Slopes, Try, centre_of, covered, face_on, sides
 from .context import Context, cut, narrowed
-from .interval import Interval, intersection, intervals, point
+from .interval import Interval, between, intersection, intervals, point
 from .matrix import Matrix
 from .tables import is_table, jumps, table_of
 from .text import Expression
@@ -128,12 +128,9 @@ def steep(
             return Try(False)
         if within(J, bound):
             return Try(True)
-        varying = _second(rows, names, box, scale)
-        if varying is None:
-            return Try(False)
         centre = centre_of(box)
         try:
-            middle = _scaled(rows, names, centre, scale)
+            varying, middle = _second(rows, names, box, scale), _scaled(rows, names, centre, scale)
         except Undefined:
             return Try(False)
         away = ways(centre, box)
@@ -154,14 +151,61 @@ def no_steeper(
     Raises: `NotShown`.
     """
     wanted = [j for j, size in enumerate(sizes) if size]
-
-    def within(J: list[list[Interval]], _: Fraction) -> bool:
-        pairs = ((row[j], bounds[j]) for row, bounds in zip(J, most, strict=True) for j in wanted)
-        return all(slope.at_least(-bound) and slope.at_most(bound) for slope, bound in pairs)
-
+    ends = {(i, j): (-bounds[j], bounds[j]) for i, bounds in enumerate(most) for j in wanted}
     where = narrowed(box, {name for row in rows for name in row.names})
     continuous(rows, [names[j] for j in wanted], where)
-    return covered(where, ".", steep(rows, names, Fraction(0), (), within))
+    return covered(where, ".", in_ranges(rows, names, ends))
+
+
+def in_ranges(
+    rows: Sequence[Expression],
+    names: Sequence[str],
+    ends: Mapping[tuple[int, int], tuple[End, End]],
+    scale: Sequence[Expression] = (),
+) -> Callable[[Box], Try]:
+    """The statement that these entries of S J S^-1 are in their ranges."""
+
+    def values(box: Box) -> list[Interval]:
+        J = _scaled(rows, names, box, scale)
+        return [J[i][j] for i, j in ends]
+
+    def varying(box: Box) -> list[Dual]:
+        J = _second(rows, names, box, scale)
+        return [J[i][j] for i, j in ends]
+
+    return on_faces([*ends.values()], values, varying)
+
+
+def on_faces(
+    ends: Sequence[Side], values: Callable[[Box], list[Interval]], varying: Callable[[Box], list[Dual]]
+) -> Callable[[Box], Try]:
+    """The statement that values are in ranges on a box: by themselves, or on the face towards which one is monotone, by
+    its value at the centre and its slopes or by itself. A side that may jump has any slope in what moves it, so that it
+    is the same at the centre, or on the face, wherever that shows anything."""
+
+    def beyond(x: Interval, k: int) -> list[int]:
+        low, high = ends[k]
+        return [way for way, meets in ((1, x.at_least(low)), (-1, x.at_most(high))) if not meets]
+
+    def shown(face: Box, k: int, way: int, slopes: Slopes) -> bool:
+        centre = centre_of(face)
+        if way not in beyond(mean_value(values(centre)[k], slopes, ways(centre, face)), k):
+            return True
+        return way not in beyond(values(face)[k], k)
+
+    def attempt(box: Box) -> Try:
+        try:
+            fails = [(k, way) for k, x in enumerate(values(box)) for way in beyond(x, k)]
+            slopes = [x.slopes for x in varying(box)] if fails else []
+            for k, way in fails:
+                face = face_on(box, slopes[k], way)
+                if not shown(face, k, way, slopes[k]):
+                    return Try(False, slopes[k], face)
+        except Undefined:
+            return Try(False)
+        return Try(True)
+
+    return attempt
 
 
 def _scaled(
@@ -173,14 +217,11 @@ def _scaled(
 
 def _second(
     rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
-) -> list[list[Dual]] | None:
-    """S J S^-1 with the slopes of its entries in all of the box's names, by their places; None where there are none."""
+) -> list[list[Dual]]:
+    """S J S^-1 with the slopes of its entries in all of the box's names, by their places. Raises: `Undefined`."""
     if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
-        return None
-    try:
-        return _second_on(tuple(rows), tuple(names), tuple(box.items()), tuple(scale))
-    except Undefined:
-        return None
+        raise Undefined("an unbounded side")
+    return _second_on(tuple(rows), tuple(names), tuple(box.items()), tuple(scale))
 
 
 # What is known of each entry of a Jacobian, and of its norm, is shown by itself, of the same boxes.
@@ -199,7 +240,7 @@ def _scaled_on(
 @lru_cache(maxsize=1 << 9)
 def _second_on(rows: Rows, names: tuple[str, ...], ends: tuple[tuple[str, Side], ...], scale: Rows) -> list[list[Dual]]:
     one, zero = point(Fraction(1)), Dual(point(Fraction(0)), {})
-    inner = {name: Dual(side, {k: one}) for k, (name, side) in enumerate(sides(dict(ends)).items())}
+    inner = {name: Dual(between(*side), {k: one} if side[0] < side[1] else {}) for k, (name, side) in enumerate(ends)}
     places = {name: k for k, name in enumerate(names)}
     values = {name: Dual(x, {places[name]: Dual(one, {})} if name in places else {}) for name, x in inner.items()}
     slopes = [evaluate(row, values, dual(_duals)).slopes for row in rows]

@@ -7,7 +7,7 @@ from functools import lru_cache, reduce
 from operator import add
 
 from .arithmetic import Arithmetic, Undefined
-from .interval import Interval, hull, intervals, point
+from .interval import Interval, intervals, point
 from .tables import in_one_piece, is_table, next_of, table_of
 
 _NONE = point(Fraction(0))
@@ -71,8 +71,8 @@ def taylor(order: int) -> Arithmetic:
             raise Undefined(f"no series of {name}")
         return Taylor(tuple(_FUNCTIONS[name](*(arg.coefficients for arg in args))))
 
-    def both(a: Taylor, b: Taylor) -> Taylor:
-        return Taylor(tuple(hull(*pair) for pair in zip(a.coefficients, b.coefficients, strict=True)))
+    def both(way: Taylor, a: Taylor, b: Taylor) -> Taylor:
+        return a if _way(way.coefficients[0]) > 0 else b
 
     return Arithmetic(number, power, _root, function, both)
 
@@ -203,7 +203,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Sequence[Interval]]] = {
     "tanh": _tanh,
     "atan2": _angle,
     "Abs": lambda a: a if _way(a[0]) > 0 else [-x for x in a],
-    "sign": lambda a: [point(Fraction(_way(a[0]))), *[_NONE] * (len(a) - 1)],
+    **dict.fromkeys(("sign", "side"), lambda a: [point(Fraction(_way(a[0]))), *[_NONE] * (len(a) - 1)]),
     "Max": lambda *each: reduce(lambda a, b: _chosen(a, b, 1), each),
     "Min": lambda *each: reduce(lambda a, b: _chosen(a, b, -1), each),
 }

@@ -9,7 +9,7 @@ that moves, and a saturation in the core, have the degree -1. The cores are thos
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
@@ -35,7 +35,7 @@ from .matrix import (
     unit,
     zeros,
 )
-from .slope import continuous, steep
+from .slope import continuous, in_ranges
 from .stages import Parts
 from .text import Expression
 
@@ -267,7 +267,7 @@ def bounded_slopes(
             if (i, j) not in listed:
                 raise NotShown(f"it does not bound the slope of b_{i + 1} in {z}")
             low, high, tree = listed.pop((i, j))
-            boxes += covered(where, tree, steep(form.b, context.z, Fraction(0), scale, _entry(i, j, low, high)))
+            boxes += covered(where, tree, in_ranges(form.b, context.z, {(i, j): (low, high)}, scale))
             onto = [Fraction(int(enters and at == i)) for enters, at in zip(fed, index, strict=True)]
             degree = powers[i] - powers[j]
             if degree < least:
@@ -298,12 +298,3 @@ def _listed(evidence: Mapping[str, Any]) -> dict[tuple[int, int], tuple[End, End
             raise NotShown("a slope stands twice, or has no range")
         known[place] = low, high, part(slope, "tree", str)
     return {(int(i), int(j)): bounds for (i, j), bounds in known.items()}
-
-
-def _entry(i: int, j: int, low: End, high: End) -> Callable[..., bool]:
-    """The statement that the entry (i, j) of a matrix in intervals is in a range."""
-
-    def within(J: list[list[Any]], _: Fraction) -> bool:
-        return bool(J[i][j].at_least(low) and J[i][j].at_most(high))
-
-    return within
