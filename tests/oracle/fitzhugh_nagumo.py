@@ -10,6 +10,7 @@ n is an Ornstein-Uhlenbeck process, discretised exactly: n_{k+1} = rho n_k + sig
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -41,8 +42,10 @@ def times(scenario: Scenario, dt: float = DT) -> Array:
     return dt * np.arange(round(scenario.duration / dt) + 1, dtype=np.float64)
 
 
+@cache
 def truth(scenario: Scenario, dt: float = DT, substeps: int = 5) -> Array:
-    """x1, x2, eta at the sample times (k, 3); eta is already the new one at the time of its jump."""
+    """x1, x2, eta at the sample times (k, 3), not to be written to; eta is already the new one at the time of its
+    jump."""
     t = times(scenario, dt)
     eta = np.full(len(t), scenario.eta)
     for time, value in scenario.jumps:
@@ -55,6 +58,7 @@ def truth(scenario: Scenario, dt: float = DT, substeps: int = 5) -> Array:
         for i in range(substeps):
             x1, x2 = _rk4(x1, x2, float(eta[k]), t[k] + i * h, h)
         x[k + 1, :2] = x1, x2
+    x.setflags(write=False)
     return x
 
 
