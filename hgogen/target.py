@@ -58,6 +58,9 @@ class Files(Mapping[str, str]):
         return len(self.texts)
 
 
+Recipe = tuple[tuple[str, ...], ...]
+
+
 @dataclass(frozen=True)
 class Sources(Files):
     """Files of a language.
@@ -66,7 +69,7 @@ class Sources(Files):
     `names`: signals that the language calls otherwise, and how; `notes`: sentences that say so.
     """
 
-    recipe: tuple[tuple[str, ...], ...] = ()
+    recipe: Recipe = ()
     names: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
 

@@ -9,8 +9,9 @@ from emitted import tool
 
 import hgogen as hg
 from hgogen.calling.native import WARNINGS
-from hgogen.emit.cnames import HidesHeader, c_name, renamed
-from hgogen.emit.naming import OneName
+from hgogen.emit.cnames import HidesHeader, c_name
+from hgogen.emit.csyntax import C
+from hgogen.emit.naming import OneName, renamed
 
 C_HEADERS = """
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic
@@ -75,13 +76,13 @@ def test_every_macro_of_the_standard_headers_is_known(compiler: str) -> None:
 def test_a_renamed_signal_is_said_in_the_header_and_keeps_its_own_name_in_python() -> None:
     step = sampled(plant("I", "u", "SREG", "p", "motor"))
     header = hg.targets.c99(step, check=False)["motor.h"]
-    assert renamed(step) == {"I": "I_", "SREG": "SREG_"}
+    assert renamed(step, C) == {"I": "I_", "SREG": "SREG_"}
     text = " ".join(header.replace(" * ", " ").split())
     assert "In C SREG is called SREG_, I is called I_, for a keyword or a macro has the name" in text
     assert "float I_; /**< I: -1 .. 1 */" in text
     assert "float u; /**< -1 .. 1 */" in text
     assert step(u=0, y=0.5)["I"] == pytest.approx(0.0)
-    assert not renamed(sampled(plant("a", "u", "y", "p", "motor")))
+    assert not renamed(sampled(plant("a", "u", "y", "p", "motor")), C)
 
 
 def test_two_names_that_c_would_call_the_same_are_refused() -> None:

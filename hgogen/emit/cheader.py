@@ -9,7 +9,7 @@ from dataclasses import replace
 from string import Template
 
 from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
-from hgogen.emit.cnames import c_name, renamed, says
+from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.cstruct import Member, member, members, named, struct
 from hgogen.emit.csyntax import C, beside, documented, harmless, spoken
@@ -43,12 +43,11 @@ from hgogen.stepping.sensors import OLDEST, ROUND
 def header(step: Step, real: Real, command: str) -> list[str]:
     """The header's lines."""
     guard = f"{step.name.upper()}_H"
-    names = f"In C {says(step)}" if renamed(step) else ""
     first, *others = map(spoken, title(step, command))
     lines = [*_block([f"@file {step.name}.h", f"@brief {first}", "", *others])]
     lines += [f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
     lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
-    lines += [*_status(step), *_constants(step, real), *_mathematics(step, names), ""]
+    lines += [*_status(step), *_constants(step, real), *_mathematics(step), ""]
     lines += [*_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
         lines += [*_function(entry), f"{prototype(step, entry)};", ""]
@@ -67,9 +66,9 @@ def _function(entry: Entry) -> list[str]:
     return _block([f"@brief {spoken(entry.meaning)}", *parameters, *returned])
 
 
-def _mathematics(step: Step, names: str) -> list[str]:
+def _mathematics(step: Step) -> list[str]:
     """The equations as they are, which are no text for Doxygen."""
-    lines = map(harmless, mathematics(step, names))
+    lines = map(harmless, mathematics(step, C))
     return _block(
         ["@file", "@verbatim", *(line.replace("endverbatim", "end verbatim") for line in lines), "@endverbatim"]
     )

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
-from hgogen.emit import naming
 from hgogen.errors import HgogenError
-from hgogen.step import Step
 
 # <NAME.h> of the C standard, of POSIX and of CMSIS-DSP, which a NAME.h of ours in the path of headers would hide
 _HEADERS = """
@@ -44,24 +42,7 @@ def c_name(name: str) -> str:
     return f"{name}_" if name in _taken() else name
 
 
-def renamed(step: Step) -> dict[str, str]:
-    """The signals that have another name in C, and that name."""
-    return naming.renamed(step, c_name)
-
-
-def says(step: Step) -> str:
-    """The renamed signals in words, "I is called I_"; "" where none is."""
-    pairs = naming.says(step, c_name)
-    return f"{pairs}, for a keyword or a macro has the name" if pairs else ""
-
-
 def demand_file(name: str) -> None:
     """Raise `HidesHeader` for the name of a header."""
     if name.lower() in _HEADERS.split():
         raise HidesHeader(name)
-
-
-def demand_names(step: Step) -> None:
-    """Raise `HidesHeader` for the name of a header, `OneName` where two names of a struct would be one in C."""
-    demand_file(step.name)
-    naming.demand_distinct(step, c_name, "C", "a keyword or a macro")

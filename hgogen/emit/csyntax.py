@@ -84,6 +84,8 @@ _QUIET = (  # a comparison that asks whether a number is one, or is another one 
 _BUILT_IN = "defined(__GNUC__) && !defined(__FRAMAC__)"  # one instruction, of the same result
 
 C = Syntax(
+    language="C",
+    reserved="a keyword or a macro",
     types={
         "float": "float",
         "double": "double",

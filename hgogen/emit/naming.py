@@ -1,9 +1,10 @@
 """Signals whose names a language does not take as they are: what they are called there, and that none is called as
 another is."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from hgogen.emit.syntax import Syntax
 from hgogen.errors import HgogenError
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -24,24 +25,25 @@ class OneName(HgogenError):
         )
 
 
-def renamed(step: Step, name: Callable[[str], str]) -> dict[str, str]:
-    """The signals that `name` calls otherwise, and how."""
+def renamed(step: Step, syntax: Syntax) -> dict[str, str]:
+    """The signals that the language calls otherwise, and how."""
     names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
-    return {own: name(own) for own in names if name(own) != own}
+    return {own: syntax.name(own) for own in names if syntax.name(own) != own}
 
 
-def says(step: Step, name: Callable[[str], str]) -> str:
-    """The same in words, "I is called I_"."""
-    return ", ".join(f"{own} is called {other}" for own, other in renamed(step, name).items())
+def says(step: Step, syntax: Syntax) -> str:
+    """The same in words, "in C I is called I_, for a keyword or a macro has the name"; "" where none is."""
+    pairs = ", ".join(f"{own} is called {other}" for own, other in renamed(step, syntax).items())
+    return f"in {syntax.language} {pairs}, for {syntax.reserved} has the name" if pairs else ""
 
 
-def demand_distinct(step: Step, name: Callable[[str], str], language: str, why: str) -> None:
+def demand_distinct(step: Step, syntax: Syntax) -> None:
     """Raise `OneName` where two names of a struct would be one."""
     for signals in _structs(step):
         names = {signal.name for signal in signals}
         for own in sorted(names):
-            if name(own) != own and name(own) in names:
-                raise OneName((own, name(own)), language, why)
+            if syntax.name(own) != own and syntax.name(own) in names:
+                raise OneName((own, syntax.name(own)), syntax.language, syntax.reserved)
 
 
 def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:

@@ -1,10 +1,9 @@
 """The documentation of an emitted crate: the banner, how to call it, what it promises, the status bits."""
 
-from hgogen.emit import naming
 from hgogen.emit.code import indented
 from hgogen.emit.manual import faults, guarded, late, mathematics, order, own, ranges, rates, result, title
 from hgogen.emit.ruststruct import doc
-from hgogen.emit.rustsyntax import line, rust_name
+from hgogen.emit.rustsyntax import RUST, line
 from hgogen.emit.syntax import Real
 from hgogen.reading.time_unit import pace
 from hgogen.step import Step
@@ -28,9 +27,8 @@ _SAMPLE = {True: "NaN for a sample that did not come", False: "a number for ever
 _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C of the same model; no fused operation."
 
 
-def documentation(step: Step, real: Real, command: str, why: str) -> list[str]:
-    """The lines at the head of the crate; `why`: a name is another in Rust."""
-    names = naming.says(step, rust_name)
+def documentation(step: Step, real: Real, command: str) -> list[str]:
+    """The lines at the head of the crate."""
     first, *others = title(step, command)
     text = [
         first,
@@ -38,7 +36,7 @@ def documentation(step: Step, real: Real, command: str, why: str) -> list[str]:
         "```text",
         *others,
         "",
-        *mathematics(step, f"In Rust {names}, for {why} has the name" if names else ""),
+        *mathematics(step, RUST),
         "```",
         *(part for paragraph in _manual(step, real) for part in ("", paragraph)),
     ]

@@ -79,6 +79,8 @@ def _limited(of: Rows) -> list[str]:
 
 
 RUST = Syntax(
+    language="Rust",
+    reserved="a keyword or a value of the prelude",
     types=TYPES | {"whole float": "i32", "whole double": "i64"},
     suffixes={"float": "", "double": "", "unsigned": ""},
     truth_is_number=False,

@@ -117,7 +117,8 @@ class Syntax:
       number to a whole one, of which 0 becomes +0; it binds as `casted`; `counted`: {}, {} of operations of counters
       that are not written as those of numbers; `rounded`, by float or double: {}, what is written around + - * / of
       real numbers where the language computes in more digits; the rest of its functions has to round by itself.
-    - Names: `name`, a user's as the language takes it; `parameters`: those that `emit.interface` calls otherwise;
+    - Names: `language`, its own; `name`, a user's as the language takes it: another one where that is `reserved`, which
+      says by what; `parameters`: those that `emit.interface` calls otherwise;
       `reach`: {}, what leads from a parameter, or from a member at hand, to its own members.
     - Truth: `both` and `either`, the signs between two, which bind as && and || of C; `opposite`: {}.
     - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
@@ -143,6 +144,8 @@ class Syntax:
     - Tables: `limited`, lines that keep numbers in their ranges by a loop over `Rows`; None where each is written out.
     """
 
+    language: str
+    reserved: str
     types: Mapping[str, str]
     suffixes: Mapping[str, str]
     truth_is_number: bool

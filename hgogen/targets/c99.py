@@ -11,17 +11,18 @@ from hgogen.emit.ccheck import check as self_check
 from hgogen.emit.cfunction import Prototype, inside, own, prototypes, readied
 from hgogen.emit.cheader import header
 from hgogen.emit.cmath import functions, includes
-from hgogen.emit.cnames import demand_names, renamed, says
+from hgogen.emit.cnames import demand_file
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
 from hgogen.emit.cvector import vectors
-from hgogen.emit.fold import folded
 from hgogen.emit.interface import of_section
 from hgogen.emit.looping import LEAST, NEVER
+from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.sharing import SharingWriter
+from hgogen.emit.sources import sources
 from hgogen.emit.statements import called
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Field, Group, Place
@@ -41,11 +42,11 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     """
     demand_step(step, "c99")
     demand_real(real)
-    demand_names(step)
+    demand_file(step.name)
+    demand_distinct(step, C)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": self_check(step, real)} if check else {}
-    texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
-    return Sources(texts, names=tuple(renamed(step).items()), notes=(f"in C {says(step)}",) * bool(renamed(step)))
+    return sources(step, C, files)
 
 
 _HEADERS = {"bool": "stdbool.h"}  # where C99 declares a type

@@ -10,7 +10,7 @@ those of the scalar C.
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from hgogen.emit.cnames import c_name, demand_names
+from hgogen.emit.cnames import c_name, demand_file
 from hgogen.emit.code import Code, Uses, braced, code, indented, joined
 from hgogen.emit.cstruct import named, struct
 from hgogen.emit.csyntax import C
@@ -18,6 +18,7 @@ from hgogen.emit.functions import functions
 from hgogen.emit.lanesyntax import alike, own, prelude
 from hgogen.emit.lanesyntax import lanes as in_lanes
 from hgogen.emit.lanewriter import LaneWriter, table
+from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.syntax import Real, demand_real
@@ -33,7 +34,8 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     """
     demand_step(step, "lanes")
     demand_real(real)
-    demand_names(step)
+    demand_file(step.name)
+    demand_distinct(step, C)
     writer = LaneWriter(in_lanes(step.name, real), step, real)
     text = _functions(writer)
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]

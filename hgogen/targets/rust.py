@@ -6,25 +6,24 @@ in C, so the same bits. Its documentation is the manual. It compiles with Rust 1
 
 from dataclasses import dataclass
 
-from hgogen.emit import naming
 from hgogen.emit.code import Code, code, indented, joined, spaced
-from hgogen.emit.fold import folded
 from hgogen.emit.functions import functions
 from hgogen.emit.interface import Entry, entries
+from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.rustcheck import check as self_check
 from hgogen.emit.rustmanual import documentation, status
 from hgogen.emit.ruststruct import doc, initial, nominal, structs, zeros
-from hgogen.emit.rustsyntax import RUST, keywords, rust_name
+from hgogen.emit.rustsyntax import RUST, keywords
+from hgogen.emit.sources import sources
 from hgogen.emit.statements import Writer, called
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.errors import HgogenError
 from hgogen.step import Step, demand_step
-from hgogen.target import Sources
+from hgogen.target import Recipe, Sources
 
 _CRATES = {"alloc", "core", "proc_macro", "std", "test"}
-_REASON = "a keyword or a value of the prelude"
 _ATTRIBUTES = (
     "#![no_std]",
     "#![forbid(unsafe_code)]",
@@ -59,16 +58,13 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     demand_real(real)
     if step.name in _CRATES | keywords():
         raise NoCrate(step.name)
-    naming.demand_distinct(step, rust_name, "Rust", _REASON)
+    demand_distinct(step, RUST)
     files = {f"{step.name}.rs": _source(step, real, command)}
     files |= {f"{step.name}_check.rs": self_check(step, real)} if check else {}
-    texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
-    names = tuple(naming.renamed(step, rust_name).items())
-    notes = (f"in Rust {naming.says(step, rust_name)}, for {_REASON} has the name",) * bool(names)
-    return Sources(texts, _recipe(step.name) if check else (), names, notes)
+    return sources(step, RUST, files, _recipe(step.name) if check else ())
 
 
-def _recipe(name: str) -> tuple[tuple[str, ...], ...]:
+def _recipe(name: str) -> Recipe:
     """How the self-check is compiled and run."""
     compiler = ("rustc", "--edition", "2021", "-O")
     return (
@@ -86,7 +82,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
     private = functions(RUST, step.name, real, used.helpers) + tables(RUST, step.name, real, used.lookups)
     private += kernels(RUST, step.name, real, used.kernels) + shared
     return [
-        *documentation(step, real, command, _REASON),
+        *documentation(step, real, command),
         *_ATTRIBUTES,
         "",
         *status(step),
