@@ -81,6 +81,9 @@ def test_a_renamed_signal_is_said_in_the_header_and_keeps_its_own_name_in_python
     assert "In C SREG is called SREG_, I is called I_, for a keyword or a macro has the name" in text
     assert "float I_; /**< I: -1 .. 1 */" in text
     assert "float u; /**< -1 .. 1 */" in text
+    assert (
+        "float far_; /**< far: 0.5 .. 2 */" in hg.targets.c99(sampled(plant("a", "u", "y", "far", "motor")))["motor.h"]
+    )
     assert step(u=0, y=0.5)["I"] == pytest.approx(0.0)
     assert not renamed(sampled(plant("a", "u", "y", "p", "motor")), C)
 

@@ -120,15 +120,19 @@ def _row(*cells: str) -> str:
 def _members(step: Step) -> list[str]:
     """Rows of all that a caller writes or reads."""
     signals = (*_signals(step), *(("x", state) for state in step.states))
-    rows = [_row(f"`{short}.{c_name(s.name)}`", of_signal(step, s, s.name)) for short, s in signals]
+    rows = [_row(f"`{short}.{c_name(s.name)}`", _said(step, s)) for short, s in signals]
     for kind, fields in (each for each in parameters(step) if each[0] != "derived"):
         named = (replace(item, name=c_name(item.name), unit=step.unit(item)) for item in fields)
         rows += [_row(f"`p.{kind}.{item.name}`", described(item)) for item in named]
     return rows
 
 
+def _said(step: Step, signal: Signal) -> str:
+    return described(of_signal(step, signal))
+
+
 def _reader(step: Step, signal: Signal, real: Real) -> str:
-    said = comment(of_signal(step, signal, signal.name))
+    said = comment(_said(step, signal))
     lines = (
         f"static {real} {_read(signal)}(void) {said}".rstrip(),
         "{",
@@ -148,10 +152,7 @@ def _taken(samples: Signals) -> list[str]:
 
 def _zeros(step: Step, samples: Signals) -> list[str]:
     """What a sketch gives in the place of measurements."""
-    return [
-        f"{short}.{c_name(s.name)} = 0; {comment(f'yours: {of_signal(step, s, s.name)}'.rstrip(': '))}"
-        for short, s in samples
-    ]
+    return [f"{short}.{c_name(s.name)} = 0; {comment(f'yours: {_said(step, s)}'.rstrip(': '))}" for short, s in samples]
 
 
 def _print(signal: Signal) -> str:
@@ -159,4 +160,4 @@ def _print(signal: Signal) -> str:
 
 
 def _use(step: Step, signal: Signal) -> str:
-    return f"(void)x.{c_name(signal.name)}; {comment(of_signal(step, signal, signal.name))}".rstrip()
+    return f"(void)x.{c_name(signal.name)}; {comment(_said(step, signal))}".rstrip()

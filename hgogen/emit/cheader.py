@@ -5,16 +5,12 @@ comments are Doxygen's, too."""
 
 import re
 from collections.abc import Iterable
-from dataclasses import replace
 from string import Template
 
 from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
-from hgogen.emit.code import indented
-from hgogen.emit.cstruct import Member, member, members, named, struct
-from hgogen.emit.csyntax import C, beside, documented, harmless, spoken
-from hgogen.emit.described import MEANINGS as MEMBERS
-from hgogen.emit.described import of_signal, parameters
+from hgogen.emit.cstruct import typedefs
+from hgogen.emit.csyntax import BESIDE, C, documented, harmless, spoken
 from hgogen.emit.interface import MEANINGS, Entry, direction, entries, of_section
 from hgogen.emit.manual import (
     faults,
@@ -27,17 +23,18 @@ from hgogen.emit.manual import (
     own,
     ranges,
     rates,
-    remembered,
     result,
     title,
 )
+from hgogen.emit.structs import structs as of_memory
 from hgogen.emit.syntax import Real
-from hgogen.program import Field, Group, Section, lines_of
+from hgogen.program import Section
 from hgogen.reading.release import version
 from hgogen.reading.time_unit import pace, plural
-from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.sensors import OLDEST, ROUND
+
+_NONE, _NO_RANGE = f"unsigned char none; {BESIDE}there are none */", "of no declared range"
 
 
 def header(step: Step, real: Real, command: str) -> list[str]:
@@ -48,7 +45,9 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     lines += [f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
     lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
     lines += [*_status(step), *_constants(step, real), *_mathematics(step), ""]
-    lines += [*_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
+    for struct in typedefs(step.name, of_memory(step, C, real, step.stored), _NONE, lambda text: text or _NO_RANGE):
+        lines += [*struct, ""]
+    lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
         lines += [*_function(entry), f"{prototype(step, entry)};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
@@ -207,62 +206,3 @@ def _constants(step: Step, real: Real) -> list[str]:
         rows += [("READY", f"0x{int(step.mark.initial[0]):04X}u", "what init and reset leave in `ready` of a state")]
     defined = ((f"#define {step.name.upper()}_{name:7} {value}", said) for name, value, said in rows)
     return [text for line, said in defined for text in (documented(said), line, "")]
-
-
-# ---------------------------------------------------------------- structs
-
-_KIND = {
-    "input": "the input now",
-    "output": "the measurement now",
-    "plant": "the estimate of the plant's state; ranges are the declared ones, beyond which it may peak",
-}
-
-
-def _structs(step: Step, real: Real) -> list[str]:
-    name, lines = step.name, list[str]()
-    for kind, signals in (("input", step.inputs), ("output", step.samples), ("plant", step.states)):
-        if signals:
-            inner = members(_signal(step, real, signal) for signal in signals)
-            lines += [documented(_KIND[kind]), *struct(f"{name}_{kind}", inner), ""]
-    lines += [documented("parameters: change plant or gain, then call tune"), *_params(step, real), ""]
-    for *_, group in lines_of(step.groups):
-        inner = _inner(step, real, group.fields, group.groups)
-        lines += [documented(group.meaning), *struct(f"{name}_{group.name}", inner), ""]
-    return [
-        *lines,
-        documented(remembered(step)),
-        *struct(f"{name}_state", _inner(step, real, step.stored, step.groups)),
-        "",
-    ]
-
-
-def _inner(step: Step, real: Real, fields: Iterable[Field], groups: Iterable[Group]) -> list[str]:
-    arrays = ((f"{step.name}_{group.name} {group.name}[{group.count}];", group.meaning) for group in groups)
-    return members([*(_member(step, real, field) for field in fields), *arrays])
-
-
-def _signal(step: Step, real: Real, signal: Signal) -> Member:
-    name = c_name(signal.name)
-    return f"{real} {name};", of_signal(step, signal, name) or "of no declared range"
-
-
-def _member(step: Step, real: Real, item: Field) -> Member:
-    return member(real, replace(item, unit=step.unit(item)))
-
-
-def _params(step: Step, real: Real) -> list[str]:
-    inner: list[str] = []
-    for kind, fields in parameters(step):
-        items = map(named, fields) if kind == "plant" else fields
-        inner += _nested(kind, members(_member(step, real, f) for f in items))
-    return [
-        "typedef struct {",
-        *indented(inner or [f"unsigned char none; {beside('there are none')}"]),
-        f"}} {step.name}_params;",
-    ]
-
-
-def _nested(kind: str, inner: Iterable[str]) -> list[str]:
-    """A struct in a struct, with its comment before it and beside its name: they are two things to Doxygen."""
-    *lines, last = struct(kind, inner, "struct {")
-    return [documented(MEMBERS[kind]), *lines, f"{last} {beside(MEMBERS[kind])}"]

@@ -1,37 +1,34 @@
 """Structs of C: members with what is said of them."""
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
-from hgogen.emit.csyntax import beside
-from hgogen.emit.described import described, own_name
-from hgogen.program import Field
-
-Member = tuple[str, str]  # the declaration of a struct's member, and what is said of it
+from hgogen.emit.csyntax import C, beside, documented
+from hgogen.emit.structs import Member, Struct
 
 
-def member(real: str, item: Field) -> Member:
-    """A struct's member; said of it are meaning, elements, range, unit."""
-    kind = "unsigned" if item.kind == "index" else real
-    size = "" if item.size == 1 else f"[{item.size}]"
-    return f"{kind} {item.name}{size};", described(item)
+def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, said: Callable[[str], str]) -> Iterator[list[str]]:
+    """typedef struct { ... } PREFIX_KIND; for each, those of the parameters in theirs, where `none` stands for there is
+    none; `said`: what is said beside a member, of its text."""
+    inside = structs["parameters"].members
+    for kind, each in structs.items():
+        if kind in {member.kind for member in inside}:
+            continue
+        inner = _members(each.members, said)
+        if kind == "parameters":
+            inner = [line for member in inside for line in _nested(structs[member.kind], said)] or [none]
+        about = list(filter(None, [documented(said(each.said))]))
+        yield [*about, "typedef struct {", *indented(inner), f"}} {C.struct(prefix, kind)};"]
 
 
-def named(item: Field) -> Field:
-    """A field of the plant's parameters by its name in C, with its own beside it where that is another."""
-    name = c_name(item.name)
-    return item if name == item.name else replace(item, name=name, meaning=own_name(item.name, item.meaning))
+def _nested(struct: Struct, said: Callable[[str], str]) -> list[str]:
+    """A struct in a struct, with its comment before it and beside its name: they are two things to Doxygen."""
+    about, text = list(filter(None, [documented(said(struct.said))])), said(struct.said)
+    inner = indented(_members(struct.members, said))
+    return [*about, "struct {", *inner, f"}} {struct.kind}; {beside(text)}".rstrip()]
 
 
-def struct(name: str, lines: Iterable[str], head: str = "typedef struct {") -> list[str]:
-    """typedef struct { ... } name;"""
-    return [head, *indented(lines), f"}} {name};"]
-
-
-def members(items: Iterable[Member]) -> list[str]:
+def _members(members: Iterable[Member], said: Callable[[str], str]) -> list[str]:
     """Their lines, with the comments in one column."""
-    items = list(items)
-    width = max((len(declared) for declared, _ in items), default=0)
-    return [f"{declared:{width}} {beside(text)}".rstrip() for declared, text in items]
+    width = max((len(member.declared) for member in members), default=0)
+    return [f"{member.declared:{width}} {beside(said(member.said))}".rstrip() for member in members]

@@ -83,6 +83,8 @@ _QUIET = (  # a comparison that asks whether a number is one, or is another one 
 
 _BUILT_IN = "defined(__GNUC__) && !defined(__FRAMAC__)"  # one instruction, of the same result
 
+_STRUCTS = {"estimate": "plant", "parameters": "params"}
+
 C = Syntax(
     language="C",
     reserved="a keyword or a macro",
@@ -116,7 +118,8 @@ C = Syntax(
     increment="++{};",
     index=lambda array, k: f"{array}[{k}]",
     member="{type} *const {name} = &{element};",
-    group=lambda prefix, name: f"{prefix}_{name}",
+    struct=lambda prefix, kind: f"{prefix}_{_STRUCTS.get(kind, kind)}",
+    struct_member={True: "{type} {name}[{size}];", False: "{type} {name};"},
     passed={True: "{}", False: "{}"},
     parameter="{type} {name}",
     array_parameter={True: "{type} {name}[{size}]", False: "const {type} {name}[{size}]"},

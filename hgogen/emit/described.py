@@ -1,6 +1,6 @@
 """What is said of a field or a signal beside its declaration, in every language."""
 
-from hgogen.program import INF, Field
+from hgogen.program import INF, Field, scalar
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -26,18 +26,11 @@ def described(item: Field) -> str:
     return text.strip(", ")
 
 
-def of_signal(step: Step, signal: Signal, name: str) -> str:
-    """Meaning, unit and range of a signal, and its own name where the language has another for it."""
-    said = _units(step).get(signal.name, signal.unit)
-    unit = f" [{said}]" if said else ""
-    bounds = f", {signal.low:g} .. {signal.high:g}" if signal.bounded else ""
-    text = (signal.meaning + unit + bounds).strip(", ")
-    return text if name == signal.name else own_name(signal.name, text)
-
-
-def own_name(name: str, text: str) -> str:
-    """What is said of a member that has another name in the language: its own, then the rest."""
-    return f"{name}: {text}" if text else name
+def of_signal(step: Step, signal: Signal) -> Field:
+    """A signal as the field of one number, of which the same is said."""
+    low, high = signal.interval
+    unit = _units(step).get(signal.name, signal.unit)
+    return scalar(signal.name, 0, low=low, high=high, unit=unit, meaning=signal.meaning)
 
 
 def entry(name: str, place: tuple[int, int]) -> str:

@@ -181,7 +181,7 @@ class LaneWriter(Writer):
         whole, size = self.syntax.types["unsigned"], f"sizeof({self.real})"
         declared = code(*(f"const {whole} {name} = {n};" for name, n in zip(("into", "from"), numbers, strict=True)))
         ends = (f"(char *)&{self.whole(array)}[{name}[lane]] + byte" for name in ("into", "from"))
-        first, end = f"(size_t)lane * {size}", f"sizeof({self.syntax.group(self.prefix, copy.group)})"
+        first, end = f"(size_t)lane * {size}", f"sizeof({self.syntax.struct(self.prefix, copy.group)})"
         head = f"for (size_t byte = {first}; byte < {end}; byte += {size} * {self.width}) {{"
         bytes_ = braced(head, code(f"__builtin_memcpy({', '.join(ends)}, {size});"))
         return braced("{", declared + self._each(bytes_)) + Code((), self.uses(array, copy.target, copy.source))
@@ -193,7 +193,7 @@ class LaneWriter(Writer):
         before, after, mask = Code(), Code(), self.masks[-1]
         for k, each in enumerate(self._changed(kernel) if mask.name else ()):
             if each.place not in mask.own:
-                kind = self.syntax.group(self.prefix, "column") if each.columns else self.syntax.types[self.real]
+                kind = self.syntax.struct(self.prefix, "column") if each.columns else self.syntax.types[self.real]
                 was = replace(each, text=f"{self.own}_before{k}")
                 back = self.syntax.choice.format(test=mask.name, yes=each.element, no=was.element)
                 before += code(f"{kind} {was.text}[{each.size}];") + each.all(f"{was.element} = {each.element};")

@@ -239,7 +239,7 @@ class _Function:
         if not kind:
             return self.syntax.parameter.format(type=self.words.type(_kind_of(each)), name=each.arg)
         columns = _annotation(each.annotation) == "Columns"
-        element = self.syntax.group(self.words.prefix, "column") if columns else real
+        element = self.syntax.struct(self.words.prefix, "column") if columns else real
         size = self._count(self.words.counts[kind[0]])
         return self.syntax.array_parameter[kind[1]].format(type=element, name=each.arg, size=size)
 

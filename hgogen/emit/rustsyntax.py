@@ -30,11 +30,6 @@ def rust_name(name: str) -> str:
     return f"{name}_" if name in keywords() | PRELUDE else name
 
 
-def type_name(name: str) -> str:
-    """The name of a struct: `ScorePredictor` of score_predictor."""
-    return "".join(part.capitalize() for part in name.split("_"))
-
-
 def line(text: str) -> str:
     """Text on one line."""
     return " ".join(text.splitlines())
@@ -78,6 +73,8 @@ def _limited(of: Rows) -> list[str]:
     ]
 
 
+_STRUCTS = {"input": "Inputs", "output": "Outputs"}
+
 RUST = Syntax(
     language="Rust",
     reserved="a keyword or a value of the prelude",
@@ -108,7 +105,8 @@ RUST = Syntax(
     increment="{} += 1;",
     index=_index,
     member="let {name} = &mut {element};",
-    group=lambda _, name: type_name(name),
+    struct=lambda _, kind: _STRUCTS.get(kind) or "".join(part.capitalize() for part in kind.split("_")),
+    struct_member={True: "pub {name}: [{type}; {size}],", False: "pub {name}: {type},"},
     passed={True: "&mut {}", False: "&{}"},
     parameter="{name}: {type}",
     array_parameter={True: "{name}: &mut [{type}; {size}]", False: "{name}: &[{type}; {size}]"},

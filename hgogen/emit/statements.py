@@ -193,7 +193,7 @@ class Writer:
     def _member(self, group: str, array: str, k: str) -> str:
         """The name of a member of a group, for the statements on it."""
         element = self.syntax.index(array, k)
-        return self.syntax.member.format(type=self.syntax.group(self.prefix, group), name=group, element=element)
+        return self.syntax.member.format(type=self.syntax.struct(self.prefix, group), name=group, element=element)
 
     def within(self, index: str, total: int) -> str:
         """The text of an index, the first member's where it is beyond the last."""

@@ -118,15 +118,17 @@ class Syntax:
       that are not written as those of numbers; `rounded`, by float or double: {}, what is written around + - * / of
       real numbers where the language computes in more digits; the rest of its functions has to round by itself.
     - Names: `language`, its own; `name`, a user's as the language takes it: another one where that is `reserved`, which
-      says by what; `parameters`: those that `emit.interface` calls otherwise;
-      `reach`: {}, what leads from a parameter, or from a member at hand, to its own members.
+      says by what; `parameters`: those that `emit.interface` calls otherwise; `reach`: {}, what leads from a parameter,
+      or from a member at hand, to its own members.
     - Truth: `both` and `either`, the signs between two, which bind as && and || of C; `opposite`: {}.
     - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
       `index` into an array of structs.
     - Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`, `gathered`: {type}, {name}, {size},
       {values}, an array in a function that is never written, of numbers or of what is computed; `array`: {type},
       {name}, {size}, {value}, which is written before it is read; `member`: {type}, {name}, {element}, the name of one
-      of an array of structs of the type `group`.
+      of an array of structs.
+    - Structs: `struct`, the type of one of each kind of `emit.structs`, of a prefix and that kind; `struct_member`:
+      {type}, {name}, {size}, in its declaration, by whether it is an array.
     - Statements: `condition` and `repeated`: {}, open the block of a test; `loop` gives the head and the first lines of
       one of `k` from `first` to before `end` while `also` holds, and says whether k is used; `falling`: {k}, {first},
       {end}, opens one from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an
@@ -168,7 +170,8 @@ class Syntax:
     increment: str
     index: Callable[[str, str], str]
     member: str
-    group: Callable[[str, str], str]
+    struct: Callable[[str, str], str]
+    struct_member: Mapping[bool, str]
     passed: Mapping[bool, str]
     parameter: str
     array_parameter: Mapping[bool, str]

@@ -6,6 +6,7 @@ FLT_EVAL_METHOD is 0.
 """
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from hgogen.emit.ccheck import check as self_check
 from hgogen.emit.cfunction import Prototype, inside, own, prototypes, readied
@@ -13,7 +14,6 @@ from hgogen.emit.cheader import header
 from hgogen.emit.cmath import functions, includes
 from hgogen.emit.cnames import demand_file
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
-from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
 from hgogen.emit.cvector import vectors
 from hgogen.emit.interface import of_section
@@ -206,7 +206,8 @@ def _fresh(start: str, writer: SharingWriter, groups: Iterable[Group], k: str = 
 
 
 def _init(step: Step, real: Real) -> Code:
-    kinds = (("plant", map(named, step.plant)), ("gain", step.gains))
+    plant = (replace(item, name=C.name(item.name)) for item in step.plant)
+    kinds = (("plant", plant), ("gain", step.gains))
     lines = joined(_assign(f"p->{kind}.", f, real, _least(step, f)) for kind, fields in kinds for f in fields)
     calls = [prototypes(step)[name].call(own) for name in ("tune", "reset")]
     return lines + code(f"(void){calls[0]};", f"{calls[1]};", parameters="ps")

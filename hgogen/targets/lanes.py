@@ -8,11 +8,11 @@ in `memory`, number by number in the order of the C structs. Without contraction
 those of the scalar C.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from hgogen.emit.cnames import c_name, demand_file
 from hgogen.emit.code import Code, Uses, braced, code, indented, joined
-from hgogen.emit.cstruct import named, struct
+from hgogen.emit.cstruct import typedefs
 from hgogen.emit.csyntax import C
 from hgogen.emit.functions import functions
 from hgogen.emit.lanesyntax import alike, own, prelude
@@ -21,8 +21,9 @@ from hgogen.emit.lanewriter import LaneWriter, table
 from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
+from hgogen.emit.structs import Struct, structs
 from hgogen.emit.syntax import Real, demand_real
-from hgogen.program import Field, Group, Program, lines_of
+from hgogen.program import Program
 from hgogen.step import Step, demand_step
 from hgogen.target import Files
 
@@ -86,24 +87,10 @@ _STRUCTS = {"s": "state", "p": "params", "in": "input", "out": "output", "x": "p
 
 def _structs(writer: LaneWriter) -> list[str]:
     """The structs of the scalar C, of lanes."""
-    step, p, number = writer.step, writer.prefix, writer.syntax.types[writer.real]
-    lines = list[str]()
-    for kind, signals in (("input", step.inputs), ("output", step.samples), ("plant", step.states)):
-        lines += struct(f"{p}_{kind}", [f"{number} {c_name(signal.name)};" for signal in signals])
-    kinds = (("plant", map(named, step.plant)), ("gain", step.gains), ("derived", step.derived))
-    parameters = ((kind, _members(writer, fields)) for kind, fields in kinds)
-    inner = (["struct {", *indented(members), f"}} {kind};"] for kind, members in parameters if members)
-    lines += struct(f"{p}_params", [line for part in inner for line in part] or [f"{number} none;"])
-    for *_, group in lines_of(step.groups):
-        lines += struct(f"{p}_{group.name}", _members(writer, group.fields, group.groups))
-    lines += struct(f"{p}_state", _members(writer, step.stored, step.groups))
-    return [*lines, *struct(f"{own(p)}_kept", [f"{p}_state s;", f"{p}_params p;"]), ""]
-
-
-def _members(writer: LaneWriter, fields: Iterable[Field], groups: Iterable[Group] = ()) -> list[str]:
-    types = {"real": writer.syntax.types[writer.real], "index": writer.syntax.types["index"]}
-    members = [f"{types[field.kind]} {field.name}{f'[{field.size}]' * (field.size > 1)};" for field in fields]
-    return members + [f"{writer.prefix}_{group.name} {group.name}[{group.count}];" for group in groups]
+    p, none = writer.prefix, f"{writer.syntax.types[writer.real]} none;"
+    known = {"input": Struct("input", "", ())} | structs(writer.step, writer.syntax, writer.real, writer.step.stored)
+    lines = [line for each in typedefs(p, known, none, lambda _: "") for line in each]
+    return [*lines, "typedef struct {", f"    {p}_state s;", f"    {p}_params p;", f"}} {own(p)}_kept;", ""]
 
 
 # --- many records

@@ -4,6 +4,7 @@ No unsafe code, no heap, no statics, no crates; the same memory but for its mark
 in C, so the same bits. Its documentation is the manual. It compiles with Rust 1.63 and later.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hgogen.emit.code import Code, code, indented, joined, spaced
@@ -14,10 +15,11 @@ from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.rustcheck import check as self_check
 from hgogen.emit.rustmanual import documentation, status
-from hgogen.emit.ruststruct import doc, initial, nominal, structs, zeros
+from hgogen.emit.ruststruct import declared, doc, initial
 from hgogen.emit.rustsyntax import RUST, keywords
 from hgogen.emit.sources import sources
 from hgogen.emit.statements import Writer, called
+from hgogen.emit.structs import Struct, structs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.errors import HgogenError
 from hgogen.step import Step, demand_step
@@ -75,8 +77,8 @@ def _recipe(name: str) -> Recipe:
 
 
 def _source(step: Step, real: Real, command: str) -> list[str]:
-    writer = Writer(RUST, step, real)
-    state, parameters = _methods(writer)
+    writer, memory = Writer(RUST, step, real), structs(step, RUST, real, step.state)
+    state, parameters = _methods(writer, memory)
     shared = routines(writer, state.uses.routines)
     used = (state + parameters + shared).uses
     private = functions(RUST, step.name, real, used.helpers) + tables(RUST, step.name, real, used.lookups)
@@ -86,7 +88,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         *_ATTRIBUTES,
         "",
         *status(step),
-        *structs(step, real),
+        *declared(step, memory),
         "impl Parameters {",
         *parameters.indented().lines,
         "}",
@@ -98,20 +100,20 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
     ]
 
 
-def _methods(writer: Writer) -> tuple[Code, Code]:
+def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     """Those of the state, and those of the parameters."""
-    step, real = writer.step, writer.real
+    step = writer.step
     known = entries(step)
     bodies = {section.name: writer.function(section.program) for section in step.called}
     if len(step.sections) > 1:
         bodies["step"] = joined(called(RUST, step, section) for section in step.sections)
     else:
         bodies = {"step": bodies[step.sections[0].name]}
-    of_state = [_made("State", "the state as before the first call", initial(step.state, step.groups, real))]
+    of_state = [_made("State", "the state as before the first call", initial(memory, "state"))]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(known[name], body) for name, body in bodies.items()]
-    of_state.append(_estimate(step, known["estimate"], writer.function(step.estimate)))
-    tuned = code("let mut p = Parameters {", *indented(nominal(step, real)), "};", "p.tune();", "p")
+    of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.estimate)))
+    tuned = code("let mut p = Parameters {", *indented(initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
     of_parameters = [new, _method(known["tune"], writer.function(step.tuning))]
     return spaced(of_state), spaced(of_parameters)
@@ -133,9 +135,10 @@ def _method(entry: Entry, body: Code) -> Code:
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")
 
 
-def _estimate(step: Step, entry: Entry, body: Code) -> Code:
+def _estimate(entry: Entry, struct: Struct, body: Code) -> Code:
     start = ["let s = self;"] if "s" in body.uses.parameters else []
-    inner = code(*start, *_idle(["p"], body), f"let mut x = Estimate {{ {zeros(step.states)} }};") + body + code("x")
+    zeros = ", ".join(f"{member.name}: {member.begins[0]}" for member in struct.members)
+    inner = code(*start, *_idle(["p"], body), f"let mut x = Estimate {{ {zeros} }};") + body + code("x")
     head = "pub fn estimate(&self, p: &Parameters) -> Estimate {"
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")
 
