@@ -92,6 +92,10 @@ class Writer:
         start = self.syntax.reach.format(self.syntax.parameters.get(name, name)) + (f"{member}." if member else "")
         return f"{start}{self.syntax.name(place.name) if place.struct in _SIGNALS else place.name}"
 
+    def number(self, place: Place) -> str:
+        """The text of a place of one element as a real number."""
+        return self._read(place, 1, 0, self.real).text
+
     def uses(self, *places: Place | None) -> Uses:
         """The parameters that places are reached through."""
         return Uses(parameters=frozenset(reached(place for place in places if place)))

@@ -8,7 +8,8 @@ in `memory`, number by number in the order of the C structs. Without contraction
 those of the scalar C.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 from hgogen.emit.cnames import c_name, demand_file
 from hgogen.emit.code import Code, Uses, braced, code, indented, joined
@@ -23,7 +24,7 @@ from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.structs import Struct, structs
 from hgogen.emit.syntax import Real, demand_real
-from hgogen.program import Program
+from hgogen.program import Place, Program
 from hgogen.step import Step, demand_step
 from hgogen.target import Files
 
@@ -121,11 +122,9 @@ def _many(writer: LaneWriter) -> list[str]:
     ]
 
 
-def _traces(writer: LaneWriter) -> Iterator[str]:
-    counters = {field.name for field in writer.step.state if field.kind == "index"}
-    for name in writer.step.observer.traces:
-        cast = writer.syntax.cast.format(value=f"memory->s.{name}", type=writer.syntax.types[writer.real])
-        yield cast if name in counters else f"memory->s.{name}"
+def _traces(writer: LaneWriter) -> list[str]:
+    within = replace(writer, syntax=replace(writer.syntax, reach="memory->{}."))
+    return [within.number(Place("state", name)) for name in writer.step.observer.traces]
 
 
 def _loaded(p: str, array: str, size: int, j: int, place: str) -> str:

@@ -8,7 +8,10 @@
 from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
+from hgogen.emit.csyntax import C
+from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real, demand_real
+from hgogen.program import Place
 from hgogen.step import Step, demand_step
 from hgogen.target import Files
 
@@ -52,8 +55,8 @@ def _run(step: Step, traces: list[str]) -> list[str]:
 
 
 def _traces(step: Step, real: Real) -> list[str]:
-    counters = {field.name for field in step.state if field.kind == "index"}
-    return [f"({real})s->{trace}" if trace in counters else f"s->{trace}" for trace in step.observer.traces]
+    writer = Writer(C, step, real)
+    return [writer.number(Place("state", trace)) for trace in step.observer.traces]
 
 
 def _sample(step: Step, real: Real) -> list[str]:
