@@ -1,29 +1,28 @@
 """NAME.h, the manual of emitted C: banner with the mathematics and its claims, structs, status bits, prototypes; its
 comments are Doxygen's, too."""
 
-# Takes apart: the manual, whose paragraphs it fills.
+# Takes apart: the mathematics, whose words end no comment.
 
-import re
 from collections.abc import Iterable
-from string import Template
 
 from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
+from hgogen.emit.code import indented
 from hgogen.emit.cstruct import typedefs
 from hgogen.emit.csyntax import BESIDE, C, documented, harmless, spoken
 from hgogen.emit.interface import MEANINGS, Entry, direction, entries, of_section
 from hgogen.emit.manual import (
-    faults,
-    guarded,
+    UNTIMELY,
+    gains,
     late,
     marked,
     mathematics,
     model_digest,
-    order,
-    own,
-    ranges,
+    parts,
+    period,
     rates,
     result,
+    state,
     title,
 )
 from hgogen.emit.structs import structs as of_memory
@@ -32,7 +31,7 @@ from hgogen.program import Section
 from hgogen.reading.release import version
 from hgogen.reading.time_unit import pace, plural
 from hgogen.step import Step
-from hgogen.stepping.sensors import OLDEST, ROUND
+from hgogen.stepping.sensors import ROUND
 
 _NONE, _NO_RANGE = f"unsigned char none; {BESIDE}there are none */", "of no declared range"
 
@@ -73,68 +72,50 @@ def _mathematics(step: Step) -> list[str]:
     )
 
 
-_MANUAL = Template("""
-How to use it: one init, then $what a sampling period of $dt.
-
-@code
-$structs
-    ${name}_init(&s, &p);
-    for (;;) {                      every $dt
-$body
-        ${name}_estimate(&s, &p, &x);
-    }
-@endcode
-
-The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
-$missing
-$faults
-The status $result.
-$parts$timed$late
-Change gains in p.gain, then call ${name}_tune,
-$ranges
-The state may be copied, saved and restored, by the same version of this file. $marked To start from an estimate of
-yours write $own, in the coordinates that the struct names, after init or reset and before the first
-call, which takes the estimate as it stands; what else a step remembers of it starts there too.
-
-No heap, no static data$changes, no recursion: one set of structs for each instance, shared between threads only
-under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
-where FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with
--ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused, nor with
--funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by GCC 12 and
-later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails: run it as you
-compile.
-""")
-
-
-_MISSING = (
-    "The period is compiled in: one call for each, with NaN for a sample that did not come.",
-    "The period is compiled in: one predict for each.",
+_COMPILED = (
+    "No heap, no static data{changes}, no recursion: one set of structs for each instance, shared between threads only "
+    "under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check, where "
+    "FLT_EVAL_METHOD of `<float.h>` is 0: elsewhere intermediate results are rounded otherwise; never with -ffast-math "
+    "or -ffinite-math-only, which take the guards against NaN away and are refused, nor with "
+    "-funsafe-math-optimizations or -fassociative-math, which spoil the bundled functions and are refused by GCC 12 "
+    "and later. No macro tells of them in clang, nor of its -fno-honor-nans, with which the self-check fails: run it "
+    "as you compile."
 )
-_USED = "The period is compiled in: one call for each, with a number for every sample."
-_PARTS = Template("""
-${name}_step is $parts:
-$order
-""")
+_WHOLE = (
+    "{rates} {name}_step is all of the calls above at once, for a period in which every output has a sample; an output "
+    "without one then needs NaN."
+)
+_TIMED = (
+    f"{{call}}, and the like of other outputs, is told the number of the period in which the sample was taken: 0 for "
+    f"that of the first predict after init or reset, modulo {ROUND}, which is (uint16_t)k of a counter k of 16 bits or "
+    f"more. The counter may wrap round: differences are taken modulo {ROUND}. {UNTIMELY} A sample older by a multiple "
+    f"of {ROUND} periods cannot be told from one of now. Before the first predict every sample is early."
+)
 
 
-_TIMED = Template("""
-Sensors of different rates: $rates. The noise R of an output is taken for that
-period: give no sample more often. ${name}_step is all of the calls above at once, for a period in which
-every output has a sample; an output without one then needs NaN.
+def _manual(step: Step, real: Real) -> list[str]:
+    name = step.name
+    called = f"{period(step, by_parts=bool(step.timed))} The status {result(step, 'the bits below')}."
+    paragraphs = [called, *parts(step, f"{name}_step")]
+    if step.timed:
+        paragraphs += [_WHOLE.format(rates=rates(step), name=name), _TIMED.format(call=_call(step, step.timed[-1]))]
+    changed = gains(step, "p.gain", f"{name}_tune")
+    restored = state(step, marked(step), "after init or reset and before the first call")
+    changes = " that changes" * bool(step.observer.form.system.tables)
+    paragraphs += [*late(step, real), f"{changed} {restored}", _COMPILED.format(changes=changes)]
+    return _block(["@file", *_use(step), *(line for each in paragraphs for line in ("", each))])
 
-$call, and the like of other outputs, is told
-the number of the period in which the sample was taken: 0 for that of the first predict after init or
-reset, modulo $round, which is (uint16_t)k of a counter k of 16 bits or more. The counter may wrap
-round: differences are taken modulo $round. A sample up to $oldest periods older than the state is
-late, any other that is not of now is early; neither is used. A sample older by a multiple of $round
-periods cannot be told from one of now. Before the first predict every sample is early.
-""")
 
-
-def _timed(step: Step) -> str:
-    """How to call the sections of a step for sensors of different rates."""
-    call = _call(step, step.timed[-1])
-    return _TIMED.substitute(name=step.name, rates=rates(step), call=call, round=ROUND, oldest=OLDEST)
+def _use(step: Step) -> list[str]:
+    """How a caller begins, and what he does in a period."""
+    what, every = "predict, and update where a sample came," if step.timed else "one step", pace(step.dt, step.time)
+    return [
+        f"How to use it: one init, then {what} a sampling period of {every}.",
+        *("", "@code", *indented(each.local for each in structs(step))),
+        *(f"    {step.name}_init(&s, &p);", f"    for (;;) {{                      every {every}"),
+        *indented(_body(step), 8),
+        *(f"        {step.name}_estimate(&s, &p, &x);", "    }", "@endcode"),
+    ]
 
 
 def _body(step: Step) -> list[str]:
@@ -155,29 +136,6 @@ def _body(step: Step) -> list[str]:
 def _call(step: Step, section: Section) -> str:
     """The call of a section by a caller whose structs are named as its parameters are."""
     return prototype(step, of_section(step, section)).call(address)
-
-
-def _manual(step: Step, real: Real) -> list[str]:
-    parts = ", ".join(section.name for section in step.sections)
-    text = _MANUAL.substitute(
-        name=step.name,
-        dt=pace(step.dt, step.time),
-        own=" and ".join(own(step)),
-        what="predict, and update where a sample came," if step.timed else "one step",
-        body="\n".join(f"        {line}" for line in _body(step)),
-        faults=faults(step),
-        ranges=ranges(step),
-        result=result(step, "the bits below"),
-        marked=marked(step),
-        missing=_MISSING[bool(step.timed)] if guarded(step) else _USED,
-        structs="\n".join(f"    {each.local}" for each in structs(step)),
-        changes=" that changes" * bool(step.observer.form.system.tables),
-        parts=_PARTS.substitute(name=step.name, parts=parts, order=order(step)) if step.apart else "",
-        timed=_timed(step) if step.timed else "",
-        late=f"\n{late(step, real)}\n" if step.ages else "",
-    )
-    flowing = re.sub(r"(?<=\S)\n(?=[^\s@])", " ", text.strip("\n"))  # a paragraph is one line, which is filled later
-    return _block(["@file", *flowing.split("\n")])
 
 
 def _status(step: Step) -> list[str]:

@@ -19,6 +19,7 @@ from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.members import read_fields
 from hgogen.stepping.ready import UNINITIALISED
+from hgogen.stepping.sensors import OLDEST
 
 FAULTS = (
     "An output that is not finite is missing: the step predicts. An input that is not finite reuses the last valid "
@@ -56,6 +57,15 @@ ORDER_OF_LATE = (
     "period, or none: predict once a period, an update for each sample, in any order; then adapt, once after them, "
     "raises the bits about the estimate. Until then no sample is used. Without a sample leave its update out; with NaN "
     "it raises MISSING."
+)
+CALL = (
+    "The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time. The "
+    "period is compiled in:"
+)
+SAMPLE = {True: "NaN for a sample that did not come", False: "a number for every sample"}
+UNTIMELY = (
+    f"A sample up to {OLDEST} periods older than the state is late, any other that is not of now is early; neither is "
+    "used."
 )
 BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line from the value before to that now"}
 
@@ -104,14 +114,35 @@ def guarded(step: Step) -> bool:
     return step.guards == "all"
 
 
-def faults(step: Step) -> str:
-    """What it does with signals that are absurd, and with an estimate that is lost."""
-    return f"{FAULTS} {recovery(step)}" if guarded(step) else UNGUARDED
+def period(step: Step, by_parts: bool = False) -> str:
+    """What the call of a period uses and leaves, and what it does with absurd signals and with an estimate that is
+    lost; `by_parts`: a caller with guards calls its parts."""
+    once = "predict for each" if by_parts and guarded(step) else f"call for each, with {SAMPLE[guarded(step)]}"
+    return f"{CALL} one {once}. {f'{FAULTS} {recovery(step)}' if guarded(step) else UNGUARDED}"
 
 
-def ranges(step: Step) -> str:
-    """What a change of a gain asks for, after the name of the call that completes it."""
-    return RANGES if guarded(step) else UNLIMITED
+def parts(step: Step, name: str, quoted: str = "{}") -> list[str]:
+    """How the sections of a step are called one by one, where they can be.
+
+    Args: `name`, what calls all; `quoted`: {}, the name of a section in a text.
+    """
+    sections = ", ".join(quoted.format(section.name) for section in step.sections)
+    return [f"{name} is {sections}: {ORDER_OF_LATE if step.ages else ORDER}"] if step.apart else []
+
+
+def gains(step: Step, members: str, call: str) -> str:
+    """What a change of gains, which are these members, asks for, and the call that completes it."""
+    return f"Change gains in {members}, then call {call}, {RANGES if guarded(step) else UNLIMITED}"
+
+
+def state(step: Step, made: str, before: str, quoted: str = "{}") -> str:
+    """What may be done with a state; `made`: where it comes from, `before`: the call before which it may be written."""
+    own = " and ".join(quoted.format(name) for name in _own(step))
+    return (
+        f"The state may be copied, saved and restored, by the same version of this file. {made} To start from an "
+        f"estimate of yours write {own}, in the coordinates that the struct names, {before}, which takes the estimate "
+        "as it stands; what else a step remembers of it starts there too."
+    )
 
 
 def result(step: Step, bits: str) -> str:
@@ -133,21 +164,16 @@ def remembered(step: Step) -> str:
     return f"what a step remembers: yours to copy, save and restore{limits * guarded(step)}"
 
 
-def order(step: Step) -> str:
-    """How its sections are called one by one."""
-    return ORDER_OF_LATE if step.ages else ORDER
-
-
-def late(step: Step, real: Real) -> str:
-    """How samples that come late are given, and what the worst of it costs; "" of a step without."""
+def late(step: Step, real: Real) -> list[str]:
+    """How samples that come late are given, and what the worst of it costs, where they may."""
     if step.plain is None:
-        return ""
+        return []
     pairs = list(zip(step.late, step.ages, strict=True))
     ages = ", ".join(f"with a sample of {y.name} goes {age.name}" for y, age in pairs)
     most = ", ".join(f"{age.name} up to {age.interval[1]:g}" for _, age in pairs)
     slots = next(group.count for group in step.groups if group.name == MEMORY)
     once, worst = cost(step.plain, real), cost(step, real)
-    return (
+    return [
         f"Late samples: {ages}, the number of periods ago in which it was taken, 0 for now, {most}. It is fused in "
         "that period, and what follows is run again, so that the estimate becomes what it would be had the sample come "
         "in time; what is run again has the gains of now. Samples may come in any order, one of an output for each "
@@ -159,7 +185,7 @@ def late(step: Step, real: Real) -> str:
         f"and {once.functions} functions (root, sine, table, ..), a call that runs all of the {slots} that are "
         f"remembered, as each does of a sensor that is always so late, no more than {worst.operations} and "
         f"{worst.functions}. The state has {worst.state} bytes with them, {once.state} without delays."
-    )
+    ]
 
 
 def recovery(step: Step) -> str:
@@ -185,13 +211,15 @@ def _lasting(step: Step) -> str:
 
 
 def rates(step: Step) -> str:
-    """How often each output has a sample."""
-    return ", ".join(
-        f"{y} every {pace(period, step.time)}" for y, period in zip(step.outputs, step.periods, strict=True)
+    """How often each output of a step has a sample, and what that means."""
+    each = (f"{y} every {pace(period, step.time)}" for y, period in zip(step.outputs, step.periods, strict=True))
+    return (
+        f"Sensors of different rates: {', '.join(each)}. The noise R of an output is taken for that period: give no "
+        "sample more often."
     )
 
 
-def own(step: Step) -> list[str]:
+def _own(step: Step) -> list[str]:
     """The fields that the estimate is read from."""
     shown = read_fields([step.observer.z])
     return [f"s.{field.name}" for field in step.state if field.name in shown]
