@@ -329,8 +329,8 @@ def test_an_output_that_an_input_bends_has_no_chain(what: str) -> None:
         output = chain[0].replace("x1", "z1")
         content["form"] |= {"states": x[2:], "to_form": ["x1", "x2"], "from_form": ["z1", "z2"], "blocks": ["2"]}
         content["form"] |= {"A": [["0", "0"], ["0", "0"]], "b": rows, "output": [output]}
-        found = {row.id: row.found for row in read(content).rows}
-        assert found["phase.chain"] == ("verified" if smooth else "fails")
+        verdicts = {row.id: row.found for row in read(content).rows}
+        assert verdicts["phase.chain"] == ("verified" if smooth else "fails")
 
 
 def test_a_deep_file_is_refused() -> None:

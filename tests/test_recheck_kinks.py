@@ -25,7 +25,7 @@ from hgogen.recheck.verification import recheck
 
 F = Fraction
 BOX: Box = {"v": (F(-1), F(2)), "z": (F(1), F(3))}  # no bisection of the first has 0 among its ends
-NEAR = F(1, 10**6)
+MARGIN = F(1, 10**6)
 
 
 def shown(row: str, name: str, low: Fraction, high: Fraction, box: Box = BOX) -> bool:
@@ -58,9 +58,9 @@ KNOWN: dict[str, tuple[str, str, Fraction, Fraction]] = {
 @pytest.mark.parametrize("known", KNOWN)
 def test_a_slope_is_in_the_hull_of_those_beside_a_kink(known: str) -> None:
     row, name, low, high = KNOWN[known]
-    assert shown(row, name, low - NEAR, high + NEAR)
-    assert not shown(row, name, low + NEAR, high + NEAR)
-    assert not shown(row, name, low - NEAR, high - NEAR)
+    assert shown(row, name, low - MARGIN, high + MARGIN)
+    assert not shown(row, name, low + MARGIN, high + MARGIN)
+    assert not shown(row, name, low - MARGIN, high - MARGIN)
 
 
 def test_at_the_edge_of_a_range_a_slope_is_that_from_within() -> None:
@@ -90,7 +90,7 @@ def test_no_rise_of_a_row_is_beyond_what_is_shown_of_its_slope(
         evaluate(text, {key: x[k if key == name else rest] for key, x in inside.items()}, fractions) for k in (a, b)
     ]
     rise = (ends[1] - ends[0]) / (inside[name][b] - inside[name][a])
-    for low, high in ((rise + NEAR, math.inf), (-math.inf, rise - NEAR)):
+    for low, high in ((rise + MARGIN, math.inf), (-math.inf, rise - MARGIN)):
         assert not in_ranges([text], [name], {(0, 0): (low, high)})(box).shown
 
 
@@ -118,7 +118,7 @@ def test_a_breakpoint_at_an_edge_is_of_both_pieces() -> None:
     box: Box = {"v": (F(0), F(2)), "z": (F(1), F(3))}
     continuous([expression(row, box)], ["v"], box)
     assert shown(row, "v", F(1), F(9), box)
-    assert not shown(row, "v", F(1), F(9) - NEAR, box)
+    assert not shown(row, "v", F(1), F(9) - MARGIN, box)
 
 
 @pytest.mark.parametrize("drag", ["v*Abs(v)", "Max(v, 0)**2"])
@@ -198,9 +198,9 @@ def test_a_jump_or_a_steep_end_in_the_place_of_a_kink_is_refused(new: str) -> No
     for part, name in (("plant", "v"), ("form", "z2")):
         row = {"plant": "flow", "form": "b"}[part]
         content[part][row] = [text.replace(f"{name}*Abs({name})", _renamed(new, part)) for text in content[part][row]]
-    found = findings(content)
-    assert found["triangular.structure"] == "verified"
-    assert {found[id] for id in ("triangular.lipschitz", "high_gain.convergence", "high_gain.theta")} == {"fails"}
+    verdicts = findings(content)
+    assert verdicts["triangular.structure"] == "verified"
+    assert {verdicts[id] for id in ("triangular.lipschitz", "high_gain.convergence", "high_gain.theta")} == {"fails"}
 
 
 def _renamed(text: str, part: str) -> str:
