@@ -99,7 +99,8 @@ def test_what_is_no_name_is_a_sentence(question: Callable[[], Any], said: str) -
 
 
 SWITCHES = [
-    *((getattr(folder, name), PLANT) for folder in (hg.forms, hg.observers, hg.targets) for name in folder.__all__),
+    *((getattr(folder, name), PLANT) for folder in (hg.forms, hg.observers) for name in folder.__all__),
+    *((getattr(hg.targets, name), step()) for name in hg.targets.__all__),
     *((question, PLANT) for question in (hg.advise, hg.fit, hg.survey, hg.tune)),
 ]
 

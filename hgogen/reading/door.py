@@ -49,6 +49,12 @@ def asks(kind: type | tuple[type, ...], wanted: str) -> Callable[[Asked], Asked]
     return guards
 
 
+def demand_switch(what: str, value: object) -> None:
+    """Raise `Misfit` for anything but True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise Misfit(what, value, "True or False")
+
+
 def switches(question: Asked) -> Asked:
     """For a function with keywords that are switches, of type bool: for anything but True or False, which would count
     as one of them, it raises `Misfit`."""
@@ -57,8 +63,7 @@ def switches(question: Asked) -> Asked:
     @wraps(question)
     def guarded(*args: Any, **options: Any) -> Any:
         for name in names:
-            if not isinstance(value := options.get(name, False), bool | np.bool_):
-                raise Misfit(f"{question.__name__}, {name}=", value, "True or False")
+            demand_switch(f"{question.__name__}, {name}=", options.get(name, False))
         return question(*args, **options)
 
     return cast(Asked, guarded) if names else question

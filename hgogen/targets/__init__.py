@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING, Any
 
-from hgogen.reading.door import switches
 from hgogen.registry import load
 
 if TYPE_CHECKING:
@@ -10,7 +9,7 @@ if TYPE_CHECKING:
     def __getattr__(name: str) -> Any: ...
 
 
-_cases = {name: switches(case) for name, case in load(__name__).items()}
+_cases = load(__name__)
 globals().update(_cases)
 __all__ = list(_cases)
 

@@ -26,6 +26,7 @@ from hgogen.emit.sources import sources
 from hgogen.emit.statements import called
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Field, Group, Place
+from hgogen.reading.door import demand_switch
 from hgogen.step import Step, demand_step
 from hgogen.stepping.ready import UNINITIALISED
 from hgogen.target import Sources
@@ -41,6 +42,7 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     `NotPrintable` for a number, an operation that has no text; `PointsMerge` for a table.
     """
     demand_step(step, "c99")
+    demand_switch("c99, check=", check)
     demand_real(real)
     demand_file(step.name)
     demand_distinct(step, C)

@@ -31,6 +31,7 @@ from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.graph import Graph
 from hgogen.program import Block
+from hgogen.reading.door import demand_switch
 from hgogen.reading.given import among
 from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation
@@ -103,6 +104,7 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
     Raises: `NoStep`; `NotInCasadi` for float.
     """
     demand_step(step, "casadi")
+    demand_switch("casadi, bundled=", bundled)
     if not among(real, ("double",)):
         raise NotInCasadi(f"real = {real!r}", 'is not what CasADi computes in: take "double", or the target c99')
     known = elementary("double") if bundled else {}

@@ -22,6 +22,7 @@ from hgogen.emit.statements import Writer, called
 from hgogen.emit.structs import Struct, structs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.errors import HgogenError
+from hgogen.reading.door import demand_switch
 from hgogen.step import Step, demand_step
 from hgogen.target import Recipe, Sources
 
@@ -57,6 +58,7 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     `NotPrintable` for a number, an operation that has no text; `PointsMerge` for a table.
     """
     demand_step(step, "rust")
+    demand_switch("rust, check=", check)
     demand_real(real)
     if step.name in _CRATES | keywords():
         raise NoCrate(step.name)
