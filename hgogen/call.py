@@ -191,7 +191,7 @@ class CallableStep(Step):
         """
         engine = self._kept.ready(engine, self.engine)
         asked = Asked(self, self._kept, u, y, parameters, starts)
-        firsts = asked.firsts(self._many.own, engine, lambda start: self.started(lambda _: start).save())
+        firsts = asked.firsts(self._many.own, engine, lambda start: self.started(start).save())
         return self._many.run(asked, firsts, engine, jobs, traces=traces, each=each)
 
     def reset(self) -> None:

@@ -211,9 +211,9 @@ def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[Call
     """The step that starts there, and what it takes from the text or, by default, from the first samples."""
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
-        return step.started(lambda form: values), values
+        return step.started(values), values
     shown = _shown(step, y)
-    return (step.started(lambda form: {**step.observer.initial, **shown}), shown) if shown else (step, {})
+    return (step.started({**step.observer.initial, **shown}), shown) if shown else (step, {})
 
 
 def _shown(step: CallableStep, y: np.ndarray) -> dict[str, float]:
