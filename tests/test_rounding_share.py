@@ -33,6 +33,8 @@ from hgogen.intervals.computed import REALS, Computed, Real, Rounding, Unsure, e
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.declared_bounds import Bounds
 from hgogen.program import Place
+from hgogen.recheck.box import NotShown
+from hgogen.recheck.rules.driven import _sizes
 from hgogen.recheck.verification import recheck
 from hgogen.step import BadStep
 
@@ -578,6 +580,14 @@ def test_a_forged_number_fails(lie: str) -> None:
         changed["bounds"] += share["bounds"][1:]
     share |= changed
     assert verdict(content) == "fails"
+
+
+@pytest.mark.parametrize("size", ["-1/2", "-2"])
+def test_a_size_is_not_negative(size: str) -> None:
+    """Whatever else such a share says that does not follow."""
+    with pytest.raises(NotShown, match="a size of its fields is negative"):
+        _sizes({"fields": ["0", size]}, "fields", 2)
+    assert _sizes({"fields": ["0", "1/2"]}, "fields", 2) == [0, Fraction(1, 2)]
 
 
 def larger(share: dict[str, Any], by: int = 100) -> None:
