@@ -174,8 +174,8 @@ def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable
     checks, accept = tuple(checks), (accept,) if isinstance(accept, str) else tuple(accept)
     known = (*(check.id for check in checks), *later)
     for name in accept:
-        if name not in known:
-            raise UnknownCheck(name, known)
+        if not (isinstance(name, str) and name in known):
+            raise UnknownCheck(str(name), known)
     return tuple(check for check in checks if check.verdict is Verdict.REFUTED and check.id not in accept)
 
 

@@ -61,10 +61,9 @@ def names(what: str, value: Any) -> tuple[Any, ...]:
     """Names, or signals for theirs, of which one may be given alone. Raises: `BadGain` for anything else."""
     if isinstance(value, str | sp.Symbol):
         return (value,)
-    several = tuple(value) if isinstance(value, Iterable) else None
-    if several is None or not all(isinstance(each, str | sp.Symbol) for each in several):
+    if not isinstance(value, Iterable):
         raise BadGain(f"{what} = {value!r}", "must be a name or several, such as ['a', 'b']")
-    return several
+    return tuple(value)
 
 
 def signals_named(
