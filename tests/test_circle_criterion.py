@@ -427,6 +427,24 @@ def test_a_multiplier_for_one_slope_loses_nothing(monkeypatch: pytest.MonkeyPatc
     assert multiplier.bounds == pytest.approx(corners.bounds, rel=0.01)
 
 
+def test_the_program_with_multipliers_is_the_inequality_that_it_stands_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """V' + alpha V + sum S_j ((H e + E v)_j^2 - w_j^2) - sum lambda_j v_j^2, at any P, Y, S, lambda, e, w and v."""
+    monkeypatch.setattr(gain_search, "one_by_one", lambda *_: False)
+    rng, n, m, p = np.random.default_rng(5), 3, 2, 2
+    M, G, H, C, D, B, E = map(rng.standard_normal, [(n, n), (n, m), (m, n), (p, n), (p, m), (n, p), (m, p)])
+    program = gain_search._Program(gain_search.Open(M, G, H, C, D, B, E, (0, 0, 1)), rate=1, alpha=1.5)
+    at = rng.standard_normal(program._size)
+    S, powers = program._diagonal(p + m, m), program._diagonal(p, p)
+    form = program._driven(None, program._form(None, 1.5, S), S, powers)
+    whole, P, Y = (np.einsum("k,kij->ij", at, each) for each in (form, program._P, program._Y))
+    e, w, v = (rng.standard_normal(size) for size in (n, m, p))
+    change = 2 * e @ P @ (M @ e + G @ w + B @ v) - 2 * e @ Y @ (C @ e + D @ w - v)
+    slopes = at[-p - m : -p] @ ((H @ e + E @ v) ** 2 - w**2)
+    inequality = change + 1.5 * e @ P @ e + slopes - at[-p:] @ v**2
+    point = np.concatenate([e, w, v])
+    assert point @ whole @ point == pytest.approx(inequality, rel=1e-12)
+
+
 def test_an_argument_that_does_no_better_is_left_out() -> None:
     """The slope of van der Pol's last row in its rate takes no noise from an output error: the gain is that without."""
     form = hg.forms.triangular(load("van_der_pol").plant)

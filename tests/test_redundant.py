@@ -2,6 +2,7 @@
 
 import copy
 import json
+from fractions import Fraction
 from functools import cache
 from typing import Any
 
@@ -10,9 +11,11 @@ import pytest
 import sympy as sp
 from forger import sealed
 from plants import two_outputs
+from worst import Worst
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.guarantees.entering import Heads, Sizes, heads_of
 from hgogen.modelfiles.first import NoFirst, first
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
@@ -227,6 +230,21 @@ def test_the_error_is_bounded_as_with_one_sensor() -> None:
         assert both.shares[what] == pytest.approx(share, rel=1e-3)
     assert both.inside == one.inside
     assert both.settles == pytest.approx(one.settles)
+
+
+def test_a_disturbance_enters_the_samples_of_the_state_that_it_moves() -> None:
+    """Both outputs show x1 at the end of a call, neither x2."""
+    worst = Worst(stepped(x1, -2 * x1))
+    shown = heads_of(worst.form)
+    assert shown == {0: (0, 1), 1: (0, -2)}
+
+    def entering(k: int, shown: Heads) -> tuple[Any, Any]:
+        beside = Sizes(beside=tuple(Fraction(i == k) for i in range(2)))
+        inputs = beside.inputs(worst.at, worst.error, worst.start.scales, shown)
+        return inputs.D.tolist(), inputs.Q.tolist()
+
+    assert entering(0, shown) != entering(0, {})
+    assert entering(1, shown) == entering(1, {})
 
 
 def test_an_output_that_enters_nowhere_has_no_share() -> None:
