@@ -143,7 +143,7 @@ LARGEST = {
     ("-(u**2)", 2): 50,
     ("q*w", 1): 4 + np.max(AT - 3 * AT * np.sin(AT)),  # w^2 + q (u - 3 sin q)
     ("sin(q)", 2): np.sin(1) * 4 + np.cos(1) * (1 + 3 * np.sin(1)),
-    ("Max(w - 9, q)", 1): 2,
+    ("Max(-9 - q, q)", 1): 2,
     ("Abs(q + 2)", 1): 2,
 }
 
