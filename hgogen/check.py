@@ -13,6 +13,8 @@ from typing import Any, ClassVar, Self
 from hgogen.errors import HgogenError, nearest
 from hgogen.sentence import Reason, Sentence, because
 
+ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form original is for any plant with finite slopes."
+
 
 class Verdict(StrEnum):
     """What is known of a claim."""
@@ -134,8 +136,13 @@ class Refuted(HgogenError):
         head = f"{self.where}: refuted" if self.where else "refuted"
         sentences = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
         sentences += [check.fix for check in self.checks]
-        sentences += [self.never or self._offer, self.other]
+        sentences += [self._elsewhere, self.never or self._offer, self.other]
         return " ".join(filter(None, sentences))
+
+    @property
+    def _elsewhere(self) -> str:
+        """What every form can say to whom it does not suit; which others do is not known to it."""
+        return ELSEWHERE if self.form is not None and not self.form.structured else ""
 
     @property
     def _offer(self) -> str:

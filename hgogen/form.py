@@ -19,9 +19,6 @@ from hgogen.system import System
 
 Make = TypeVar("Make", bound=Callable[..., Any])
 
-# what every form can say to whom it does not suit; which others do is not known to it
-ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form original is for any plant with finite slopes."
-
 
 @dataclass(frozen=True)
 class Asking:

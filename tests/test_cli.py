@@ -175,6 +175,7 @@ def test_check_of_a_plant_in_no_form(here: Path):
     out, err = hgogen("check", str(alone))
     assert "in triangular form" not in out
     assert out.count("y brings in soc, v together") == 1
+    assert "hgogen check MODEL tells" not in out  # which is what it does
     assert "has the structure of none of the forms asked" in err
 
 

@@ -26,7 +26,7 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
-from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.form import Asking, Form
 from hgogen.reading.given import among
 from hgogen.sentence import Reason, because
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
@@ -142,7 +142,7 @@ def _structure(name: str, verdict: Verdict, why: Reason) -> Check:
     id = ClaimId("block_triangular", "structure")
     if verdict is Verdict.PROVED:
         return Check(id, claim, verdict, why, proofs=(ByForm(),))
-    return Check(id, claim, verdict, why, fix=f"Try another alignment; {ELSEWHERE}")
+    return Check(id, claim, verdict, why, fix="Try another alignment.")
 
 
 def _signed(links: tuple[Link, ...], plant: System) -> _Chain:

@@ -144,7 +144,7 @@ def _inputs(whole: _Map) -> Check:
     loose = [u.name for u in known if not u.bounded]
     if loose:
         fix = "Declare rates=((low, high), ..) of the input, one pair for each derivative."
-        reason = because("{names} enter, to be supplied, {loose} without one", names=names, loose=loose)
+        reason = because("{names} enter, to be supplied; no range is declared for {loose}", names=names, loose=loose)
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     return Check(id, claim, Verdict.PROVED, because("{names} enter, to be supplied, in declared ranges", names=names))
 

@@ -20,7 +20,7 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
-from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.form import Asking, Form
 from hgogen.sentence import Reason
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
@@ -125,9 +125,9 @@ def _structure(verdict: Verdict, reason: Reason, fix: str) -> Check:
 
 
 def _fix(chains: Chains, shape: Shape, plant: System) -> str:
-    """A form that the same chain may have, else one that takes any plant."""
+    """A form that the same chain may have, else what any plant has left."""
     if shape is Shape.CONSTANT and chains.answer(Shape.MEASURED)[0]:
-        return f"Let slopes vary with the measured state, measured=True; {ELSEWHERE}"
+        return "Let slopes vary with the measured state, measured=True."
     if chains.answer(Shape.UNIFORM)[0] and all(sign(link.slope, plant) for link in chains.links[0]):
-        return f"Use the form uniform, for slopes that vary and keep off zero, which riccati takes; {ELSEWHERE}"
-    return f"Measure another output; {ELSEWHERE}"
+        return "Use the form uniform, for slopes that vary and keep off zero, which riccati takes."
+    return "Measure another output."

@@ -27,7 +27,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.enclosing import enclosure, point, sides
 from hgogen.evidence.grounds import ByForm, Evidence
-from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.form import Asking, Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.sentence import Reason
@@ -117,7 +117,7 @@ def _structure(verdict: Verdict, why: Reason) -> Check:
     id, claim = ClaimId("uniform", "structure"), "y shows one state, each row brings in one new one"
     if verdict is Verdict.PROVED:
         return Check(id, claim, verdict, why, proofs=(ByForm(),))
-    return Check(id, claim, verdict, why, fix=f"Measure another output; {ELSEWHERE}")
+    return Check(id, claim, verdict, why, fix="Measure another output.")
 
 
 def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:

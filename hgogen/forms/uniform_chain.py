@@ -21,7 +21,7 @@ from hgogen.analysis.lie import input_derivatives, size, without_derivative
 from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
-from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.form import Asking, Form
 from hgogen.sentence import NONE, because
 from hgogen.structure.apart import apart, without_jumps
 from hgogen.structure.carried import Carried, by_construction, undefined
@@ -31,6 +31,7 @@ from hgogen.system import System
 
 LIMIT = 20_000  # nodes of xi and b
 _MAKER = "uniform_chain"
+_OTHER = "the form original takes any plant with finite slopes"
 _REFERENCE = "Hammouri, Farza, ESAIM: COCV 9 (2003)"
 
 
@@ -76,7 +77,7 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
     chains = levelwise(of_plant(plant))
     answer, why = chains.answer(Shape.UNIFORM)
     if answer is not True or chains.broken:
-        raise NoUniformChain(plant.name, f"is not shown to be in uniform form: {why}; {ELSEWHERE}")
+        raise NoUniformChain(plant.name, f"is not shown to be in uniform form: {why}; {_OTHER}")
     shows = chains.links[0][0]
     c, offset = (sp.simplify(exact(sp.sympify(part))) for part in (shows.gain, shows.rest))
     if not (shows.answer(Shape.CONSTANT)[0] and c.free_symbols <= {*plant.parameters}):
