@@ -123,7 +123,7 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
     return {**{f"{made.name}.{end}": files(name, real)[f"{made.name}.{end}"] for end in "hc"}, "main.c": text}
 
 
-SANITIZE = ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-g", "-O1")
+SANITIZE = ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-g1", "-O1")
 
 DIVIDE = ("-fsanitize=float-divide-by-zero",)
 

@@ -27,7 +27,7 @@ NAMES = [*emitted.STEPS]
 # one of each kind: sections that ask by themselves, one section, sensors that say when, late samples, 32 bits of status
 KINDS = ["two", "pendulum", "bank", "delayed", "no_input", "many_states", "wide"]
 FILLS = ("0x00", "0xFF", "0xA5", "0xCD", "0x55", "0x01")
-SANITIZE = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZE = ("-O1", "-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
 ENGINES = [pytest.param("c", marks=needs_compiler), "python"]
 
