@@ -95,12 +95,19 @@ x1, x2, w, y1 = (getattr(MODEL.module, name) for name in ("x1", "x2", "w", "y1")
         ({"observer": [x1]}, "must have a row"),
         ({"observer": [x1, "a text"]}, "is no expression"),
         ({"observer": {**BLIND, "x2": y1**2}}, "not shown to be affine"),
-        ({"unknown": ["v"]}, "none of the inputs"),
+        ({"unknown": ["v"]}, "none of the inputs; there are w"),
+        ({"unknown": 5}, "must be a name or several"),
     ],
 )
 def test_what_makes_no_error_system_is_refused(change: dict[str, Any], said: str) -> None:
     with pytest.raises(HgogenError, match=said):
         hg.observer_errors(MODEL.plant, **{"observer": BLIND, "unknown": [w], "along": ALONG, **change})
+
+
+def test_one_unknown_input_may_be_given_alone() -> None:
+    several = hg.observer_errors(MODEL.plant, BLIND, unknown=[w], along=ALONG)
+    assert hg.observer_errors(MODEL.plant, BLIND, unknown=w, along=ALONG) == several
+    assert hg.observer_errors(MODEL.plant, BLIND, unknown="w", along=ALONG) == several
 
 
 @cache

@@ -21,6 +21,7 @@ from hgogen.intervals.box import box
 from hgogen.intervals.lost import is_defined, lost, put_apart
 from hgogen.intervals.slope import JUMPS
 from hgogen.reading.door import asks_a_plant
+from hgogen.reading.given import signals_named
 from hgogen.reading.named import BadNames, in_order, names_of
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -28,31 +29,33 @@ from hgogen.system import System
 
 @asks_a_plant
 def observer_errors(
-    plant: System, observer: Any, *, unknown: Iterable[Any], along: Mapping[Any, Any] | None = None
+    plant: System, observer: Any, *, unknown: Iterable[Any] | Signal | str, along: Mapping[Any, Any] | None = None
 ) -> ErrorSystem:
     """The error system of xhat' = observer on the plant, its errors named e_STATE.
 
     Args: `observer` (n) expressions of the plant's states, which stand for the estimate, outputs, known inputs and
-    parameters, in the order of the states or by their names; `unknown` inputs, or their names: they are the
-    disturbances w; `along` the states that others tell while the plant runs, by name, such as {"x2": x1**2}.
+    parameters, in the order of the states or by their names; `unknown` inputs or their names, or one alone:
+    they are the disturbances w; `along` the states that others tell while the plant runs, by name, such as
+    {"x2": x1**2}.
 
-    Raises: `Misfit`; `BadNames`; `BadErrorSystem` where the plant does not keep to `along`, or the error system is not
-    affine in w.
+    Raises: `Misfit`; `BadNames`; `BadGain` for an `unknown` that is no names; `BadErrorSystem` where the plant does not
+    keep to `along`, or the error system is not affine in w.
     """
-    states, inputs = names_of(plant.states), {u.name: u for u in plant.inputs}
+    states = names_of(plant.states)
     rows = [_expression("observer", row) for row in in_order("observer", observer, states)]
     if len(rows) != len(states):
         raise BadErrorSystem(f"observer of length {len(rows)}", f"must have a row for each of {', '.join(states)}")
-    names = [str(getattr(u, "name", u)) for u in ((unknown,) if isinstance(unknown, str) else unknown)]
-    if strange := [name for name in names if name not in inputs]:
-        raise BadNames("unknown", f"names {strange[0]!r}, which is none of the inputs {', '.join(inputs) or '(none)'}")
-    w = tuple(u for u in plant.inputs if u.name in names)
+    w = signals_named("unknown", unknown, plant.inputs, _no_input)
     constraints = _along(plant, along or {})
     known = {*plant.states, *plant.outputs, *plant.parameters, *plant.inputs} - {*w}
     if strange := sorted(map(str, sp.Tuple(*rows).free_symbols - known)):
         raise BadErrorSystem("observer", f"uses {strange[0]}, which is no state, output, known input or parameter")
     made = Equations(tuple(rows), tuple(plant.outputs), w, constraints)
     return _made(plant, made)
+
+
+def _no_input(name: str, fix: str) -> BadNames:
+    return BadNames("unknown", f"names {name!r}, which is none of the inputs; {fix}")
 
 
 def _made(plant: System, made: Equations) -> ErrorSystem:
