@@ -118,6 +118,7 @@ def test_c_and_rust_have_the_bits_of_python(name: str, real: str) -> None:
     assert "This step has no guards." in header
     assert "Guards: none" in header
     assert "convergence" not in header
+    assert ".  To start" not in header  # no sentence on a mark stands before it
     try:
         assert "samples as recorded" in native.run_recipe(hg.targets.rust(plain, real=real))
     except native.NoTool as error:

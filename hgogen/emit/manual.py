@@ -136,13 +136,16 @@ def gains(step: Step, members: str, call: str) -> str:
 
 
 def state(step: Step, made: str, before: str, quoted: str = "{}") -> str:
-    """What may be done with a state; `made`: where it comes from, `before`: the call before which it may be written."""
+    """What may be done with a state; `made`: where it comes from, or ""; `before`: the call before which it may be
+    written."""
     own = " and ".join(quoted.format(name) for name in _own(step))
-    return (
-        f"The state may be copied, saved and restored, by the same version of this file. {made} To start from an "
-        f"estimate of yours write {own}, in the coordinates that the struct names, {before}, which takes the estimate "
-        "as it stands; what else a step remembers of it starts there too."
+    sentences = (
+        "The state may be copied, saved and restored, by the same version of this file.",
+        made,
+        f"To start from an estimate of yours write {own}, in the coordinates that the struct names, {before}, which "
+        "takes the estimate as it stands; what else a step remembers of it starts there too.",
     )
+    return " ".join(filter(None, sentences))
 
 
 def result(step: Step, bits: str) -> str:
