@@ -73,10 +73,23 @@ def test_a_slope_with_both_ends_open_is_none() -> None:
 
 
 def test_a_jump_is_none() -> None:
-    """sign(x2) x2^2 has no jump that is shown, and no slope of one end that is."""
-    made = observer((1, 0.5), drag(lambda x: -sp.sign(x[1]) * x[1] ** 2))
+    """Coulomb's friction beside -x2^3, whose slope is at most 0 wherever there is one."""
+    made = observer((1, 0.5), drag(lambda x: -sp.sign(x[1]) - x[1] ** 3))
     (check,) = (each for each in made.checks if each.id == "circle_criterion.convergence")
     assert "may jump" in str(check.reason)
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        lambda x: -x[1] * sp.Abs(x[1]),
+        lambda x: -(x[1] ** 2) * sp.sign(x[1]),
+        lambda x: -(x[1] ** 3) - sp.Piecewise((x[1], x[1] < 0), (2 * x[1], True)),
+    ],
+)
+def test_a_kink_is_no_jump(last: Any) -> None:
+    made = observer((1, 0.5), drag(last))
+    assert verdict(made) is verdict(made, "theta") is hg.Verdict.PROVED
 
 
 def test_a_jump_at_a_pole_is_none() -> None:

@@ -1,6 +1,8 @@
 """What SymPy brings in unasked, by functions that every reader knows."""
 
+import json
 from itertools import product
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +14,7 @@ from hgogen.algebra.plain import plain
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.graph import to_casadi
+from hgogen.recheck.verification import recheck
 
 a, b, c = sp.symbols("a b c", real=True)
 SIGNS = [sp.Symbol(name) for name in "pqr"]
@@ -56,3 +59,37 @@ def test_a_plant_with_a_choice_in_a_condition_becomes_a_step() -> None:
     step.reset()
     assert np.array_equal(run.x, [step(y=each).x for each in y])
     assert run.x[1:].all()
+
+
+@pytest.mark.parametrize(
+    ("given", "written"),
+    [
+        (a**2 * sp.sign(a), a * sp.Abs(a)),
+        (3 * a * sp.sign(a) * sp.sign(b), 3 * sp.Abs(a) * sp.sign(b)),
+        (-(a - b) * sp.sign(a - b) * sp.exp(c), -sp.Abs(a - b) * sp.exp(c)),  # SymPy has b - a in it
+        ((b - a) ** 3 * sp.sign(a - b), -((b - a) ** 2) * sp.Abs(a - b)),
+        (sp.sin(a) * sp.sign(sp.sin(a)), sp.Abs(sp.sin(a))),
+        (sp.Piecewise((b, a * sp.sign(a) < 1), (c, True)), sp.Piecewise((b, sp.Abs(a) < 1), (c, True))),
+        (sp.sign(a) * b, sp.sign(a) * b),
+        (sp.log(a) * sp.sign(sp.log(a)), sp.log(a) * sp.sign(sp.log(a))),  # without a value at a < 0, as it is
+    ],
+)
+def test_a_number_times_its_sign_is_its_size(given: sp.Expr, written: sp.Expr) -> None:
+    assert plain(given) == written
+
+
+def test_a_drag_by_its_sign_is_proved_and_verified_as_one_by_its_size() -> None:
+    """Of v^2 sign(v) SymPy's derivative has a DiracDelta, of v |v| it has none."""
+
+    def certificate(drag: sp.Expr) -> dict[str, Any]:
+        plant = hg.System("drag", states=(x, v), outputs=(hg.Signal("y"),), flow=[v, -sp.sin(x) - drag], output=[x])
+        form = hg.forms.triangular(plant)
+        observer = hg.observers.high_gain(form, theta=40, poles=(-1, -1))
+        return hg.certificate(form, observer.checks, "high_gain")
+
+    x, v = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2)
+    written = certificate(v**2 * sp.sign(v))
+    assert written == certificate(v * sp.Abs(v))
+    rows = recheck(json.dumps(written)).rows
+    assert {"high_gain.convergence", "high_gain.theta"} <= {row.id for row in rows}
+    assert {row.found for row in rows} == {"verified"}

@@ -185,12 +185,13 @@ def _node(e: sp.Expr) -> sp.Expr:
 
 
 def signed(e: sp.Mul) -> sp.Expr:
-    """The product with e sign(e) written as |e|; the product itself where it has no such factors."""
+    """The product with e sign(e) written as |e|, -e sign(e) as -|e|; the product itself where it has none of them."""
     for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
         (base,), rest = node.args, e / node
         powers = (factor.as_base_exp() for factor in sp.Mul.make_args(rest))
-        if any(b == base and k.is_Integer and k > 0 for b, k in powers):
-            as_norm = rest / base * Norm(base)
+        own = next((b for b, k in powers if b in (base, -base) and k.is_Integer and k > 0), None)
+        if own is not None:
+            as_norm = (1 if own == base else -1) * rest / own * Norm(base)
             return signed(as_norm) if isinstance(as_norm, sp.Mul) else as_norm
     return e
 

@@ -1,13 +1,15 @@
 """Functions that SymPy brings in unasked, by those that every reader knows.
 
 tan(x + pi/2) becomes -cot(x), and a choice between conditions (a piecewise expression compared in another's condition)
-an ITE, "if c then a else b".
+an ITE, "if c then a else b". The derivative of e sign(e), as of a drag v^2 sign(v), has a DiracDelta that |e| has not.
 """
 
 from collections.abc import Callable
 from functools import reduce
 
 import sympy as sp
+
+from hgogen.algebra.kinks import signed, unbent
 
 _MEANING: dict[type, Callable[..., sp.Basic]] = {
     sp.cot: lambda x: sp.cos(x) / sp.sin(x),
@@ -24,7 +26,13 @@ _MEANING: dict[type, Callable[..., sp.Basic]] = {
 
 
 def plain(expression: sp.Expr) -> sp.Expr:
-    """The function written without cot, sec, csc, coth, sech, csch, and its conditions with And, Or and Not alone."""
-    if not expression.has(*_MEANING):
-        return expression
-    return expression.replace(lambda node: type(node) in _MEANING, lambda node: _MEANING[type(node)](*node.args))
+    """The function written without cot, sec, csc, coth, sech, csch, its conditions with And, Or and Not alone, and with
+    |e| in the place of e sign(e) where e is real."""
+    if expression.has(*_MEANING):
+        expression = expression.replace(lambda e: type(e) in _MEANING, lambda e: _MEANING[type(e)](*e.args))
+    return expression.replace(_is_size, lambda e: unbent(signed(e))) if expression.has(sp.sign) else expression
+
+
+def _is_size(e: sp.Basic) -> bool:
+    """Whether it may be e sign(e): of log(x) it has no value at x < 0, where SymPy's |log(x)| has one."""
+    return e.is_Mul and all(part.args[0].is_real for part in e.args if isinstance(part, sp.sign))

@@ -8,6 +8,7 @@ from itertools import product
 
 import sympy as sp
 
+from hgogen.algebra.kinks import bent
 from hgogen.evidence.grammar import outward
 from hgogen.form import Form
 from hgogen.guarantees.quadratic import Array, rational
@@ -72,7 +73,7 @@ def of_field(field: int, count: int) -> tuple[Fraction, ...]:
 def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: bool) -> tuple[Slope, ...] | Reason:
     """Those of b, with 0 in each range; `endless`: whether one may have one end alone."""
     slopes, powers, J = [], exponents(form), jacobian(form)
-    jumps = sorted(map(str, (part for row in form.b for part in row.atoms(*JUMPS) if part.has(*form.states))))
+    jumps = sorted(map(str, (part for row in form.b for part in bent(row).atoms(*JUMPS) if part.has(*form.states))))
     if endless and jumps:
         return because("{part} may jump", part=jumps[0])
     for i, (j, z) in product(range(form.n), enumerate(form.states)):
