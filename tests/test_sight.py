@@ -62,6 +62,31 @@ def test_a_car_that_goes_straight_shows_exactly_nothing_of_its_steering() -> Non
     assert not sight(*car(still=False)).hopeless
 
 
+def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
+    """An induction motor under an unknown load, which shows its speed as its flux turns."""
+    names = {"ia": 20, "ib": 20, "fa": 1.5, "fb": 1.5, "w": 200, "load": 50}
+    ia, ib, fa, fb, w, load = (hg.Signal(name, low=-most, high=most) for name, most in names.items())
+    ua, ub = (hg.Signal(name, low=-300, high=300) for name in ("ua", "ub"))
+    flow = [
+        100 * ua - 200 * ia + 250 * fa + 25 * w * fb,
+        100 * ub - 200 * ib + 250 * fb - 25 * w * fa,
+        2 * ia - 10 * fa - w * fb,
+        2 * ib - 10 * fb + w * fa,
+        20 * (fa * ib - fb * ia) - load,
+        0,
+    ]
+    states, outputs = (ia, ib, fa, fb, w, load), (hg.Signal("ya"), hg.Signal("yb"))
+    motor = hg.System("motor", states=states, inputs=(ua, ub), outputs=outputs, flow=flow, output=[ia, ib])
+    frozen = sight(motor)
+    assert frozen.by_motion
+    assert not frozen.hopeless
+    assert str(frozen).startswith("frozen at points of the box, the plant does not show ")
+    turning = {"ua": 100 * sp.cos(60 * t), "ub": 100 * sp.sin(60 * t)}
+    moving = sight(motor, Trial("turning", 2, start=dict.fromkeys(names, 0), inputs=turning))
+    assert not moving.by_motion
+    assert moving.median > 1e-4
+
+
 def test_where_it_is_least() -> None:
     """Steering stops for good at 2: from there on nothing is shown, before something is."""
     plant, trial = car(still=False)

@@ -28,6 +28,8 @@ def _observed(seen: Observability, least: Sight | None) -> str:
     if rank.unobservable:
         hidden = _few([s.name for s in rank.unobservable])
         return f"{hidden} not {'observable' if known.verdict is _REFUTED else 'seen'}"
+    if least is not None and least.by_motion:
+        return f"locally observable, {next(iter(least.direction))} by its motion alone"
     if least is not None and least.hopeless:
         return f"locally observable, but {next(iter(least.direction))} hopelessly little ({least.median:.1g})"
     return "locally observable"

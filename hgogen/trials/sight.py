@@ -10,8 +10,10 @@ observer with that window tells v. It is measured, not proved.
 
 With a trial, t runs along it and d is a tenth of it. Without one the linearisation is frozen at fixed points of the box
 of states and inputs, and d is the longest time that a state takes to cross its range at its fastest there, cut where
-an error grows e^5 fold. Source: A. Krener, K. Ide, "Measures of unobservability", 48th IEEE CDC (2009), whose local
-unobservability index is the reciprocal of the smallest singular value.
+an error grows e^5 fold. A frozen plant may show nothing of what its motion shows, as an induction motor whose flux
+stands still of its speed under an unknown load: how much, a trial tells. Source: A. Krener, K. Ide, "Measures of
+unobservability", 48th IEEE CDC (2009), whose local unobservability index is the reciprocal of the smallest singular
+value.
 """
 
 import math
@@ -25,6 +27,7 @@ from hgogen.analysis.pace import NoSight, linear, on_box, ranged
 from hgogen.system import System
 from hgogen.trial import Trial, simulate
 
+_NOTHING = 1e-12  # is above what rounding leaves of 0
 HOPELESS = 1e-3  # of the range of an output: about what a sensor of 10 bits resolves
 _GRID, _FINEST = 200, 4000  # samples of a trial: at least, at most
 _SHARE = 10  # windows one after the other in a trial, and starts of windows in each
@@ -50,9 +53,14 @@ class Sight:
     direction: Mapping[str, float]
 
     @property
+    def by_motion(self) -> bool:
+        """Whether the plant, frozen at points, shows nothing at most of them: what it shows comes by its motion."""
+        return not self.trial and self.median < _NOTHING
+
+    @property
     def hopeless(self) -> bool:
         """Whether half of all windows or points show less than any usual sensor resolves."""
-        return self.median < HOPELESS
+        return self.median < HOPELESS and not self.by_motion
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -65,6 +73,9 @@ class Sight:
         over = (
             f"windows of {self.window:.3g} {self.unit} along trial {self.trial}" if self.trial else "points of the box"
         )
+        if self.by_motion:
+            frozen = f"frozen at points of the box, the plant does not show {weak}"
+            return f"{frozen}; how much its motion does, a trial tells"
         at = ", ".join(f"{name} = {value:.3g}" for name, value in self.where.items())
         return (
             f"least seen: an error as large as the range, mostly in {weak}, moves the outputs by {self.least:.2g} of "
