@@ -62,7 +62,7 @@ def test_a_plant_with_a_choice_in_a_condition_becomes_a_step() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "written"),
+    ("times", "written"),
     [
         (a**2 * sp.sign(a), a * sp.Abs(a)),
         (3 * a * sp.sign(a) * sp.sign(b), 3 * sp.Abs(a) * sp.sign(b)),
@@ -74,8 +74,8 @@ def test_a_plant_with_a_choice_in_a_condition_becomes_a_step() -> None:
         (sp.log(a) * sp.sign(sp.log(a)), sp.log(a) * sp.sign(sp.log(a))),  # without a value at a < 0, as it is
     ],
 )
-def test_a_number_times_its_sign_is_its_size(given: sp.Expr, written: sp.Expr) -> None:
-    assert plain(given) == written
+def test_a_number_times_its_sign_is_its_size(times: sp.Expr, written: sp.Expr) -> None:
+    assert plain(times) == written
 
 
 def test_a_drag_by_its_sign_is_proved_and_verified_as_one_by_its_size() -> None:
