@@ -151,6 +151,43 @@ def test_coordinates_are_of_states_and_parameters(forward: sp.Expr, inverse: sp.
     assert says in str(error.value)
 
 
+def test_a_new_state_has_a_name_of_its_own() -> None:
+    """Of one called like a state that is reported a bound would go by the name of both, and of one that is that state
+    itself the flow would mix the old one with the new."""
+    a, b = ranged("a", -1, 1), ranged("b", -1, 1)
+    turn = System("turn", states=(a, b), outputs=[y], flow=[b, -a - b**3], output=[a])
+    other, w = ranged("b", -2, 2), ranged("w", -2, 2)
+    moved = recast(turn, {w: 2 * b}, {b: w / 2})
+    for one, coordinates, inverse in (
+        (turn, {a: (a + b) / 2, b: (a - b) / 2}, {a: a + b, b: a - b}),
+        (turn, {other: 2 * b}, {b: other / 2}),
+        (moved, {other: w}, {w: other}),
+    ):
+        with pytest.raises(BadSystem, match="has the name of one of its states"):
+            recast(one, coordinates, inverse)
+
+
+def test_coordinates_of_a_form_are_not_called_as_a_state_that_is_reported() -> None:
+    a, z2, w = ranged("a", -1, 1), ranged("z2", 1, 3), ranged("w", 0, 2)
+    bent = System("bent", states=(a, z2), outputs=[y], flow=[z2 - a**3, -z2], output=[a])
+    assert "z2" not in forms.phase(recast(bent, {w: z2 - 1}, {z2: w + 1})).names
+
+
+def test_two_changes_are_one_of_the_plant_as_first_declared() -> None:
+    """So that the first is claimed too, and estimates are of the first states; one that comes back is as it was."""
+    a, b, c = ranged("a", -1, 1), ranged("b", -1, 1), ranged("c", 0, 1)
+    w, v, s = ranged("w", -2, 2), ranged("v", -9, 9), ranged("s", 0, 2)
+    turn = System("turn", states=(a, b, c), outputs=[y], flow=[b, -a - b**3, a * b], output=[a])
+    once = recast(turn, {w: 3 * b}, {b: w / 3})
+    twice = recast(once, {v: a + w, s: 2 * c}, {w: v - a, c: s / 2})
+    both = recast(turn, {v: a + 3 * b, s: 2 * c}, {b: (v - a) / 3, c: s / 2})
+    assert [sp.expand(row - other) for row, other in zip(twice.flow, both.flow, strict=True)] == [0, 0, 0]
+    assert (twice.declared, twice.states, twice.origin.forward) == (turn, both.states, both.origin.forward)
+    assert dict(twice.reported) == {a: a, b: (v - a) / 3, c: s / 2}
+    wrong = recast(recast(turn, {w: 3 * b}, {b: w / 2}), {v: 2 * w}, {w: v / 2})
+    assert [check.verdict.value for check in wrong.checks] == ["refuted", "proved"]
+
+
 def test_beyond_the_range_the_map_back_does_not_turn_round() -> None:
     """x = w**2 on w in [0.5, 3.1623]: w = -3 is no level of 9, w = 4 is one of 16, and a kept state passes as it is."""
     v, x, w = ranged("v", -1, 1), ranged("x", 0.25, 10), ranged("w", 0.5, 3.1623)

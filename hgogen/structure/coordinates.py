@@ -71,7 +71,7 @@ def coordinates(
     """z: the plant's states in `order` (default: the plant's), each times its sign, 1 or -1 (default 1)."""
     order = tuple(order or system.states)
     signs = tuple(signs or (1,) * len(order))
-    stem = _stem({signal.name for signal in system.signals}, len(order))
+    stem = _stem({signal.name for signal in (*system.signals, *system.declared.states)}, len(order))
     states = tuple(_signal(f"{stem}{i}", x, sign) for i, (x, sign) in enumerate(zip(order, signs, strict=True), 1))
     return Coordinates(system, order, signs, states)
 

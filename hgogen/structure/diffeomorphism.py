@@ -40,6 +40,12 @@ class Change:
     backward: Mapping[Signal, sp.Expr]
 
     @property
+    def states(self) -> tuple[Signal, ...]:
+        """Those of the recast plant: the new ones in the place of the replaced, in order."""
+        places = dict(zip(self.backward, self.forward, strict=True))
+        return tuple(places.get(s, s) for s in self.plant.states)
+
+    @property
     def tuned(self) -> tuple[Signal, ...]:
         """The parameters that a user may change."""
         return tuple(p for p in self.plant.parameters if p.bounded)

@@ -23,11 +23,12 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
 
     Args: `coordinates` maps each new state (a Signal with its own range) to an expression of the plant's states;
     `inverse` maps each replaced state of the plant to an expression of the new and the unchanged states. New states
-    stand in the place of the replaced ones, in order.
+    stand in the place of the replaced ones, in order. A plant that is recast already is recast from where it was first
+    declared, by both changes at once.
 
-    Raises: `Misfit`; `BadSystem` where the numbers differ, or a map reads an input or an unknown name. Whether the maps
-    are smooth and inverse to each other is a Check, `recast.inverse`; whether the new ranges are wide enough another,
-    `recast.range`.
+    Raises: `Misfit`; `BadSystem` where the numbers differ, a map reads an input or an unknown name, or a new state has
+    the name of one that is reported. Whether the maps are smooth and inverse to each other is a Check,
+    `recast.inverse`; whether the new ranges are wide enough another, `recast.range`.
     """
     for what, maps in (("coordinates", coordinates), ("inverse", inverse)):
         if not isinstance(maps, Mapping):
@@ -38,13 +39,27 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
             raise BadSystem(plant.name, f"the inverse names {state}, which is no state of it")
     if len(new) != len(old):
         raise BadSystem(plant.name, f"{len(new)} new states for {len(old)} replaced ones; give as many")
-    unchanged = [s for s in plant.states if s not in old]
-    states = tuple(dict(zip(old, new, strict=True)).get(s, s) for s in plant.states)
     change = Change(plant, *({s: sp.sympify(e) for s, e in maps.items()} for maps in (coordinates, inverse)))
     _readable(change)
-    plain = stand_ins((*plant.states, *new))
+    _distinct(change)
+    return _recast(change if plant.origin is None else _at_once(change, plant.origin))
+
+
+def _at_once(change: Change, before: Origin) -> Change:
+    """Of a plant that is recast: the change of the plant that it was recast `before` from, which does both."""
+    first, forward = before.plant, dict(zip(change.plant.states, before.forward, strict=True))
+    forward |= {w: e.xreplace(forward) for w, e in change.forward.items()}
+    back = {x: e.xreplace(change.backward) for x, e in zip(first.states, before.backward, strict=True)}
+    new = [w for w in change.states if w not in first.states]
+    return Change(first, {w: forward[w] for w in new}, {x: e for x, e in back.items() if x not in change.states})
+
+
+def _recast(change: Change) -> System:
+    """The plant in the new states."""
+    plant, states = change.plant, change.states
+    plain = stand_ins((*plant.states, *change.forward))
     back = {dummy: signal for signal, dummy in plain.items()}
-    forward = {w: e.xreplace(plain) for w, e in change.forward.items()} | {s: plain[s] for s in unchanged}
+    forward = {s: change.forward.get(s, s).xreplace(plain) for s in states}
     backward = {plain[x]: e.xreplace(plain) for x, e in change.backward.items()}
     flow = [f.xreplace(plain) for f in plant.flow]
     ones = [plain[s] for s in plant.states]
@@ -81,10 +96,18 @@ def _moved(
 
 def _readable(change: Change) -> None:
     """The maps read states and parameters: an input has a derivative, which the plant does not know."""
-    plant, unchanged = change.plant, {x for x in change.plant.states if x not in change.backward}
-    for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.forward} | unchanged)):
+    plant = change.plant
+    for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.states})):
         for s, e in maps.items():
             for symbol in sorted(e.free_symbols - states - {*plant.parameters}, key=str):
                 what = f"the input {symbol}, whose derivative is not known" if symbol in plant.inputs else symbol
                 allowed = ", ".join(sorted(map(str, states)))
                 raise BadSystem(plant.name, f"{s} = {e} reads {what}; write it in {allowed} and parameters")
+
+
+def _distinct(change: Change) -> None:
+    """Each new state has a name of its own: what is proved of a state goes by its name, new or reported."""
+    reported = {s.name for s in (*change.plant.states, *change.plant.declared.states)}
+    for w in change.forward:
+        if w.name in reported:
+            raise BadSystem(change.plant.name, f"the new state {w} has the name of one of its states; give it another")
