@@ -10,10 +10,11 @@ import sympy as sp
 from hgogen.algebra.cells import Cells
 from hgogen.algebra.plain import plain
 from hgogen.algebra.tabulated import Stepped, Table
-from hgogen.check import Check
+from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.reading import filename
 from hgogen.reading.time_unit import is_unit
+from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal, check_name
 
 
@@ -109,6 +110,12 @@ class System:
     def checks(self) -> tuple[Check, ...]:
         """Claims about the plant itself: that its recast coordinates are coordinates, and in their ranges."""
         return () if self.origin is None else self.origin.checks
+
+    @property
+    def doubt(self) -> Reason:
+        """Why what holds of it may not hold of the plant as first declared, or `NONE`."""
+        left = [check.id for check in self.checks if check.verdict is not Verdict.PROVED]
+        return because("{claims: and } of the new states is not proved", claims=left) if left else NONE
 
     @property
     def nominal(self) -> dict[Signal, sp.Rational]:

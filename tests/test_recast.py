@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from hgogen import error_system, forms, observers, recast, singularity
+from hgogen import dissipation, error_system, forms, observers, recast, singularity
 from hgogen.check import Check, Refuted, Verdict, demand
 from hgogen.signal import Signal
 from hgogen.system import BadSystem, System
@@ -134,6 +134,25 @@ def test_a_refuted_change_is_not_built_on() -> None:
     with pytest.raises(Refuted, match=r"recast\.range"):
         demand(form.checks)
     demand(form.checks, accept="recast.range")
+
+
+@pytest.mark.parametrize(
+    ("inverse", "range_of_w", "claim"),
+    [(2, (-2, 2), ""), (3, (-2, 2), "recast.inverse"), (2, (-1, 1), "recast.range")],
+)
+def test_nothing_is_concluded_of_a_plant_by_a_refuted_change(
+    inverse: int, range_of_w: tuple[float, float], claim: str
+) -> None:
+    """x2 is 0.9 where w is 1.8, in no range of the new plant: a claim on its box says nothing of x2 there."""
+    x, w = ranged("x2", -1, 1), ranged("w", *range_of_w)
+    still = System("still", states=(X1, x), outputs=[y, c], flow=[-X1, -x], output=[X1, x])
+    moved = recast(still, {w: 2 * x}, {x: w / inverse})
+    dissipated = dissipation(error_system(moved, [[0, 0], [0, 0]]), [[2, 0], [0, 2]], mu=10, within=[1, 1])
+    determined, *_ = singularity(moved).checks
+    assert dissipated.proved is (determined.verdict is Verdict.PROVED) is (not claim)
+    if claim:
+        assert claim in str(dissipated.checks[1].reason)
+        assert claim in str(determined.reason)
 
 
 @pytest.mark.parametrize(

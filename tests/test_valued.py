@@ -6,7 +6,8 @@ import sympy as sp
 
 import hgogen as hg
 
-X1, X2, X3, W, U, V = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2", "x3", "w", "u", "v"))
+X1, X2, X3, U, V = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2", "x3", "u", "v"))
+W = hg.Signal("w", low=-2, high=2)
 P = hg.Signal("p", nominal=0.5, low=-1, high=1)
 Y = hg.Signal("y")
 LOST = (U * X1 + U) / U  # x1 + 1, with no value at u = 0
@@ -57,7 +58,7 @@ def test_the_singular_set_names_what_new_coordinates_lost(recast: hg.System) -> 
 
 def test_what_the_first_of_two_recasts_lost_is_asked_for_as_well(recast: hg.System) -> None:
     """The plant in between has lost it."""
-    again = hg.Signal("z", low=-2, high=2)
+    again = hg.Signal("z", low=-4, high=4)
     (w, *_) = recast.states
     for check in hg.singularity(hg.recast(recast, {again: 2 * w}, {w: again / 2})).checks:
         assert check.verdict == "where"

@@ -337,8 +337,9 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
         return Check(id, claim, Verdict.UNKNOWN, because(pattern, order=jet.order, n=len(plant.states)))
     reason = because("the determinant of their Jacobian is {determinant}", determinant=_brief(jet.text))
     rough = sorted({node for part in jet.parts for node in part.atoms(*ROUGH)}, key=str)
-    if rough:
-        return Check(id, claim, Verdict.UNKNOWN, joined(because("{part} may not be smooth", part=rough[0]), reason))
+    doubt = because("{part} may not be smooth", part=rough[0]) if rough else plant.doubt
+    if doubt:
+        return Check(id, claim, Verdict.UNKNOWN, joined(doubt, reason))
     doubtful = _open(plant, jet.factors)
     readable = _open(plant, (jet.shown and jet.shown.factors) or ()) if doubtful else ()
     conditions = [because("{factor} != 0", factor=_brief(e)) for e in readable or doubtful]

@@ -185,9 +185,9 @@ def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reaso
 
 
 def _cancelled(system: ErrorSystem) -> Reason:
-    """Why e' has a value where the plant may have none, or `NONE`."""
+    """Why e' may not be that of the plant, or has a value where the plant may have none, or `NONE`."""
     lost = because("{part} of the plant may have no value, and cancels in e'", part=system.lost)
-    return NONE if system.lost is None else lost
+    return system.doubt if system.lost is None else lost
 
 
 def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:

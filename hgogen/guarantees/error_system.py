@@ -22,6 +22,7 @@ from hgogen.intervals.box import Box, box
 from hgogen.intervals.lost import lost
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import in_order, names_of
+from hgogen.sentence import NONE, Reason
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -73,7 +74,8 @@ class ErrorSystem:
 
     `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
     the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: how it was made of a plant, None
-    where it is given; `lost`: a part of the plant that cancels in e' and may have no value on the box.
+    where it is given; `lost`: a part of the plant that cancels in e' and may have no value on the box; `doubt`: why it
+    may not be that of the plant as first declared, or `NONE`.
 
     Raises: `BadErrorSystem`.
     """
@@ -86,6 +88,7 @@ class ErrorSystem:
     states: tuple[sp.Symbol, ...] = ()
     origin: Injection | Equations | None = None
     lost: sp.Expr | None = None
+    doubt: Reason = NONE
 
     def __post_init__(self) -> None:
         """Numbers exact, lengths and symbols as they should be."""
@@ -154,6 +157,7 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
         plant.states,
         Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
         lost(written(plant), flow, around),
+        plant.doubt,
     )
 
 

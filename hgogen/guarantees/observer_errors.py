@@ -98,7 +98,7 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     pushes = sp.ImmutableDenseMatrix(len(noise), len(made.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
     part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
-    return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part)
+    return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part, doubt=plant.doubt)
 
 
 def _dummy(s: Signal) -> sp.Dummy:
