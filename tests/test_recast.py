@@ -170,6 +170,17 @@ def test_coordinates_are_of_states_and_parameters(forward: sp.Expr, inverse: sp.
     assert says in str(error.value)
 
 
+def test_numbers_are_the_decimals_that_they_are_typed_as() -> None:
+    """0.1 times 0.1 in floats is 0.010000000000000002: of another plant, as a certificate would say."""
+    a, b = ranged("a", -1, 1), ranged("b", -1, 1)
+    w, v = ranged("w", -0.1, 0.1), ranged("v", -0.01, 0.01)
+    plant = System("plant", states=(a, b), outputs=[y], flow=[0.7 * b - a, 0.1 * sp.sin(3.3 * b)], output=[0.7 * b])
+    moved = recast(plant, {w: 0.1 * b}, {b: 10.0 * w})
+    assert moved.flow == (7 * w - a, sp.sin(33 * w) / 100)
+    assert moved.output == (7 * w,)
+    assert recast(moved, {v: 0.1 * w}, {w: 10.0 * v}).flow == (70 * v - a, sp.sin(330 * v) / 1000)
+
+
 def test_a_new_state_has_a_name_of_its_own() -> None:
     """Of one called like a state that is reported a bound would go by the name of both, and of one that is that state
     itself the flow would mix the old one with the new."""

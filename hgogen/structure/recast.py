@@ -9,6 +9,7 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.points import exact
 from hgogen.intervals.box import box
 from hgogen.intervals.lost import lost
 from hgogen.reading.door import Misfit, asks_a_plant
@@ -39,7 +40,7 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
             raise BadSystem(plant.name, f"the inverse names {state}, which is no state of it")
     if len(new) != len(old):
         raise BadSystem(plant.name, f"{len(new)} new states for {len(old)} replaced ones; give as many")
-    change = Change(plant, *({s: sp.sympify(e) for s, e in maps.items()} for maps in (coordinates, inverse)))
+    change = Change(plant, *({s: exact(sp.sympify(e)) for s, e in maps.items()} for maps in (coordinates, inverse)))
     _readable(change)
     _distinct(change)
     return _recast(change if plant.origin is None else _at_once(change, plant.origin))
@@ -61,7 +62,7 @@ def _recast(change: Change) -> System:
     back = {dummy: signal for signal, dummy in plain.items()}
     forward = {s: change.forward.get(s, s).xreplace(plain) for s in states}
     backward = {plain[x]: e.xreplace(plain) for x, e in change.backward.items()}
-    flow = [f.xreplace(plain) for f in plant.flow]
+    flow = [exact(f).xreplace(plain) for f in plant.flow]  # a product of floats is a float, and none of the decimals
     ones = [plain[s] for s in plant.states]
     rates = [sum(sp.diff(forward[w], x) * f for x, f in zip(ones, flow, strict=True)) for w in states]
     result = System(
@@ -71,7 +72,7 @@ def _recast(change: Change) -> System:
         outputs=plant.outputs,
         parameters=plant.parameters,
         flow=[_moved(sp.sympify(rate), backward, back, plant, sp.powdenest) for rate in rates],
-        output=[_moved(h.xreplace(plain), backward, back, plant) for h in plant.output],
+        output=[_moved(exact(h).xreplace(plain), backward, back, plant) for h in plant.output],
         time=plant.time,
     )
     reported = tuple(backward.get(x, x).xreplace(back) for x in ones)
