@@ -1128,3 +1128,19 @@ def test_a_reader_that_stops_early_leaves_the_verifier_without_a_traceback(tmp_p
         running.stdout.close()
         said = running.stderr.read()
     assert (said, running.returncode) == (b"", 141)
+
+
+@pytest.mark.parametrize("form", ["phase", "uniform_chain", "uniform"])
+@pytest.mark.parametrize("bent", [0, 0.07])
+def test_numbers_of_a_form_are_the_decimals_of_the_plant(form: str, bent: float) -> None:
+    """0.7 (1.1 - 0.9 p) in floats is 0.7700000000000001 - 0.63 p: the form, and its slopes, are of another plant."""
+    x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
+    p = hg.Signal("p", nominal=0.3, low=0.1, high=0.7)
+    flow = [1.1 * x1 - 0.9 * p * x1 + 0.7 * x2 + bent * x2**3, 0.001 * x2]
+    plant = hg.System(
+        "plant", states=(x1, x2), outputs=(hg.Signal("y"),), parameters=(p,), flow=flow, output=[0.7 * x1]
+    )
+    made = getattr(hg.forms, form)(plant)
+    rows = recheck(json.dumps(hg.certificate(made, made.checks))).rows
+    assert len(rows) >= len(made.checks) > 1
+    assert not [row for row in rows if row.found == "fails" or "second arithmetic" in row.sentence]

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import sympy as sp
 
+from hgogen.algebra.points import exact
 from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.differences import derived
 from hgogen.sentence import NONE, Reason, because
@@ -20,7 +21,7 @@ from hgogen.system import System
 
 def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
     """The rate of each state, of each input, and of the input's derivatives up to the order `orders` - 1."""
-    changes: dict[sp.Symbol, sp.Expr] = dict(zip(plant.states, plant.flow, strict=True))
+    changes = {x: exact(row) for x, row in zip(plant.states, plant.flow, strict=True)}  # no product of floats is exact
     for u in plant.inputs:
         changes |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
     return changes

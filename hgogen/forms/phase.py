@@ -17,7 +17,7 @@ from fractions import Fraction
 import sympy as sp
 
 from hgogen.algebra.kinks import at_kinks
-from hgogen.algebra.points import kind, points
+from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tabulated import Table
 from hgogen.analysis.determinant import as_written, determinant
@@ -105,7 +105,7 @@ def _map(plant: System) -> _Map:
         names = ", ".join(y.name for y in plant.outputs)
         raise NoPhase(plant.name, f"has {len(plant.outputs)} outputs, {names}; the phase form takes one: keep one")
     plain = on_box(plant)
-    flow, chain = rates(plain, n + 1), plain.output
+    flow, chain = rates(plain, n + 1), tuple(map(exact, plain.output))
     while len(chain) <= n:
         chain = (*chain, derivatives(chain[-1], flow, 2)[1])
         if size(chain) > LIMIT:

@@ -47,7 +47,7 @@ class Slope:
     def of(self, form: Form) -> sp.Expr:
         """The slope, exactly."""
         rate = form.output[0] if self.index == 1 else form.flow[self.index - 2]
-        return exact(slope(sp.sympify(rate), form.states[self.index - 1]))
+        return slope(exact(sp.sympify(rate)), form.states[self.index - 1])
 
 
 class AwayFromZero(Slope):

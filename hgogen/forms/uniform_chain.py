@@ -89,7 +89,7 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
 def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
     """xi, b and the Jacobian. Raises: `NoUniformChain`."""
     z, n = chains.order, len(plant.states)
-    plain = dict(zip(plant.states, (sp.sympify(row) for row in of_plant(plant).flow), strict=True))
+    plain = dict(zip(plant.states, (exact(sp.sympify(row)) for row in of_plant(plant).flow), strict=True))
     F = [plain[x] for x in z]
     D, xi = c, [c * z[0]]
     for i in range(n - 1):
