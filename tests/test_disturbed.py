@@ -189,4 +189,4 @@ def test_a_recast_plant_is_sent_back() -> None:
     with pytest.raises(HgogenError, match=r"is recast, .*; give the disturbance to the plant that it was recast from"):
         hg.with_disturbance(moved, on="v", signal=LOAD)
     pushed = hg.recast(hg.with_disturbance(swing(), on="w", signal=LOAD), {v: 2 * w}, {w: v / 2})
-    assert pushed.flow[1:] == (-18 * sp.sin(q) - 0.1 * v + 2 * tau + 2 * LOAD, 0)
+    assert pushed.flow[1:] == (-18 * sp.sin(q) - v / 10 + 2 * tau + 2 * LOAD, 0)
