@@ -136,7 +136,7 @@ class Refuted(HgogenError):
         head = f"{self.where}: refuted" if self.where else "refuted"
         sentences = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
         sentences += [check.fix for check in self.checks]
-        sentences += [self._elsewhere, self.never or self._offer, self.other]
+        sentences += [self._elsewhere, self.other, self.never or self._offer]
         return " ".join(filter(None, sentences))
 
     @property

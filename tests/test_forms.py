@@ -342,6 +342,16 @@ def test_what_is_not_triangular_says_why_and_is_not_built_on(flow: list[sp.Expr]
         demand(form.checks, form=form)
 
 
+def test_the_observer_that_is_advised_takes_the_option_that_is_advised() -> None:
+    """x1' = (4 + x1) x2: no constant gain has a slope that varies with the measured state."""
+    varying = plant([(4 + X1) * X2, -X2], X1)
+    with pytest.raises(Refuted, match="by the form's option measured, which riccati takes"):
+        observers.high_gain(forms.triangular(varying), theta=5, poles=(-1, -1))
+    measured = forms.triangular(varying, measured=True)
+    assert verdicts(measured)["structure"] == "proved"
+    assert observers.riccati(measured, Q=(1, 1), R=1).name == "riccati"
+
+
 def test_several_outputs_are_for_another_form() -> None:
     two = plant([X2, X1], [X1, X2], outputs=[y, Signal("w")])
     with pytest.raises(OneOutput, match=r"'plant' has 2 outputs, y, w, .* keep one of them, or use the form original"):

@@ -200,7 +200,8 @@ def test_a_refuted_form_is_not_wrapped(tmp_path: Path):
     said = str(caught.value)
     assert said.startswith(f"{path}, tuning.decaying: refuted: triangular.a_2")
     assert said.count("accept") == said.count("accept=('triangular.a_2',)") == 1
-    assert said.endswith("The plant is state-affine, which is proved: kalman_like takes its form state_affine.")
+    other = "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
+    assert f". {other} To build all the same, say accept=" in said
 
 
 def test_a_tuning_and_a_certificate_without_the_command_line(tmp_path: Path) -> None:

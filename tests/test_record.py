@@ -287,6 +287,19 @@ def test_bad_times_are_a_sentence(tmp_path: Path, times: str, arguments: dict, s
     assert said in str(caught.value)
 
 
+def test_a_clock_in_milliseconds_is_asked_for_before_a_vast_grid_is_filled(tmp_path: Path):
+    """3000 rows that are 1000 samples apart; 300 apart they may be, and so may a few with long pauses."""
+
+    def samples(rows: int, apart: int) -> int:
+        text = "t,y\n" + "".join(f"{apart * k},1\n" for k in range(rows))
+        return read(log(tmp_path, text), {"y": "y"}, dt=1, time="t").report.samples
+
+    with pytest.raises(BadRecord, match=r"span 2\.999e\+06 s, 3e\+06 samples of 1 s for 3000 rows; are they s"):
+        samples(3000, 1000)
+    assert samples(4000, 300) == 3999 * 300 + 1
+    assert samples(100, 9000) == 99 * 9000 + 1
+
+
 def test_a_signal_without_a_column_asks_for_the_mapping(tmp_path: Path):
     with pytest.raises(BadRecord, match="say --map level=COLUMN, one of t, y"):
         read(log(tmp_path, "t,y\n0,1\n"), {"level": "level"}, dt=0.1, time="t")

@@ -127,7 +127,7 @@ def _structure(verdict: Verdict, reason: Reason, fix: str) -> Check:
 def _fix(chains: Chains, shape: Shape, plant: System) -> str:
     """A form that the same chain may have, else what any plant has left."""
     if shape is Shape.CONSTANT and chains.answer(Shape.MEASURED)[0]:
-        return "Let slopes vary with the measured state, measured=True."
+        return "Let slopes vary with the measured state, by the form's option measured, which riccati takes."
     if chains.answer(Shape.UNIFORM)[0] and all(sign(link.slope, plant) for link in chains.links[0]):
         return "Use the form uniform, for slopes that vary and keep off zero, which riccati takes."
     return "Measure another output."
