@@ -165,7 +165,7 @@ class Plant:
     def __init__(self, plant: System, trial: Trial, dt: float, free: Sequence[Signal] = (), many: bool = False) -> None:
         self._plant = plant
         self._trial = trial = replace(trial, inputs=_inputs(plant, trial))
-        _validate(plant, trial, dt)
+        demand_trial(plant, trial, dt)
         self.times = np.arange(round(trial.duration / dt) + 1) * dt
         time, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states)), ca.SX.sym("p", len(free))
         u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: time})
@@ -327,7 +327,7 @@ def records(
         yield some, u, (at_their_times(step, y) for y in noisy(system.declared, truth, trial, some))
 
 
-def _validate(plant: System, trial: Trial, dt: float) -> None:
+def demand_trial(plant: System, trial: Trial, dt: float) -> None:
     """Raise `BadTrial` unless every name is the plant's, every needed one is there, and every number makes
     sense."""
     states = {s.name for s in plant.states}

@@ -291,6 +291,14 @@ def test_generate_of_a_model_without_a_trial(here: Path):
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("command", ["build", "simulate"])
+def test_a_trial_that_does_not_fit_is_refused_before_anything_is_said(here: Path, command: str):
+    path = here / "duffing.toml"
+    path.write_text((MODELS / "duffing.toml").read_text().replace("start = {x = 1, ", "start = {"))
+    out, err = hgogen(command, str(path), status=2)
+    assert (out, err) == ("", "hgogen: trial 'forced': start says nothing of 'x'; give it a value\n")
+
+
 def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here: Path):
     """And that is said; as `advise` does, whose file the next command takes."""
     text = NEURON.read_text()

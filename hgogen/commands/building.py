@@ -141,7 +141,8 @@ def build_(
     loaded = load(model).set(setting)
     folder = Folder(Path("build"), name) if name and out is None else folder_of(out, loaded, observer)
     folder.demand("report.json")
-    step, trials = loaded.step(observer), trial_runs.trials(loaded)
+    step = loaded.step(observer)
+    trials = trial_runs.trials_of(loaded, step)
     claims = checked(loaded, name=observer)
     stated = stated_bounds.stating(step, loaded, claims.known)
     coded = prefixed(stated, name) if name else stated
@@ -280,7 +281,8 @@ def simulate_(
     metrics, failed).
     """
     loaded = load(model).set(setting)
-    step, trials = loaded.step(observer), trial_runs.trials(loaded)
+    step = loaded.step(observer)
+    trials = trial_runs.trials_of(loaded, step)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     gains = {gain.name: by_name(gain) for gain in step.gains}
     if asked:

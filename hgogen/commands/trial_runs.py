@@ -9,7 +9,7 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
 from hgogen.commands.process import note
 from hgogen.model import Model
-from hgogen.trial import Trajectory, Trial, try_out
+from hgogen.trial import Trajectory, Trial, demand_trial, try_out
 from hgogen.trials import alarm
 from hgogen.trials.agreement import Agreement, agreement
 from hgogen.trials.leaving import Left, left, notes
@@ -28,6 +28,14 @@ def trials(model: Model) -> tuple[Trial, ...]:
     span = f"over {trial.duration:.3g} {model.plant.time} from {at}"
     note(f"{model.path} has no trial; it is tried on one that stays in its ranges, {span}")
     return (trial,)
+
+
+def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
+    """The trials of a model, each of which its step can be tried on. Raises: `NoTrial`, `MissingPart`, `BadTrial`."""
+    known = trials(model)
+    for trial in known:
+        demand_trial(step.observer.form.system.declared, trial, step.dt)
+    return known
 
 
 @dataclass(frozen=True, eq=False)
