@@ -290,8 +290,8 @@ def test_bad_times_are_a_sentence(tmp_path: Path, times: str, arguments: dict, s
 def test_a_clock_in_milliseconds_is_asked_for_before_a_vast_grid_is_filled(tmp_path: Path):
     """3000 rows that are 1000 samples apart; 300 apart they may be, and so may a few with long pauses."""
 
-    def samples(rows: int, apart: int) -> int:
-        text = "t,y\n" + "".join(f"{apart * k},1\n" for k in range(rows))
+    def samples(rows: int, pause: int) -> int:
+        text = "t,y\n" + "".join(f"{pause * k},1\n" for k in range(rows))
         return read(log(tmp_path, text), {"y": "y"}, dt=1, time="t").report.samples
 
     with pytest.raises(BadRecord, match=r"span 2\.999e\+06 s, 3e\+06 samples of 1 s for 3000 rows; are they s"):
