@@ -29,8 +29,8 @@ from hgogen.signal import Signal
 
 _BEAT = 0.01  # of a period or more off a whole multiple: rows and samples drift past each other
 _DOUBT = 0.4  # of a period, from a whole multiple: how many periods a step is
-LONGEST, LONG = 10_000_000, 1_000_000  # samples on the grid; beyond it the times are hardly seconds, the latter of rows
-_SPARSE = 500  # samples apart
+LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
+_SPARSE, _LONG = 500, 1_000_000  # nor are they where rows are so many samples apart, on a grid of so many
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,7 @@ def _gridded(
         raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
     pauses = steps[steps > 1.5 * period]
     span = float(times[-1] - times[0])
-    if span / dt > (LONGEST if span / dt < _SPARSE * len(distinct) else LONG):
+    if span / dt > (LONGEST if span / dt < _SPARSE * len(distinct) else _LONG):
         many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {len(distinct)} rows"
         raise BadRecord(log.path, f"{many}; are they {plural(unit)}, and is dt right?")
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)

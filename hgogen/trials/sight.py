@@ -27,7 +27,7 @@ from hgogen.analysis.pace import NoSight, linear, on_box, ranged
 from hgogen.system import System
 from hgogen.trial import Trial, simulate
 
-_NOTHING = 1e-12  # is above what rounding leaves of 0
+_NOTHING = 1e-12  # of a range: above what rounding leaves of an exact 0
 HOPELESS = 1e-3  # of the range of an output: about what a sensor of 10 bits resolves
 _GRID, _FINEST = 200, 4000  # samples of a trial: at least, at most
 _SHARE = 10  # windows one after the other in a trial, and starts of windows in each
@@ -64,7 +64,7 @@ class Sight:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        names = ("least", "median", "window", "unit", "trial", "hopeless")
+        names = ("least", "median", "window", "unit", "trial", "by_motion", "hopeless")
         values = {name: getattr(self, name) for name in names}
         return {**values, "where": dict(self.where), "direction": dict(self.direction)}
 
