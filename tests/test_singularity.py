@@ -189,6 +189,8 @@ PLANTS = [
     ([sp.exp(Y) - Z, X * Z, sp.sqrt(X) - Y], X),
     ([sp.tanh(Y) * Z, X - Z, RHO * X / (SIGMA + Y)], X + Y**2),
     ([sp.cos(Y) + Z, Z * sp.sin(X), X - Z], X),
+    ([Z * sp.sin(sp.Rational(33, 20) * sp.atan(Y)), Z - Y, sp.S.Zero], X),  # the force of a tyre by its slip Y
+    ([Z * sp.exp(-20 * Y), Z - Y, sp.S.Zero], X),
 ]
 
 

@@ -94,8 +94,8 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
         meaning=tuple(_meaning(keys[g]) if g in keys else g for g in generators),
         ring=ring,
         roots=tuple(roots),
-        angles={place[g]: key.args[0] / key.args[1] for g, key in keys.items() if isinstance(key, Half)},
-        exponents={place[g]: key.args[0] / key.args[1] for g, key in keys.items() if isinstance(key, Exp)},
+        angles={place[g]: key.args[0] * key.args[1] for g, key in keys.items() if isinstance(key, Half)},
+        exponents={place[g]: key.args[0] * key.args[1] for g, key in keys.items() if isinstance(key, Exp)},
     )
     return made, as_quotients[: len(expressions)]
 
@@ -117,7 +117,7 @@ def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], 
 
 def _meaning(key: sp.Expr) -> sp.Expr:
     if isinstance(key, Exp):
-        return sp.exp(key.args[0] / key.args[1])
+        return sp.exp(key.args[0] * key.args[1])
     if isinstance(key, Half):
-        return sp.tan(key.args[0] / (2 * key.args[1]))
+        return sp.tan(key.args[0] * key.args[1] / 2)
     return key

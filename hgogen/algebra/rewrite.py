@@ -1,17 +1,16 @@
 """Expressions as rational functions of generators: what exp, sin, roots and powers are, so that algebra can cancel.
 
-    exp(p m) = E^(p q)                          E = exp(m/q)
+    exp(p m) = E^(p/g)                          E = exp(g m)
     cos(k t) + i sin(k t) = ((1 + i T)^2/(1 + T^2))^k     T = tan(t/2)
     e^(p/q) = R^p                               R^q = e, a relation
     a^b = exp(b log a),   log(c g) = log c + log g for a rational c > 0,   sinh, cosh, tanh by exp
     |e|^2 = e^2, a relation,   max(a, b) = (a + b + |a - b|)/2,   min(a, b) = (a + b - |a - b|)/2
 
-m is a monomial of the expanded argument, q the common denominator of its rational factors. Any other function of an
-argument is a generator of its own. Each rule is an identity over the reals wherever both sides are defined; that
+m is a monomial of the expanded argument, g the greatest common divisor of its rational factors. Any other function of
+an argument is a generator of its own. Each rule is an identity over the reals wherever both sides are defined; that
 generators may depend on each other in a way not listed only loses proofs.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import reduce
@@ -79,21 +78,21 @@ def rational(expression: sp.Expr) -> Rational:
 
 @dataclass(frozen=True, eq=False)
 class Writer:
-    """Kernels and relations as they are met; `scales`: each exponential's or angle's monomial with its q."""
+    """Kernels and relations as they are met; `units`: each exponential's or angle's monomial with its g."""
 
     kernels: dict[sp.Expr, sp.Dummy] = field(default_factory=dict)
     relations: list[Relation] = field(default_factory=list)
-    scales: dict[tuple[str, sp.Expr], int] = field(default_factory=dict)
+    units: dict[tuple[str, sp.Expr], sp.Rational] = field(default_factory=dict)
     known: dict[sp.Expr, sp.Expr] = field(default_factory=dict)
 
     def measure(self, expression: sp.Expr) -> None:
-        """The common denominators q of all arguments."""
+        """The greatest common divisors g of the factors of all arguments."""
         for node in _nodes(expression):
             kind = _kind(node)
             if kind:
                 for factor, monomial in _terms(_argument(node)):
                     key = (kind, monomial)
-                    self.scales[key] = math.lcm(self.scales.get(key, 1), int(factor.q))
+                    self.units[key] = sp.gcd(self.units.get(key, sp.S.Zero), factor)
                     self.measure(monomial)
 
     def write(self, node: sp.Expr) -> sp.Expr:
@@ -177,15 +176,15 @@ class Writer:
         """exp(factor monomial)."""
         if isinstance(monomial, sp.log):
             return self.write(sp.Pow(monomial.args[0], factor))
-        scale, times = self._scale("exp", factor, monomial)
-        return self._kernel(Exp(monomial, sp.Integer(scale))) ** times
+        unit, times = self._unit("exp", factor, monomial)
+        return self._kernel(Exp(monomial, unit)) ** times
 
-    def _scale(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[int, int]:
-        """The denominator q and the whole number factor q; an argument that was not measured has a q of its own."""
-        scale = self.scales.get((kind, monomial), 1)
-        if scale % int(factor.q):
-            scale = int(factor.q)
-        return scale, int(factor * scale)
+    def _unit(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Rational, int]:
+        """g and the whole number factor/g; an argument that was not measured has a g of its own."""
+        unit = self.units.get((kind, monomial), sp.S.One)
+        if not (factor / unit).is_Integer:
+            unit = sp.Rational(1, factor.q)
+        return unit, int(factor / unit)
 
     def _trigonometric(self, node: sp.Expr) -> sp.Expr:
         terms = list(_terms(_argument(node)))
@@ -205,10 +204,10 @@ class Writer:
             exact = sp.cos(factor * sp.pi), sp.sin(factor * sp.pi)
             if not any(value.has(*_TRIGONOMETRIC) for value in exact):
                 return self.write(exact[0]), self.write(exact[1])
-        scale, times = self._scale("turn", factor, monomial)
-        T = self._kernel(Half(monomial, sp.Integer(scale)))
+        unit, times = self._unit("turn", factor, monomial)
+        T = self._kernel(Half(monomial, unit))
         if abs(times) > _MULTIPLE:
-            raise TooLarge(f"{times} times the angle {monomial}/{scale}")
+            raise TooLarge(f"{times} times the angle {unit * monomial}")
         a, b = (1 - T**2) / (1 + T**2), 2 * T / (1 + T**2)
         c, s = sp.S.One, sp.S.Zero
         for _ in range(abs(times)):
@@ -217,11 +216,11 @@ class Writer:
 
 
 class Exp(sp.Function):  # type: ignore[misc]
-    """exp(m/q), unevaluated."""
+    """exp(g m), unevaluated."""
 
 
 class Half(sp.Function):  # type: ignore[misc]
-    """tan(m/(2 q)), unevaluated."""
+    """tan(g m/2), unevaluated."""
 
 
 def _kind(node: sp.Basic) -> str:

@@ -74,7 +74,7 @@ def _slopes(writer: Writer, states: Sequence[sp.Symbol]) -> Iterator[tuple[tuple
 
 def _slope(writer: Writer, key: sp.Expr, kernel: sp.Dummy, x: sp.Symbol) -> sp.Expr:
     if isinstance(key, Exp):
-        return kernel * writer.write(key.args[0].diff(x)) / key.args[1]
+        return kernel * writer.write(key.args[0].diff(x)) * key.args[1]
     if isinstance(key, Half):
-        return (1 + kernel**2) * writer.write(key.args[0].diff(x)) / (2 * key.args[1])
+        return (1 + kernel**2) * writer.write(key.args[0].diff(x)) * key.args[1] / 2
     return writer.write(key.diff(x))
