@@ -133,7 +133,7 @@ def before(revision: str, models: list[str]) -> dict[str, Any]:
     if not store.exists():
         with tempfile.TemporaryDirectory() as folder:
             with tarfile.open(fileobj=BytesIO(_git("archive", commit))) as archive:
-                archive.extractall(folder, filter="data")
+                archive.extractall(folder)
             by_model = asked(Path(folder).resolve(), models)
         store.parent.mkdir(parents=True, exist_ok=True)
         store.write_text(json.dumps(by_model))

@@ -87,6 +87,17 @@ def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
     assert moving.median > 1e-4
 
 
+def test_a_long_chain_shows_its_end_frozen_too_and_hopelessly_little() -> None:
+    """Cells of a rod at rest: the rank of the frozen plant is full, its smallest singular value below what rounds."""
+    T = [hg.Signal(f"T{i}", low=-1, high=1) for i in range(20)]
+    flow = [T[max(i - 1, 0)] - 2 * T[i] + T[min(i + 1, 19)] - T[i] ** 3 / 10 for i in range(20)]
+    frozen = sight(hg.System("rod", states=T, outputs=(hg.Signal("y"),), flow=flow, output=[T[0]]))
+    assert 0 < frozen.median < 1e-12
+    assert not frozen.by_motion
+    assert frozen.hopeless
+    assert "less than 1e-12 of theirs" in str(frozen)
+
+
 def test_where_it_is_least() -> None:
     """Steering stops for good at 2: from there on nothing is shown, before something is."""
     plant, trial = car(still=False)

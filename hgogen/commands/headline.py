@@ -11,7 +11,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands.checked import Checked
 from hgogen.form import Form
 from hgogen.theorem import convergence
-from hgogen.trials.sight import Sight
+from hgogen.trials.sight import Sight, as_share
 from hgogen.which_forms import Survey
 
 _PROVED, _REFUTED = Verdict.PROVED, Verdict.REFUTED
@@ -31,7 +31,7 @@ def _observed(seen: Observability, least: Sight | None) -> str:
     if least is not None and least.by_motion:
         return f"locally observable, {next(iter(least.direction))} by its motion alone"
     if least is not None and least.hopeless:
-        return f"locally observable, but {next(iter(least.direction))} hopelessly little ({least.median:.1g})"
+        return f"locally observable, but {next(iter(least.direction))} hopelessly little ({as_share(least.median, 1)})"
     return "locally observable"
 
 

@@ -11,9 +11,10 @@ observer with that window tells v. It is measured, not proved.
 With a trial, t runs along it and d is a tenth of it. Without one the linearisation is frozen at fixed points of the box
 of states and inputs, and d is the longest time that a state takes to cross its range at its fastest there, cut where
 an error grows e^5 fold. A frozen plant may show nothing of what its motion shows, as an induction motor whose flux
-stands still of its speed under an unknown load: how much, a trial tells. Source: A. Krener, K. Ide, "Measures of
-unobservability", 48th IEEE CDC (2009), whose local unobservability index is the reciprocal of the smallest singular
-value.
+stands still of its speed under an unknown load: how much, a trial tells. A long chain shows its end when it is frozen
+as well, but less than numbers resolve: which of the two it is, is told by the rank of the frozen plant. Source:
+A. Krener, K. Ide, "Measures of unobservability", 48th IEEE CDC (2009), whose local unobservability index is the
+reciprocal of the smallest singular value.
 """
 
 import math
@@ -22,7 +23,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import sympy as sp
 
+from hgogen.algebra.rank import NowhereDefined, observability
+from hgogen.algebra.tape import NoTape
 from hgogen.analysis.pace import NoSight, linear, on_box, ranged
 from hgogen.system import System
 from hgogen.trial import Trial, simulate
@@ -42,6 +46,7 @@ class Sight:
     `least`, `median`: of sigma, over the windows of a trial or the points of the box; `window`: d, the longest of
     them, in the plant's time `unit`; `trial`: its name, "" for points; `where`: the least one is attained there, the
     time at which its window begins, or the point; `direction`: v there, by state, in half ranges, largest first.
+    `by_motion`: whether the plant, frozen at points, shows nothing of v at most of them, and its motion does.
     """
 
     least: float
@@ -51,11 +56,7 @@ class Sight:
     trial: str
     where: Mapping[str, float]
     direction: Mapping[str, float]
-
-    @property
-    def by_motion(self) -> bool:
-        """Whether the plant, frozen at points, shows nothing at most of them: what it shows comes by its motion."""
-        return not self.trial and self.median < _NOTHING
+    by_motion: bool = False
 
     @property
     def hopeless(self) -> bool:
@@ -77,10 +78,16 @@ class Sight:
             frozen = f"frozen at points of the box, the plant does not show {weak}"
             return f"{frozen}; how much its motion does, a trial tells"
         at = ", ".join(f"{name} = {value:.3g}" for name, value in self.where.items())
+        least, median = as_share(self.least), as_share(self.median)
         return (
-            f"least seen: an error as large as the range, mostly in {weak}, moves the outputs by {self.least:.2g} of "
-            f"theirs at {at}; median {self.median:.2g} over {over}"
+            f"least seen: an error as large as the range, mostly in {weak}, moves the outputs by {least} of theirs at "
+            f"{at}; median {median} over {over}"
         )
+
+
+def as_share(value: float, digits: int = 2) -> str:
+    """A share in words: of one that numbers do not resolve, what it is less than."""
+    return f"{value:.{digits}g}" if value == 0 or value >= _NOTHING else f"less than {_NOTHING:g}"
 
 
 def sight(plant: System, trial: Trial | None = None) -> Sight:
@@ -115,7 +122,18 @@ def _at_points(plant: System) -> Sight:
     points, linearised, rates = on_box(plant)
     each = [_frozen(A, C, rates.longest or 1.0) for A, C in zip(linearised.A, linearised.C, strict=True)]
     at = [{s.name: float(v) for s, v in zip((*plant.states, *plant.inputs), point, strict=True)} for point in points]
-    return replace(_least(plant, each, at), window=rates.longest or 1.0)
+    seen = replace(_least(plant, each, at), window=rates.longest or 1.0)
+    return replace(seen, by_motion=seen.median < _NOTHING and not _shown_frozen(plant))
+
+
+def _shown_frozen(plant: System) -> bool:
+    """Whether e' = (df/dx) e, y = (dh/dx) e shows all of e at almost every point (x, u) at which it is frozen."""
+    e = sp.Matrix(sp.symbols(f"e:{len(plant.states)}", cls=sp.Dummy))
+    A, C = (sp.Matrix(rows).jacobian(plant.states) for rows in (plant.flow, plant.output))
+    try:
+        return observability(A * e, C * e, tuple(e)).known.rank == len(e)
+    except (NoTape, NowhereDefined):
+        return False
 
 
 def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndarray]:
