@@ -22,6 +22,7 @@ from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
+from hgogen.forms.uniform_chain import NoUniformChain
 from hgogen.guarantees.bounded_theta import nothing
 from hgogen.kalman.predictor import BadWindow, BadWindowSize
 from hgogen.kalman.theta import rise
@@ -611,6 +612,23 @@ def test_nothing_is_offered_to_accept_where_that_does_not_build(name: str, form:
     assert "accept=" not in str(caught.value)
     with pytest.raises(BadGain, match="low_power"):
         hg.observers.low_power(made, theta=3, accept=[check.id for check in caught.value.checks])
+
+
+@pytest.mark.parametrize("name", ["cascaded_tanks", "pendulum", "lithium_cell"])
+@pytest.mark.parametrize("observer", ["high_gain", "circle_criterion", "low_power", "filtered"])
+def test_what_is_named_in_the_place_of_a_uniform_form_builds(name: str, observer: str) -> None:
+    """The slopes of a pendulum are 1, those of tanks vary, and the cell is in no chain of integrators."""
+    plant, make = load(str(next(MODELS.glob(f"{name}.*")))).plant, getattr(hg.observers, observer)
+    form = hg.forms.uniform(plant)
+    message = f"{observer} wants constant slopes, which a uniform form need not have; use the form uniform_chain if"
+    with pytest.raises(BadGain, match=f"^{message} the plant is in it, else riccati$"):
+        make(form, **hg.starting_gains(form, make).gains)
+    try:
+        form, takes = hg.forms.uniform_chain(plant), make
+    except NoUniformChain:
+        takes = hg.observers.riccati
+    built = takes(form, **hg.starting_gains(form, takes).gains)
+    assert built.name == ("riccati" if name == "lithium_cell" else observer)
 
 
 @pytest.mark.parametrize("name", ["haldane", "battery"])

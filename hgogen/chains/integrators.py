@@ -191,11 +191,7 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
     """
     if len(form.output) > 1 and not several:
         raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
-    if form.kind == "uniform":
-        raise BadGain(
-            observer,
-            "wants constant slopes, those of a uniform form vary with the state; use riccati or the form phase",
-        )
+    demand_linear_rows(observer, form)
     if form.jacobian is not None:
         reason = "works in chains of integrators, this form keeps the plant's coordinates; use high_gain or riccati"
         raise BadGain(observer, reason)
@@ -212,6 +208,14 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
                 raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
             demand_divisor(name, a, form)
     return Integrators(form, gains)
+
+
+def demand_linear_rows(observer: str, form: Form) -> None:
+    """That the rows of the form are linear in their next state, as those of a uniform form need not be. Raises:
+    `BadGain`."""
+    if form.kind == "uniform":
+        fix = "use the form uniform_chain if the plant is in it, else riccati"
+        raise BadGain(observer, "wants constant slopes, which a uniform form need not have", fix=fix)
 
 
 def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:

@@ -21,7 +21,7 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.columns import columns
 from hgogen.chains.gains import coefficients
 from hgogen.chains.injection import companion
-from hgogen.chains.integrators import Integrators, demand_divisor, no_chain
+from hgogen.chains.integrators import Integrators, demand_divisor, demand_linear_rows, no_chain
 from hgogen.chains.scaled_gain import ScaledGain
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
@@ -183,8 +183,7 @@ def constant_chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...
     if len(form.output) != len(form.blocks):
         reason = f"takes a chain for each output, {form.system.name} has {len(form.output)} outputs and no chains"
         raise BadGain(observer, reason, fix="use the form block_triangular if the plant is in it, else riccati")
-    if form.kind == "uniform":
-        raise BadGain(observer, "wants constant slopes, those of a uniform form vary with the state; use riccati")
+    demand_linear_rows(observer, form)
     if form.jacobian is not None:
         return ((sp.S.One,) * form.n,)
     each = chains(form)
