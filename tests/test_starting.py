@@ -154,6 +154,14 @@ def test_the_first_form_that_admits_it() -> None:
     assert alone.reason == f"the plant is not in the form triangular: {neuron['triangular'].why}"
 
 
+@pytest.mark.parametrize("observer", ["high_gain", "kalman_like", "riccati"])
+def test_a_plant_in_no_form_is_refused_for_the_first_reason(observer: str) -> None:
+    """No output shows the recovered of an epidemic: that is not for the lack of one form of several."""
+    none = first(observer, places(hg.survey(load("sir").plant)))
+    assert isinstance(none, NoFirst)
+    assert none.reason == "original.connected is refuted: no output ever shows R"
+
+
 def test_a_model_without_a_tuning_takes_them(tmp_path: Path) -> None:
     path = tmp_path / "oscillator.toml"
     path.write_text(BARE)

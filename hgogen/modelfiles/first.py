@@ -72,10 +72,10 @@ def _surveyed(plant: System, deep: bool) -> Survey:
 
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
     """The first step of one of `hg.observers` at the sampling period `dt`, by default that of its starting gains."""
-    make, refusals, skipped = getattr(observers, observer), list[NoFirst](), NoFirst("no form takes the plant")
+    make, refusals, skipped = getattr(observers, observer), list[NoFirst](), list[NoFirst]()
     for row in rows:
         if row.form is None or refuted(row.form.checks):
-            skipped = NoFirst(f"the plant is not in the form {row.name}: {row.why}")
+            skipped.append(NoFirst(_failed(row)))
             continue
         starting = starting_gains(row.form, make, dt=dt)
         if not starting:
@@ -86,7 +86,16 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
             refusals.append(NoFirst(_why(error), too_long=isinstance(error, StepTooLong)))
         else:
             return First(observer, row, starting, step)
-    return next(iter(refusals), skipped)
+    return next(iter((*refusals, *skipped)), NoFirst("no form takes the plant"))
+
+
+def _failed(row: Row) -> str:
+    """Why the form of a row is passed over: what the survey says of it, or of one that it did not ask, its check."""
+    failed = refuted(row.form.checks) if row.form and row.verdict is None else ()
+    return next(
+        (f"{check.id} is refuted: {check.reason}" for check in failed),
+        f"the plant is not in the form {row.name}: {row.why}",
+    )
 
 
 def _why(error: HgogenError) -> str:
