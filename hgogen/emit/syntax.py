@@ -132,8 +132,8 @@ class Syntax:
     - Statements: `condition` and `repeated`: {}, open the block of a test; `loop` gives the head and the first lines of
       one of `k` from `first` to before `end` while `also` holds, and says whether k is used; `falling`: {k}, {first},
       {end}, opens one from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an
-      array of structs onto another, by value; `result`: {}; `raised`: {prefix}, {bit}, a bit of the status; `called`,
-      a section; `comment`.
+      array of structs onto another, by value with all arrays and structs in it; `result`: {}; `raised`: {prefix},
+      {bit}, a bit of the status; `called`, a section; `comment`.
     - Functions of a file's own: `function`, lines of {type}, {name}, {parameters}, with `parameter`: {type}, {name},
       and `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `params`: {prefix}, that
       of the struct of parameters, only read; `passed`: {}, an array as an argument, by whether it is written; `around`:
