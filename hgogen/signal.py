@@ -15,6 +15,7 @@ from hgogen.errors import BadArgument, HgogenError
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _DOTS = ("", "_dot", "_ddot", "_dddot")
+LONGEST = 63  # characters of a signal's name, by which C99 promises to tell two apart
 LOST = 1e30  # a value of the state beyond it, or none at all, is lost; no range and no gain goes beyond it
 
 
@@ -33,6 +34,7 @@ class BadName(HgogenError):
         """A name that would do."""
         cleaned = re.sub(r"[\W_]+", "_", str(self.name), flags=re.ASCII).strip("_")
         named = cleaned if cleaned[:1].isalpha() else f"x_{cleaned or 1}"
+        named = named[: LONGEST // 2].rstrip("_") if len(named) > LONGEST else named
         return f"{named}_1" if named == self.name else named
 
 
@@ -129,6 +131,8 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         rates: Any = (),
     ) -> "Signal":
         check_name(name)
+        if len(name) > LONGEST:
+            raise BadName(name, f"has {len(name)} characters, and C tells names apart by {LONGEST}")
         for what, text in (("unit", unit), ("meaning", meaning)):
             if not isinstance(text, str):
                 raise BadRange(name, f"{what} = {text!r} is not text; numbers go to nominal=, low=, high=")

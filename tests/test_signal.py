@@ -10,6 +10,7 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
+import hgogen as hg
 from hgogen.signal import BadName, BadRange, Signal, check_name
 
 
@@ -73,6 +74,8 @@ def test_pickles(protocol: int) -> None:
         ("größe", "not an identifier"),
         ("_x", "not an identifier"),
         ("x__y", "double underscore"),
+        ("x" * 64, "has 64 characters"),
+        ("x_" * 40, "has 80 characters"),
     ],
 )
 def test_bad_names_are_refused_with_a_better_one(name: str, says: str) -> None:
@@ -86,6 +89,15 @@ def test_bad_names_are_refused_with_a_better_one(name: str, says: str) -> None:
 @given(st.text(alphabet=string.printable + "äß_λ०", max_size=8))
 def test_the_name_that_an_error_offers_is_good(name: str) -> None:
     check_name(BadName(name, "is bad").hint)
+
+
+def test_a_name_has_no_more_characters_than_c_tells_apart() -> None:
+    x, v = (Signal("x" * 62 + end, low=-1, high=1) for end in "ab")
+    y = Signal("y" * 63)
+    plant = hg.System("s" * 63, states=(x, v), outputs=(y,), flow=[v, -x], output=[x])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=5, poles=(-1, -1))
+    files = hg.targets.c99(hg.sample(observer, dt=0.01), real="float")
+    assert "Model: " in files[f"{plant.name}.h"]
 
 
 @pytest.mark.parametrize(
