@@ -410,3 +410,15 @@ def test_a_search_that_goes_on_is_that_with_more_boxes() -> None:
     on = problem.search(tight(1e-6), 32, first.cover)
     assert (first.boxes, on.boxes) == (9, 31)
     assert (on.low, on.high, on.tree) == (whole.low, whole.high, whole.tree)
+
+
+def test_steep_exponentials_are_no_high_powers() -> None:
+    """The rank of two masses with a smooth backlash: a polynomial in exp(u)^160 would be factored for minutes."""
+    E, F = sp.exp(40 * u), sp.exp(40 * v)
+    damping = R(51, 1000) * (E**4 + F**4) + (E**3 * F + E * F**3) / 250 - R(47, 500) * E**2 * F**2
+    spring = R(2601, 250) * (E**4 + F**4) - R(4998, 125) * (E**3 * F + E * F**3) + R(7403, 125) * E**2 * F**2
+    rank = sp.expand(p * damping + R(4, 25) * (w - q) * (E**3 * F - E * F**3) - spring) / (E + F) ** 4
+    box = {u: (-10, 10), v: (-10, 10), w: (-50, 50), q: (-50, 50), p: (R(1, 1000), R(1, 20))}
+    assert nonzero(rank, box, boxes=300).verdict is Verdict.UNKNOWN
+    factored = sp.expand((E - 2) * (F + p))
+    assert nonzero(factored, {u: (1, 2), v: (0, 1), p: (-5, -3)}).verdict is Verdict.REFUTED

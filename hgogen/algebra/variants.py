@@ -12,7 +12,7 @@ def largest_exponent(expression: sp.Expr) -> int:
     return max((abs(int(node.exp.p)) for node in expression.atoms(sp.Pow) if node.exp.is_Rational), default=0)
 
 
-def _steep(e: sp.exp) -> bool:
+def steep(e: sp.exp) -> bool:
     """Whether SymPy would take it as a high power: exp(-8750/T) as exp(1/T)^-8750."""
     return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
 
@@ -30,7 +30,7 @@ def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
         return (expression,)
     forms = [expression]
     try:
-        stands = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if _steep(e)}
+        stands = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if steep(e)}
         forms.append(sp.factor(expression.xreplace(stands)).xreplace({d: e for e, d in stands.items()}))
         if expression.is_polynomial(*symbols):
             whole = sp.expand(expression)

@@ -17,6 +17,7 @@ import sympy as sp
 
 from hgogen.algebra.factors import Factors, factors
 from hgogen.algebra.kinks import jump
+from hgogen.algebra.variants import steep
 from hgogen.check import Verdict
 from hgogen.intervals.bounds import LIMIT, NOWHERE, Problem, Range, attained, counted, place, problem_of, range_of
 from hgogen.intervals.box import Box, End, Point, Sides
@@ -208,13 +209,20 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
     for node in powers:  # a Piecewise may not take the branch that is not finite
         if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
             yield node.base, "is not finite: it divides by {part}, which vanishes"
-    try:
-        _, factors = sp.factor_list(sp.together(expression))
-    except (sp.PolynomialError, NotImplementedError):
-        return
-    for factor, _ in factors:
+    for factor in _irreducible(expression):
         if factor != expression and factor.free_symbols and not factor.is_Symbol:
             yield factor, "vanishes with its factor {part}, or is not finite there"
+
+
+def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
+    """Its factors, as far as they are known: by exact algebra alone where SymPy would factor a high power of exp."""
+    if any(steep(e) for e in expression.atoms(sp.exp)):
+        product = factors(expression)
+        return [one.base for one in product.factors if one.exponent > 0 and not one.definite] if product else []
+    try:
+        return [factor for factor, _ in sp.factor_list(sp.together(expression))[1]]
+    except (sp.PolynomialError, NotImplementedError):
+        return []
 
 
 def box_of(sides: Sides) -> dict[sp.Symbol, tuple[End, End]]:
