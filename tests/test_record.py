@@ -277,7 +277,7 @@ def test_a_record_of_one_sample_is_a_sentence(tmp_path: Path):
         ("0\n1\n", {"time": "clock"}, "no column 'clock'; its columns are t, y"),
         ("12:00\n12:01\n", {"time": "t"}, "such as '12:00'"),
         ("\n\n", {"time": "t"}, "2 empty ones"),
-        ("0\n1e12\n", {"time": "t"}, "are they seconds"),
+        ("0\n1e12\n", {"time": "t"}, "are they seconds, and is dt right? Where they are in another unit, name it"),
     ],
 )
 def test_bad_times_are_a_sentence(tmp_path: Path, times: str, arguments: dict, said: str):

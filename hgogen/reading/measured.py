@@ -318,7 +318,8 @@ def _gridded(
     span = float(times[-1] - times[0])
     if span / dt > (LONGEST if span / dt < _SPARSE * len(distinct) else _LONG):
         many = f"its times span {span:g} {unit}, {span / dt:.3g} samples of {dt:g} {unit} for {len(distinct)} rows"
-        raise BadRecord(log.path, f"{many}; are they {plural(unit)}, and is dt right?")
+        other = "Where they are in another unit, name it in the header, as t [ms]"
+        raise BadRecord(log.path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)
     away = np.abs(times - times[0] - point * dt)
     samples, used = int(point[-1]) + 1, len(np.unique(point))
