@@ -60,6 +60,7 @@ def step() -> Any:
         (lambda: hg.campaign(step(), 5, 10), "campaign, trial= was given 5"),
         (lambda: hg.consistency(5), "consistency was given 5, of type int; give a run"),
         *((lambda f=f: getattr(hg.forms, f)(None), f"{f} was given None") for f in hg.forms.__all__),
+        (lambda: hg.forms.triangular(hg.load("pendulum")), "of a model file it is hg.load(path).plant"),
         (lambda: hg.write(5, "nowhere"), "write was given 5, of type int; give files by name"),
         (lambda: hg.load("pendulum").set("rk4"), "set was given 'rk4', of type str; give a Setting"),
     ],

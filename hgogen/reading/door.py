@@ -69,7 +69,7 @@ def switches(question: Asked) -> Asked:
     return cast(Asked, guarded) if names else question
 
 
-asks_a_plant = asks(System, "a plant, an hg.System; hgogen.model.load reads one from a file")
+asks_a_plant = asks(System, "a plant, an hg.System; of a model file it is hg.load(path).plant")
 
 
 def remembers(question: Asked) -> Asked:
