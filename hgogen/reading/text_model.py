@@ -75,7 +75,7 @@ BESIDE = tuple(
 )  # what a file says beside its plant
 _EXAMPLES = {
     TEXT: '"..."',
-    NUMBER: "1.5, finite and without quotes",
+    NUMBER: "1.5, finite, below 1e300 and without quotes",
     EXPRESSION: '"x2 - sin(x1)"',
     TABLE: "[...] with keys",
     RANGES: "[[-1, 1], [-2, 2]]",
