@@ -429,6 +429,9 @@ def test_one_value_or_an_array_of_one() -> None:
         ("two_outputs", {"u": 0.1, "y": 0.5}, r"y of shape \(\) must have 2 elements: y1, y2$"),
         ("no_input", {"u": 0.1, "y": 0.5}, r"u of shape \(\) must have 0 elements$"),
         ("staggered", {"u": "x", "y": 0.5}, r"u = 'x' is not an array of numbers$"),
+        ("staggered", {"u": "0.1", "y": 0.5}, r"u = '0.1' is not an array of numbers$"),
+        ("two_outputs", {"u": 0.1, "y": (0.5, "1")}, r"y = \(0.5, '1'\) is not an array of numbers$"),
+        ("staggered", {"u": 0.1, "y": np.datetime64(5, "s")}, r"y = .*datetime64.* is not an array of numbers$"),
         ("staggered", {"u": 0.1, "y": 1j}, r"y = 1j is not an array of numbers$"),
     ],
 )
@@ -449,6 +452,8 @@ def test_a_sample_of_the_wrong_shape_is_refused(name: str, sample: dict[str, Any
         ("staggered", {"u": [0.0]}, r"y is missing; give y=, the values of y$"),
         ("two_outputs", {"u": [0], "y": [0]}, r"y of shape \(1,\) must have shape \(N, 2\): y1, y2$"),
         ("staggered", {"u": ["a"], "y": [0]}, r"u is not an array of numbers$"),
+        ("staggered", {"u": ["0.5"], "y": [0]}, r"u is not an array of numbers$"),
+        ("staggered", {"u": np.array(["0.5", None], object), "y": [0, 0]}, r"u is not an array of numbers$"),
         ("staggered", {"u": [0], "y": np.array([0j])}, r"y is not an array of numbers$"),
         ("staggered", {"u": [0], "y": [0], "engine": "fortran"}, r"engine = 'fortran' must be"),
     ],

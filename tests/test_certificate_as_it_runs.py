@@ -267,6 +267,15 @@ def test_a_core_of_numbers_is_not_one_of_ranges_too(core: bool) -> None:
     assert findings(content)["step"] == "fails"
 
 
+def test_without_a_rate_errors_fall_all_the_same() -> None:
+    """The inequality is strict: at alpha = 0 no rate is promised."""
+    content = alone("high_gain", "step")
+    claim(content, "step")["alpha"] = "0"
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id.endswith(".step"))
+    assert row.found == "verified"
+    assert row.sentence.endswith("|e|_P^2 falls at each call")
+
+
 def test_a_form_that_is_no_norm_proves_nothing() -> None:
     """Where errors grow, P below 0 makes the inequality hold."""
     content = alone("high_gain", "step")

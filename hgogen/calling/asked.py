@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.calling.readers import Kept
-from hgogen.calling.samples import BadShape, Engine, listed, table
+from hgogen.calling.samples import BadShape, Engine, listed, reals, table
 from hgogen.program import Field, Place
 from hgogen.reading.given import unmasked
 from hgogen.signal import Signal
@@ -145,7 +145,7 @@ def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None)
 def _values(name: str, value: Any, size: int) -> Array:
     """Numbers (B, size), or (size) for all records. Raises: `BadShape`."""
     try:
-        array = np.asarray(unmasked(value), dtype=float)
+        array = reals(value)
     except (OverflowError, TypeError, ValueError):
         raise BadShape(name, "is not an array of numbers") from None
     array = array[..., None] if size == 1 else array

@@ -210,7 +210,7 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
     """An array (size) of what was given, NaN where an entry is masked. Raises: `BadShape`."""
     try:
-        array = _reals(value).reshape(-1)
+        array = reals(value).reshape(-1)
     except OverflowError:
         raise BadShape(name, "has a number beyond the range of a double") from None
     except (TypeError, ValueError):
@@ -240,7 +240,7 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         arrays = [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)]
         value = np.stack(arrays, 1) if arrays else []
     try:
-        array = _reals(value)
+        array = reals(value)
     except OverflowError:
         raise BadShape(name, "has a number beyond the range of a double") from None
     except (TypeError, ValueError):
@@ -257,11 +257,12 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     return np.ascontiguousarray(array)
 
 
-def _reals(value: Any) -> np.ndarray:
-    """What was given as doubles. Raises: `TypeError` of complex numbers, whose imaginary parts would be left out, and
-    what numpy raises."""
+def reals(value: Any) -> np.ndarray:
+    """What was given as doubles. Raises: `TypeError` of text, of dates, and of complex numbers, whose imaginary parts
+    would be left out; what numpy raises."""
     array = np.asarray(unmasked(value))
-    if array.dtype.kind == "c":
+    objects = array.flat if array.dtype.kind == "O" else ()
+    if array.dtype.kind not in "biufO" or any(isinstance(one, str | bytes) for one in objects):
         raise TypeError
     return array.astype(float, copy=False)
 

@@ -43,11 +43,11 @@ def step(context: Context, claim: Claim) -> Shown:
     observer, evidence = built(context, claim), claim.evidence
     theta, h, alpha = scalar(observer.numbers, "theta"), scalar(evidence, "dt"), scalar(evidence, "alpha")
     if not (theta > 0 and h > 0 and 0 <= alpha * h < 1):
-        raise NotShown("theta, dt and alpha are not positive, or alpha dt is not below 1")
+        raise NotShown("theta or dt is not positive, or alpha dt is below 0 or not below 1")
     error, method = error_inclusion(context, observer, evidence), method_of(evidence)
     form = form_of(error.at(theta), method, h, evidence)
     demand_negative("its inequality", plus(form, corner(alpha, evidence, len(form))))
-    rate = f"|e|_P^2 falls by {short(alpha * h, -1)} of itself at each call"
+    rate = f"|e|_P^2 falls at each call{f', by {short(alpha * h, -1)} of itself' if alpha else ''}"
     return Shown(f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}, {rate}", error.boxes)
 
 
