@@ -115,6 +115,15 @@ def test_where_a_polynomial_in_generators_may_be_zero_on_a_part(e: sp.Expr, know
     assert branches(made) is known
 
 
+def test_a_steep_function_is_no_high_power() -> None:
+    """A valve that opens within 1e-5 of its way: exp(200000 w) under a root, where exp(w)^200000 takes for ever."""
+    e = sp.sqrt(2 - V * sp.tanh(100000 * W))
+    writer = Writer()
+    writer.measure(e)
+    made, _ = field(writer, [writer.write(e)])
+    assert max(d for root in made.roots for end in root.value for d in end.degrees()) == 2
+
+
 def test_a_division_leaves_no_pole() -> None:
     """Entries without one: G = |(v, w)| was divided by, and 0/0 at 0 is not finite."""
     G = sp.sqrt(V**2 + W**2)

@@ -31,6 +31,7 @@ ZERO = [
     sin(3 * x) - 3 * sin(x) + 4 * sin(x) ** 3,
     sin(40 * x) - 2 * sin(20 * x) * cos(20 * x),
     sin(33 * atan(x) / 20) ** 2 + cos(33 * atan(x) / 20) ** 2 - 1,
+    exp(200000 * x) * (tanh(100000 * x) - 1) + tanh(100000 * x) + 1,
     exp(R(40, 3) * x) - 1 - (exp(R(20, 3) * x) - 1) * (exp(R(20, 3) * x) + 1),
     sin(R(9, 2) * x) - 3 * sin(R(3, 2) * x) + 4 * sin(R(3, 2) * x) ** 3,
     cos(x / 2) ** 2 - (1 + cos(x)) / 2,
