@@ -118,6 +118,7 @@ def test_an_expression_may_be_a_number() -> None:
 # --- what is refused ----------------------------------------------------------------------------------------
 
 MISSING = object()
+NUMBERS = "such as 1.5, finite, below 1e+300 and without quotes"
 REFUSED: list[tuple[str, Any, str, str]] = [
     ("name", MISSING, "", "the key 'name' is missing; add name = "),
     ("name", 3, "name", 'is 3; write text, such as "..."'),
@@ -136,8 +137,8 @@ REFUSED: list[tuple[str, Any, str, str]] = [
     ("states.x1.flow", "y", "", "uses the output y; write it in states and inputs"),
     ("states.x1.flows", "x2", "states.x1.flows", "there is no key 'flows' here; did you mean flow?"),
     ("states.x1.unit", 3, "states.x1.unit", "is 3; write text"),
-    ("states.x1.low", "-3", "states.x1.low", "is '-3', text; write a number, such as 1.5, finite"),
-    ("states.x1.low", -1e301, "states.x1.low", "is -1e+301; write a number, such as 1.5, finite, below 1e300 and"),
+    ("states.x1.low", "-3", "states.x1.low", f"is '-3', text; write a number, {NUMBERS}"),
+    ("states.x1.low", -1e301, "states.x1.low", f"is -1e+301; write a number, {NUMBERS}"),
     ("states.x1.low", float("nan"), "states.x1.low", "is nan; write a number"),
     ("states.x1.low", float("-inf"), "states.x1.low", "is -inf; write a number"),
     ("states.x1.low", -(10**5000), "states.x1.low", "is a huge number; write a number"),

@@ -144,10 +144,7 @@ def _signals(name: str, value: Any, signals: Sequence[Signal], rows: int | None)
 
 def _values(name: str, value: Any, size: int) -> Array:
     """Numbers (B, size), or (size) for all records. Raises: `BadShape`."""
-    try:
-        array = reals(value)
-    except (OverflowError, TypeError, ValueError):
-        raise BadShape(name, "is not an array of numbers") from None
+    array = reals(name, value)
     array = array[..., None] if size == 1 else array
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         wanted = "a number, or one for each record (B)" if size == 1 else f"({size}), or (B, {size})"

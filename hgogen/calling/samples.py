@@ -209,12 +209,7 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 
 def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
     """An array (size) of what was given, NaN where an entry is masked. Raises: `BadShape`."""
-    try:
-        array = reals(value).reshape(-1)
-    except OverflowError:
-        raise BadShape(name, "has a number beyond the range of a double") from None
-    except (TypeError, ValueError):
-        raise BadShape(f"{name} = {value!r}", "is not an array of numbers") from None
+    array = reals(name, value, shown=True).reshape(-1)
     if array.shape != (size,):
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have {size} element{'s' * (size != 1)}{order}")
     return array
@@ -239,12 +234,7 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
             raise BadShape(f"{name} with columns of different lengths ({listing})", "must have one length for all")
         arrays = [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)]
         value = np.stack(arrays, 1) if arrays else []
-    try:
-        array = reals(value)
-    except OverflowError:
-        raise BadShape(name, "has a number beyond the range of a double") from None
-    except (TypeError, ValueError):
-        raise BadShape(name, "is not an array of numbers") from None
+    array = reals(name, value)
     if array.ndim == 1 and width == 1:
         array = array[:, None]
     if width == 0 and array.size == 0:
@@ -257,14 +247,19 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     return np.ascontiguousarray(array)
 
 
-def reals(value: Any) -> np.ndarray:
-    """What was given as doubles. Raises: `TypeError` of text, of dates, and of complex numbers, whose imaginary parts
-    would be left out; what numpy raises."""
-    array = np.asarray(unmasked(value))
-    objects = array.flat if array.dtype.kind == "O" else ()
-    if array.dtype.kind not in "biufO" or any(isinstance(one, str | bytes) for one in objects):
-        raise TypeError
-    return array.astype(float, copy=False)
+def reals(name: str, value: Any, *, shown: bool = False) -> np.ndarray:
+    """What was given as doubles, NaN where an entry is masked; none are text, dates, and complex numbers, whose
+    imaginary parts would be left out. Raises: `BadShape`, which shows the value where that is wanted."""
+    try:
+        array = np.asarray(unmasked(value))
+        objects = array.flat if array.dtype.kind == "O" else ()
+        if array.dtype.kind not in "biufO" or any(isinstance(one, str | bytes) for one in objects):
+            raise TypeError
+        return array.astype(float, copy=False)
+    except OverflowError:
+        raise BadShape(name, "has a number beyond the range of a double") from None
+    except (TypeError, ValueError):
+        raise BadShape(f"{name} = {value!r}" if shown else name, "is not an array of numbers") from None
 
 
 def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:

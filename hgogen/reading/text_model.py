@@ -73,9 +73,10 @@ _TOP = {
 BESIDE = tuple(
     key for key in _TOP if key not in ("name", "time", "disturbances", "tables", *_KINDS)
 )  # what a file says beside its plant
+_LARGEST = 1e300  # beyond it a number of a file is a slip
 _EXAMPLES = {
     TEXT: '"..."',
-    NUMBER: "1.5, finite, below 1e300 and without quotes",
+    NUMBER: f"1.5, finite, below {_LARGEST:g} and without quotes",
     EXPRESSION: '"x2 - sin(x1)"',
     TABLE: "[...] with keys",
     RANGES: "[[-1, 1], [-2, 2]]",
@@ -204,7 +205,7 @@ def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], need
 
 def _number(value: Any) -> bool:
     """A finite number; an integer too large for a float is none."""
-    return type(value) in (int, float) and abs(value) < 1e300
+    return type(value) in (int, float) and abs(value) < _LARGEST
 
 
 def _ranges(value: Any) -> bool:

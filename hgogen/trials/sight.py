@@ -46,7 +46,7 @@ class Sight:
     `least`, `median`: of sigma, over the windows of a trial or the points of the box; `window`: d, the longest of
     them, in the plant's time `unit`; `trial`: its name, "" for points; `where`: the least one is attained there, the
     time at which its window begins, or the point; `direction`: v there, by state, in half ranges, largest first.
-    `by_motion`: whether the plant, frozen at points, shows nothing of v at most of them, and its motion does.
+    `by_motion`: whether the plant, frozen at points, hides v at most of them: what it shows of v comes by its motion.
     """
 
     least: float
