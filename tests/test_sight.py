@@ -87,6 +87,15 @@ def test_what_a_frozen_plant_hides_its_motion_shows() -> None:
     assert moving.median > 1e-4
 
 
+def test_where_the_rank_of_a_frozen_plant_is_not_known_it_is_as_measured() -> None:
+    """Frozen, x' = u k + w + sign(x) tells k from w nowhere; the slope of its sign is beyond algebra."""
+    x, k, w, u = (hg.Signal(name, low=-1, high=1) for name in ("x", "k", "w", "u"))
+    flow = [u * k + w + sp.sign(x), 0, 0]
+    frozen = sight(hg.System("step", states=(x, k, w), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x]))
+    assert frozen.by_motion
+    assert not frozen.hopeless
+
+
 def test_a_long_chain_shows_its_end_frozen_too_and_hopelessly_little() -> None:
     """Cells of a rod at rest: the rank of the frozen plant is full, its smallest singular value below what rounds."""
     T = [hg.Signal(f"T{i}", low=-1, high=1) for i in range(20)]
