@@ -9,6 +9,7 @@ from itertools import groupby
 from typing import Any
 
 import pytest
+from budget import Budget
 from forgetful import forget, know
 from hypothesis import HealthCheck, settings
 
@@ -77,6 +78,13 @@ def monkeypatch() -> Iterator[pytest.MonkeyPatch]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--every", type=int, default=1, metavar="K", help="run every K-th test of each file")
+    parser.addoption("--budget", type=float, metavar="SECONDS", help="begin no test later: see tests/budget.py")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    seconds = config.getoption("budget")
+    if seconds is not None:
+        config.pluginmanager.register(Budget(seconds), "budget")
 
 
 @pytest.hookimpl(trylast=True)  # of the tests that marks leave
