@@ -93,20 +93,58 @@ def tuned(**over: Any) -> Tuned:
     return Tuned(name=FILTER, first=first, numbers=numbers, sampling={}, tried=(), **values)
 
 
-def test_an_adaptive_theta_adds_the_errors_that_it_makes() -> None:
-    """By segment, to those cross-validated of the filter: what it makes more than the filter does."""
-    traces = SimpleNamespace(traces={"innovation": np.ones(20)})
-    step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda: None, run=lambda **record: traces)
-    task: Any = SimpleNamespace(
+def watched(innovation: np.ndarray, tables: list[Any], errors: Any = None) -> Any:
+    """A task of a step with these innovations, which keeps the arguments theta that it is asked for."""
+    step = SimpleNamespace(
+        inputs=(hg.Signal("u"),),
+        reset=lambda: None,
+        run=lambda **record: SimpleNamespace(traces={"innovation": innovation}),
+    )
+
+    def made(name: str, form: Any, gains: Any) -> Any:
+        tables.append(gains["theta"])
+        return step
+
+    return SimpleNamespace(
         dt=DT,
         records=(Log(np.zeros((20, 1)), np.zeros((20, 1)), DT),),
-        each=lambda name: None,
-        step=lambda name, form, gains: step,
-        judge=SimpleNamespace(engine="python", errors=lambda each: np.array([1, 3] if each == "plain" else [2.0, 2.5])),
+        step=made,
+        judge=SimpleNamespace(engine="python", errors=errors),
     )
-    made = adaptive(task, tuned())
+
+
+def test_an_adaptive_theta_adds_the_errors_that_it_makes() -> None:
+    """By segment, to those cross-validated of the filter: what it makes more than the filter does."""
+
+    def errors(step: Any) -> np.ndarray:
+        return np.array([1, 3] if step == "plain" else [2.0, 2.5])
+
+    made = adaptive(watched(np.ones(20), [], errors), tuned())
     assert isinstance(made, Tuned)
     assert made.errors.tolist() == [5.0, 4.5]
+
+
+def test_an_alarm_window_is_a_quarter_of_the_time_to_cross_a_range() -> None:
+    """d = T/4, T = 2 n/theta: 1 of n = 2 with theta = 1, in whole samples for each of 4 predictors."""
+    tables: list[Any] = []
+    adaptive(watched(np.ones(20), tables, lambda each: np.zeros(2)), tuned())
+    assert tables[0]["innovation"]["d"] == pytest.approx(1.0, abs=2 * DT)
+
+
+def test_an_alarm_that_feeds_itself_is_refused() -> None:
+    """With theta at its peak the innovations have a mean of 1.5; the threshold is 1.1 times the largest at rest."""
+    tables: list[Any] = []
+
+    def run(**record: Any) -> Any:
+        raised = tables[-1]["mu"][0] < 1e-3  # the run with theta at its peak
+        return SimpleNamespace(traces={"innovation": np.full(20, 1.5 if raised else 1.0)})
+
+    task = watched(np.ones(20), tables, lambda each: np.zeros(2))
+    step = SimpleNamespace(inputs=(hg.Signal("u"),), reset=lambda: None, run=run)
+    task.step = lambda name, form, gains: (tables.append(gains["theta"]), step)[1]
+    refusal = adaptive(task, tuned())
+    assert isinstance(refusal, str)
+    assert "an alarm feeds itself, even with theta_1 = 2 (alarm ratio 1.4)" in refusal
 
 
 def test_the_innovations_of_the_rows_held_out_are_all_counted() -> None:

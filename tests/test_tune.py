@@ -25,7 +25,7 @@ from hgogen.calibration.grid import Task
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
 from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
 from hgogen.calibration.readable import readable
-from hgogen.calibration.score import Ahead, Judge, as_good, chosen
+from hgogen.calibration.score import Ahead, Hidden, Judge, as_good, chosen
 from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calibration.verdicts import verdicts
@@ -179,6 +179,8 @@ def test_as_good_is_within_a_standard_error() -> None:
     assert as_good(best, best)
     assert as_good(best + np.array([0.5, -0.5, 0.5, -0.4]), best)  # mean .025, standard error .27
     assert not as_good(best + np.array([0.5, 0.4, 0.5, 0.4]), best)  # mean .45, standard error .03
+    assert as_good(best + np.array([0.5, -0.5, 0.9, 0.1]), best)  # mean .25, standard error .29, deviation .59
+    assert not as_good(best + np.array([0.9, -0.3, 1.0, 0.2]), best)  # mean .45, standard error .30, deviation .60
     assert as_good(best * 1.0019, best)  # a rounding, whatever its standard error
     assert not as_good(best * 1.0021, best)  # 2e-3 of it is none; the standard error of this difference is a quarter
 
@@ -215,6 +217,24 @@ def judge(y: np.ndarray, ahead: int, segments: int, plant: hg.System = STILL) ->
     return Judge(
         (hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), Ahead(ahead), segments, "python"
     ).errors(step)
+
+
+def test_the_beginning_of_a_record_is_in_no_segment() -> None:
+    """The first twentieth, of 40 samples two, in which the estimate finds its way."""
+    errors = np.where(np.arange(40) < 2, 100.0, 1.0)[:, None]
+    yardstick: Any = SimpleNamespace(rival=lambda _: [np.ones((40, 1))], errors=lambda *_: errors)
+    run = SimpleNamespace(x=np.zeros((40, 1)))
+    step: Any = SimpleNamespace(inputs=(), reset=lambda: None, run=lambda **_: run)
+    record = hg.Log(np.zeros((40, 0)), np.zeros((40, 1)), 1.0)
+    assert Judge((record,), yardstick, 4, "python").errors(step).tolist() == [1.0] * 4
+
+
+def test_hidden_states_are_measured_from_their_mean_over_all_records() -> None:
+    records = [hg.Log(np.zeros((3, 0)), np.zeros((3, 1)), 1.0)] * 2
+    truth = ({"w": np.array([0.0, 1.0, np.nan])}, {"w": np.array([4.0, 5.0, 5.0])})
+    first, second = Hidden(truth).rival(records)
+    assert first[:, 0] == pytest.approx([9.0, 4.0, np.nan], nan_ok=True)  # the mean is 3
+    assert second[:, 0] == pytest.approx([1.0, 4.0, 4.0])
 
 
 WALK = np.cumsum(np.random.default_rng(0).uniform(-0.1, 0.1, 60))
