@@ -16,6 +16,7 @@ from hgogen.calibration.advise import Advised, advise, tau
 from hgogen.model import load
 from hgogen.modelfiles.setting import Setting
 from hgogen.reading.given import BadGain
+from hgogen.trial import tried
 
 MODEL = load("pendulum")
 
@@ -102,6 +103,21 @@ def test_the_noise_is_that_of_the_linear_observer(high_gain: Advised) -> None:
     for _ in range(4000):
         P = move @ P @ move.T + np.outer(push, push) * 1e-6
     assert one.noise["w"] == pytest.approx(np.sqrt(P[1, 1]), rel=0.25)  # 500 samples of the last tenth, and a line
+
+
+def test_the_noise_is_that_of_the_steady_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors that noise makes before it are not counted, here a thousand more."""
+    (trial,) = MODEL.trials()
+
+    def worse_before(step: Any, trial: Any, truth: Any, *more: Any) -> Any:
+        before = 1e3 * bool(trial.noise) * (truth.t < trial.steady_from - 1e-9)
+        yield from (replace(one, x=one.x + before[:, None]) for one in tried(step, trial, truth, *more))
+
+    (row,), _ = advise(MODEL.plant, dt=5e-3, observers=["riccati"], trial=trial)
+    monkeypatch.setattr("hgogen.calibration.advise.tried", worse_before)
+    (other,), _ = advise(MODEL.plant, dt=5e-3, observers=["riccati"], trial=trial)
+    assert row.own is not None
+    assert other.own == row.own
 
 
 def test_an_observer_around_another_says_so(rows: tuple[tuple[Advised, ...], dict[str, str]]) -> None:
