@@ -8,10 +8,13 @@ predict only; an input that is not a number reuses the last valid one; both are 
 
 import decimal
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from sys import float_info
 from typing import Any, Literal
+
+import numpy as np
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import BadArgument, HgogenError
@@ -34,12 +37,13 @@ from hgogen.reading.given import among
 from hgogen.reading.time_unit import of_time, plural
 from hgogen.signal import Signal
 from hgogen.stepping import discretise
-from hgogen.stepping.guards import OR_LOWER, SIGNAL_BITS, STEP_BITS, implausible, or_lower, readings
+from hgogen.stepping.guards import OR_LOWER, implausible, or_lower, readings
 from hgogen.stepping.keeping import limit_parameters
 from hgogen.stepping.ready import UNINITIALISED, mark
 from hgogen.stepping.recovery import Sign
 from hgogen.stepping.sections import Assembly, flat
 from hgogen.stepping.sensors import multiples
+from hgogen.stepping.status import certain_bits, possible_bits, shortage, word
 
 
 class BadStep(BadArgument):
@@ -108,7 +112,6 @@ class StepMayFail(UserWarning):
     """A step length that is not refused, and longer than is advised: it may fail."""
 
 
-STATUS = 32  # bits of a status
 _LAST = 32  # steps that are remembered
 Guards = Literal["all", "none"]
 Prefer = Literal["speed", "flash"]
@@ -189,6 +192,11 @@ class Step:
     def raised(self) -> tuple[Bit, ...]:
         """The bits that its program raises: all but the last, which is of a state that nothing has made."""
         return tuple(bit for bit in self.bits if bit.place != UNINITIALISED.place)
+
+    @property
+    def word(self) -> np.dtype:
+        """The type of a status, an unsigned whole number of 32 or 64 bits."""
+        return word(self.bits)
 
     def asked(self, bit: Bit) -> str:
         """What a bit asks of the caller, which may depend on what is proved of the observer."""
@@ -272,6 +280,9 @@ def plan(
         _demand_plain(observer, every)
     if observer.form.clamped != (guards == "all"):
         observer = observer.clamping(guards == "all")
+    if guards == "all":
+        dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
+        _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards == "all", prefer)
     _pieces(observer, method, clock)  # whose demands come before those of the step's length
     lengths = _lengths(observer, method, float(dt))
@@ -363,23 +374,15 @@ def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     """
     programs = (*step.tuning, *(s for section in step.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
-    bits = []
     beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
-    for signals, kinds in (
-        (step.outputs, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")),
-        (step.inputs, ("REUSED", "CLAMPED")),
-    ):
-        for signal in signals:
-            for kind in kinds:
-                meaning, action = SIGNAL_BITS[kind]
-                text = meaning.format(signal.name, beyond=beyond.get(signal))
-                bits.append(Bit(f"{kind}_{signal.name}", text, action))
-    bits += [Bit(name, meaning, action) for name, (meaning, action) in STEP_BITS.items()]
-    bits += extra
+    bits = (*possible_bits(step.outputs, step.inputs, beyond), *extra)
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
     raisable += (UNINITIALISED,) if step.mark else ()
-    if len(raisable) > STATUS:
-        raise BadStep(
-            f"{step.name} with {len(raisable)} status bits", f"has more than {STATUS}; drop inputs or outputs"
-        )
+    _demand_room(step.name, [bit.place.name for bit in raisable])
     return in_capitals(raisable)
+
+
+def _demand_room(name: str, bits: Sequence[str]) -> None:
+    """Raise `BadStep` for bits of these names that no status word holds."""
+    if short := shortage(bits):
+        raise BadStep(f"{name} with {len(bits)} status bits or more", short)

@@ -213,6 +213,15 @@ def wide() -> hg.Step:
     return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 7, R=[1] * 7), dt=0.01)
 
 
+def wider() -> hg.Step:
+    """More status bits than 32: sixteen outputs of two states, and inputs with ranges."""
+    a, b, u, w = signals("a b u w", -2, 2)
+    y = signals(" ".join(f"y{i}" for i in range(16)))
+    read = [(1 + i / 8) * (a if i % 2 else b) for i in range(16)]
+    plant = hg.System("wider", states=(a, b), inputs=(u, w), outputs=y, flow=[u - a, w - b], output=read)
+    return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 2, R=[1] * 16), dt=0.01)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -234,6 +243,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "functions": functions,
     "tables": tables,
     "wide": wide,
+    "wider": wider,
     "redundant": redundant,
     "bent": bent,
     "chained": chained,

@@ -89,7 +89,7 @@ class Many:
             {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
             "lanes" if lanes else engine,
             results.states,
-            np.array([asked.limited.get(k, 0) for k in range(number)], np.uint32),
+            np.array([asked.limited.get(k, 0) for k in range(number)], self.step.word),
         )
 
     def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
@@ -138,7 +138,7 @@ class _Results:
         width = -(-records // LANES) * LANES
         x: Array = np.empty((samples, len(step.states), width), kind)
         traces: Array = np.empty((samples, len(step.observer.traces) * traced, width), kind)
-        status, states = np.empty((samples, width), np.uint32), np.empty((records, size), np.uint8)
+        status, states = np.empty((samples, width), step.word), np.empty((records, size), np.uint8)
         return cls(records, traced, x, traces, status, states)
 
 

@@ -195,4 +195,4 @@ def used(step: Step, status: Array, signals: Sequence[str]) -> Array:
     names = [bit.place.name for bit in step.bits]
     unused = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")
     masks = [sum(1 << names.index(f"{bit}_{s}") for bit in unused if f"{bit}_{s}" in names) for s in signals]
-    return np.asarray(status[:, None] & np.array(masks, np.uint32) == 0)
+    return np.asarray(status[:, None] & np.array(masks, step.word) == 0)

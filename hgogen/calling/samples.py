@@ -37,7 +37,7 @@ class Legend(NamedTuple):
 
     def flags(self, status: int) -> tuple[str, ...]:
         """The names of the bits that a status holds. Raises: `BadGain` for no status."""
-        held = count("status", status, 0, 2**32 - 1)
+        held = count("status", status, 0, 2**64 - 1)
         return tuple(name for k, name in enumerate(self.bits) if held >> k & 1)
 
 

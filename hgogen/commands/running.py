@@ -318,5 +318,5 @@ def noise_(
 
 def _flagged(step: CallableStep, status: np.ndarray) -> dict[str, int]:
     """In how many samples each status bit was raised; only those that were."""
-    counts = {bit.name: int(np.count_nonzero(status & np.uint32(1 << k))) for k, bit in enumerate(step.bits)}
+    counts = {bit.name: int(np.count_nonzero(status & step.word.type(1 << k))) for k, bit in enumerate(step.bits)}
     return {name: count for name, count in counts.items() if count}

@@ -26,6 +26,14 @@ _BY_PARTS = Text(
     "\nWhere a sample comes later than the input, or not in every period, call the parts of a step: %parts.\n"
     "The header says how."
 )
+_TOLD = {  # how a sketch prints a status of so many bytes
+    4: ("Serial.print(status, HEX);",),
+    8: (
+        "Serial.print((unsigned long)(status >> 32), HEX);",
+        "Serial.print(' '); /* then the lower 32 bits */",
+        "Serial.print((unsigned long)(status & 0xFFFFFFFFu), HEX);",
+    ),
+}
 Signals = tuple[tuple[str, Signal], ...]  # each with the struct that it is a member of
 
 
@@ -78,6 +86,9 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         **_clock(period),
         "rows": str(max(1, round(1 / period))),
         "status": status_type(step),
+        "word": f"{step.word}_t",
+        "sketched": "unsigned long" if step.word.itemsize == 4 else f"{step.word}_t",
+        "told": "\n".join(indented(_TOLD[step.word.itemsize], 8)),
         "step": declared["step"].call(address),
         "estimate": declared["estimate"].call(address),
         "locals": "\n".join(each.local for each in structs(step)),

@@ -42,7 +42,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     first, *others = map(spoken, title(step, command))
     lines = [*_block([f"@file {step.name}.h", f"@brief {first}", "", *others])]
     lines += [f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
-    lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
+    lines += ["#include <stdint.h>", ""] if status_type(step) != "unsigned" or step.timed else []
     lines += [*_status(step), *_constants(step, real), *_mathematics(step), ""]
     for struct in typedefs(step.name, of_memory(step, C, real, step.stored), _NONE, lambda text: text or _NO_RANGE):
         lines += [*struct, ""]
@@ -139,7 +139,7 @@ def _call(step: Step, section: Section) -> str:
 
 
 def _status(step: Step) -> list[str]:
-    upper, digits = step.name.upper(), 4 if status_type(step) == "unsigned" else 8
+    upper, digits = step.name.upper(), 4 if status_type(step) == "unsigned" else 2 * step.word.itemsize
     if not step.bits:
         return []
     width = max(len(bit.name) for bit in step.bits)

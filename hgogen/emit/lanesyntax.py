@@ -96,16 +96,19 @@ def alike(prefix: str, real: Real) -> Lanes:
     )
 
 
-def prelude(prefix: str, real: Real) -> list[str]:
-    """The types, and what C has no sign for."""
+def prelude(prefix: str, real: Real, word: int) -> list[str]:
+    """The types, and what C has no sign for; `word`: the bits of a status, which is computed in numbers at least
+    as wide as a real one, so that a truth value becomes a mask of them."""
     p, bits, width = own(prefix), 8 * BYTES[real], f"{prefix.upper()}_LANES"
     kinds = {"numbers": real, "counts": f"uint{bits}_t", "truth": f"int{bits}_t"}
-    vectors = {"row": (real, BYTES[real]), "word": ("uint32_t", 4)}
+    wide = max(bits, word)
+    statuses = {"status": f"uint{wide}_t", "raised": f"int{wide}_t"}
+    vectors = {"row": (real, BYTES[real]), "word": (f"uint{word}_t", word // 8)}
     return [
         *("#if defined(__AVX512DQ__)", f"#define {width} {512 // bits}"),
         *("#elif defined(__AVX__)", f"#define {width} {256 // bits}"),
         *("#else", f"#define {width} {128 // bits}", "#endif", ""),
-        *(_typedef(f"{p}_{name}", kind, width) for name, kind in kinds.items()),
+        *(_typedef(f"{p}_{name}", kind, width) for name, kind in (kinds | statuses).items()),
         "/* numbers in an array, and the status of each lane in one */",
         *(
             _typedef(f"{p}_{name}", kind, width, f", aligned({size}), may_alias")

@@ -112,8 +112,8 @@ class LaneWriter(Writer):
 
     def _raised_where(self, place: Place, test: str) -> Sequence[str]:
         bit = [each.place for each in self.step.bits].index(place)
-        raised = f"({self.syntax.types['unsigned']})({self._on(f'({test})')})"
-        return (f"status |= {raised} & {self.own}_count({1 << bit:#x}u);",)
+        raised = f"__builtin_convertvector({self._on(f'({test})')}, {self.own}_raised)"
+        return (f"status |= ({self.own}_status){raised} & {1 << bit:#x}u;",)
 
     def _when(self, when: When, taken: frozenset[str]) -> Code:
         flag, name, other = when.flag.name, self._named(), f"{self._named()}_not"

@@ -5,7 +5,7 @@
 from string import Template
 
 from hgogen.emit.code import indented
-from hgogen.emit.rustmanual import arguments
+from hgogen.emit.rustmanual import arguments, status_type
 from hgogen.emit.rustsyntax import RUST
 from hgogen.emit.selfcheck import block, caller, filled, recorded
 from hgogen.emit.syntax import Real
@@ -32,7 +32,7 @@ $wanted
 ];
 
 /// status
-const EXPECTED: [u32; $count] = [
+const EXPECTED: [$status; $count] = [
 $expected
 ];
 
@@ -73,6 +73,7 @@ def check(step: Step, real: Real) -> list[str]:
     inputs = ["let input = Inputs {", *indented(fill[:many]), "};"] if many else []
     text = _TEXT.substitute(
         recorded(here, "[{}],", 1),
+        status=status_type(step),
         structs="Inputs, " if many else "",
         signals=", ".join(signal.name for signal in (*step.inputs, *step.samples)),
         fill=block([*inputs, "let output = Outputs {", *indented(fill[many:]), "};"], 8),

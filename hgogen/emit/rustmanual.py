@@ -42,12 +42,21 @@ def arguments(step: Step) -> str:
     return ", ".join(["&p", *(["&input"] if step.inputs else []), "&output"])
 
 
+def status_type(step: Step) -> str:
+    """The type of a status."""
+    return f"u{8 * step.word.itemsize}"
+
+
 def status(step: Step) -> list[str]:
     """The module of the status bits."""
+    kind = status_type(step)
     bits = [
         text
         for k, bit in enumerate(step.raised)
-        for text in (*doc(f"{bit.meaning}. To do: {step.asked(bit)}."), f"pub const {bit.name}: u32 = 0x{1 << k:04X};")
+        for text in (
+            *doc(f"{bit.meaning}. To do: {step.asked(bit)}."),
+            f"pub const {bit.name}: {kind} = 0x{1 << k:04X};",
+        )
     ]
     if not bits:
         return []

@@ -109,7 +109,7 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     for place, values in start(step).items():
         reader.memory[place][:] = values
     results = [reader.memory[place] for place in places(step)]
-    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
+    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.word)
     samples = [reader.memory[Place("input", s.name)] for s in step.inputs]
     samples += [reader.memory[Place("output", s.name)] for s in step.samples]
     for k in range(SAMPLES):

@@ -119,7 +119,7 @@ def _age_of(output: Signal, most: int) -> Signal:
 def arranged(step: Step) -> Step:
     """The step that takes late samples of the outputs that its observer's `delays` name; without any, the step.
 
-    Raises: `CannotUpdate` for one that integrates with the measurement, `BadStep` for a status of more than 32 bits.
+    Raises: `CannotUpdate` for one that integrates with the measurement, `BadStep` for more bits than a status has.
     """
     return _Delayed(step).step if step.observer.delays else step
 

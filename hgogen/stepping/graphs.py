@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from math import prod
+from operator import add
 from typing import Literal
 
 import casadi as ca
@@ -24,6 +25,7 @@ from hgogen.stepping.entries import Entry, Vector, distinct, of_field, of_line, 
 from hgogen.stepping.guards import LARGEST_NUMBER
 from hgogen.stepping.keeping import limit_parameters
 from hgogen.stepping.members import read_fields
+from hgogen.stepping.status import EXACT
 from hgogen.stepping.symbolic import Memory, Shape, Symbolic, shapes
 
 
@@ -68,7 +70,7 @@ class Graphs:
         return of_signals("estimates", self.made.states)
 
     def step(self) -> ca.Function:
-        """One call."""
+        """One call; its status is a number, or one for each 32 bits."""
         step, state, lies = self.made, ca.MX.sym("state", len(self.memory)), shapes(self.made.state, self.made.groups)
         memory = {**self._tuned(step.tuning), **_parts(state, lies)}
         memory |= _scalars("input", step.inputs, self._u) | _scalars("output", step.samples, self._y)
@@ -76,8 +78,9 @@ class Graphs:
             memory = self._symbolic.section(section.program, memory)
         x = self._estimated(memory)
         after = ca.veccat(*(memory[place] for place in lies))
-        raised = (2.0**k * memory[bit.place] for k, bit in enumerate(step.raised))
-        status = reduce(lambda a, b: a + b, raised, ca.MX(0))
+        raised = [memory[bit.place] for bit in step.raised] or [ca.MX(0)]
+        words = [raised[k : k + EXACT] for k in range(0, len(raised), EXACT)]
+        status = ca.vertcat(*(reduce(add, (2.0**k * each for k, each in enumerate(word))) for word in words))
         arguments, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
         return ca.Function(
             f"{step.name}_step", [state, self._u, self._y, self._p], [after, x, status], arguments, shown

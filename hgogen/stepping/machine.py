@@ -249,7 +249,7 @@ class Machine(Reading):
         results = [memory[Place("estimate", s.name)] for s in step.states]
         scalars = [memory[Place("state", name)] for name in step.observer.traces]
         x, traces = np.zeros((len(y), len(results))), np.zeros((len(y), len(scalars)))
-        status = np.zeros(len(y), np.uint32)
+        status = np.zeros(len(y), step.word)
         for k in range(len(y)):
             for place, value in zip(slots, (*u[k], *y[k]), strict=True):
                 place[0] = value

@@ -6,7 +6,8 @@
 
 The first two have one state, `continuous`, the step has another, `memory`: all that a call remembers. Each vector names
 its elements. A covariance is the S or P that an explicit method integrates, and P where the method keeps factors. `p`
-is limited to its ranges in every call, as `tune` does it; the status says so.
+is limited to its ranges in every call, as `tune` does it; the status says so. A status of more than 32 bits is two
+numbers, the lower 32 bits first.
 
 A sample that is not a number is missing, in the derivative as in the step. The other guards, restarts, and what an
 observer does at samples alone (the predictors of an innovation, a gain that is switched) are no differential equation
@@ -22,6 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from hgogen.algebra.lookup import Lookup, walked
 from hgogen.emit.bounded_angles import operations
@@ -37,6 +39,7 @@ from hgogen.step import Step, demand_step
 from hgogen.stepping.discretise import NoEquation
 from hgogen.stepping.entries import Vector
 from hgogen.stepping.graphs import Flow, Graphs
+from hgogen.stepping.status import EXACT
 from hgogen.target import Files
 
 
@@ -82,8 +85,9 @@ class Functions(Files):
         return self._flow.held
 
     def flags(self, status: Any) -> tuple[str, ...]:
-        """The names of the bits that a status holds."""
-        return tuple(bit for k, bit in enumerate(self.bits) if int(status) >> k & 1)
+        """The names of the bits that a status holds, a number or, of more than 32 bits, two."""
+        words = [int(word) for word in np.ravel(np.asarray(status, float))]
+        return tuple(bit for k, bit in enumerate(self.bits) if words[k // EXACT] >> k % EXACT & 1)
 
     @property
     def _flow(self) -> Flow:

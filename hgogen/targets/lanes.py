@@ -42,7 +42,7 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     text = _functions(writer)
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
     searches = tables(C, f"{own(step.name)}_one", real, text.uses.lookups).lines
-    parts = [searches, prelude(step.name, real), _structs(writer), _shared(writer, text.uses)]
+    parts = [searches, prelude(step.name, real, 8 * step.word.itemsize), _structs(writer), _shared(writer, text.uses)]
     lines = [*includes, "", *_NEEDS, *(line for part in parts for line in part), *text.lines, *_many(writer)]
     return Files(((f"{step.name}_lanes.c", "\n".join(lines) + "\n"),))
 
@@ -67,10 +67,10 @@ def _functions(writer: LaneWriter) -> Code:
 
 
 def _section(writer: LaneWriter, name: str, program: Program) -> Code:
-    counts = writer.syntax.types["unsigned"]
+    status = f"{own(writer.prefix)}_status"
     parameters = ", ".join(f"{writer.prefix}_{kind} *{short}" for short, kind in _STRUCTS.items())
-    inner = code(f"{counts} status = {{0}};") + writer.function(program) + code("return status;")
-    return code(f"static {counts} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
+    inner = code(f"{status} status = {{0}};") + writer.function(program) + code("return status;")
+    return code(f"static {status} {writer.prefix}_{name}({parameters})") + braced("{", inner) + code("")
 
 
 def _shared(writer: LaneWriter, uses: Uses) -> Sequence[str]:
@@ -108,7 +108,7 @@ def _many(writer: LaneWriter) -> list[str]:
     traces = [_stored(p, "traces", len(step.observer.traces), j, each) for j, each in enumerate(_traces(writer))]
     body = [
         *(f"{p}_{kind} {name};" for kind, name in (("input", "in"), ("output", "out"), ("plant", "plant"))),
-        f"{own(p)}_counts status = {{0}};",
+        f"{own(p)}_status status = {{0}};",
         *(*inputs, *outputs, *sections, f"(void){p}_estimate({arguments});", *x),
         *(["if (traces) {", *indented(traces), "}"] if traces else []),
         f"*({own(p)}_word *)&statuses[width[2]*k] = __builtin_convertvector(status, {own(p)}_word);",
@@ -117,7 +117,7 @@ def _many(writer: LaneWriter) -> list[str]:
     return [
         *(f"size_t {own(p)}_{name}(void) {{ return {value}; }}" for name, value in sizes.items()),
         f"void {own(p)}_run({own(p)}_kept *memory, size_t count, const size_t width[3],",
-        f"    const {real} *u, const {real} *y, {real} *x, {real} *traces, uint32_t *statuses)",
+        f"    const {real} *u, const {real} *y, {real} *x, {real} *traces, {step.word}_t *statuses)",
         *("{", "    for (size_t k = 0u; k < count; ++k) {", *indented(body, 8), "    }", "}"),
     ]
 

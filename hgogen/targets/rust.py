@@ -14,7 +14,7 @@ from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
 from hgogen.emit.routines import routines
 from hgogen.emit.rustcheck import check as self_check
-from hgogen.emit.rustmanual import documentation, status
+from hgogen.emit.rustmanual import documentation, status, status_type
 from hgogen.emit.ruststruct import declared, doc, initial
 from hgogen.emit.rustsyntax import RUST, keywords
 from hgogen.emit.sources import sources
@@ -113,11 +113,11 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
         bodies = {"step": bodies[step.sections[0].name]}
     of_state = [_made("State", "the state as before the first call", initial(memory, "state"))]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
-    of_state += [_method(known[name], body) for name, body in bodies.items()]
+    of_state += [_method(step, known[name], body) for name, body in bodies.items()]
     of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.estimate)))
     tuned = code("let mut p = Parameters {", *indented(initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
-    of_parameters = [new, _method(known["tune"], writer.function(step.tuning))]
+    of_parameters = [new, _method(step, known["tune"], writer.function(step.tuning))]
     return spaced(of_state), spaced(of_parameters)
 
 
@@ -126,12 +126,12 @@ def _made(struct: str, meaning: str, members: list[str]) -> Code:
     return code(f"/// {meaning}", f"pub const fn new() -> {struct} {{", *inner, "}")
 
 
-def _method(entry: Entry, body: Code) -> Code:
+def _method(step: Step, entry: Entry, body: Code) -> Code:
     """A method of what the entry writes, which returns a status."""
     (own_,) = entry.written
     others = [name for name in entry.parameters if name != own_]
     parameters = ", ".join(["&mut self", *(_ARGUMENTS[name] for name in others)])
-    head = f"{'pub ' if entry.public else ''}fn {entry.name}({parameters}) -> u32 {{"
+    head = f"{'pub ' if entry.public else ''}fn {entry.name}({parameters}) -> {status_type(step)} {{"
     start = [f"let {own_} = self;"] if own_ in body.uses.parameters else []
     inner = code(*start, *_idle(others, body), "let mut status = 0;") + body + code("status")
     return code(*doc(entry.meaning), head) + inner.indented() + code("}")

@@ -87,7 +87,7 @@ def _outside(step: Step, trajectory: Trajectory) -> np.ndarray:
     guards, with an estimated state out of its declared range."""
     if step.guards == "all":
         bits = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
-        return np.asarray(trajectory.status & np.uint32(bits) != 0)
+        return np.asarray(trajectory.status & trajectory.status.dtype.type(bits) != 0)
     low, high = np.array([s.interval for s in step.states]).T
     return np.asarray(~((trajectory.x >= low) & (trajectory.x <= high)).all(axis=1))
 

@@ -114,7 +114,7 @@ def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: 
     names = [each.place.name for each in step.bits]
     wanted = [[f"{bit}_{s.name}" for bit in bits] for s in signals]
     masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
-    return np.asarray(status[:, None] & np.array(masks, np.uint32) != 0)
+    return np.asarray(status[:, None] & np.array(masks, step.word) != 0)
 
 
 def rms(error: np.ndarray) -> float:

@@ -14,7 +14,7 @@ static %{name}_params p;
 /* The last two estimates: the interrupt writes the one that is not shown, then shows it. */
 static volatile %{name}_plant estimates[2];
 static volatile uint32_t samples; /* written at once on a machine of 32 bits */
-static volatile uint32_t bits;    /* of the status, since the program last took them */
+static volatile %{word} bits;    /* of the status, since the program last took them */
 
 /* Yours: what sensors measure, NAN of <math.h> where nothing is new, and what actuators were told. */
 %{readers}
@@ -23,7 +23,7 @@ static volatile uint32_t bits;    /* of the status, since the program last took 
 static void timer_interrupt(void)
 {
 %{called}
-    const uint32_t status = %{step};
+    const %{word} status = %{step};
     %{estimate};
     estimates[(samples + 1u) & 1u] = x;
     ++samples;
@@ -45,9 +45,9 @@ static %{name}_plant latest(void)
 }
 
 /* Yours, with the interrupt of the timer disabled around it. */
-static uint32_t taken_bits(void)
+static %{word} taken_bits(void)
 {
-    const uint32_t since = bits;
+    const %{word} since = bits;
     bits = 0u;
     return since;
 }

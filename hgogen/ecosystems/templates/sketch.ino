@@ -20,11 +20,11 @@ void loop()
     }
     next += %{ticks}ul; /* one call every %{pace}; a timer is more even */
 %{measured}
-    const unsigned long status = %{step};
+    const %{sketched} status = %{step};
     %{estimate};
     if (++count >= %{rows}u) { /* a second */
         count = 0;
-        Serial.print(status, HEX);
+%{told}
 %{printed}
         Serial.println();
     }
