@@ -8,7 +8,7 @@ import os
 import secrets
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import IO
@@ -17,7 +17,9 @@ from hgogen.errors import HgogenError
 from hgogen.reading.door import asks
 from hgogen.reading.filename import same, shown
 
+_STAGED = ".hgogen-"  # begins the name of a file that is not whole yet
 AT_ONCE = 1 << 16  # bytes of a file, in search of its last line
+_PRIVATE = stat.S_IRUSR | stat.S_IWUSR
 LONGEST = 255  # bytes of a name, on most file systems
 _KINDS = {
     stat.S_IFLNK: "a link",
@@ -75,11 +77,12 @@ class Sources(Files):
 
 
 @asks(Mapping, "files by name, as of hg.targets.c99(step)")
-def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
+def write(files: Mapping[str, str | bytes], folder: str | Path, private: bool = False) -> list[Path]:
     """Write texts (UTF-8) or bytes into `folder` (made if it is not there), by name, or by a path below it; returns
     their paths.
 
-    Nothing is written unless all can be, and each file appears whole or not at all.
+    Nothing is written unless all can be, and each file appears whole or not at all. What a killed process left
+    unfinished in these folders is removed. `private`: only this user can read and write the files.
 
     Raises: `CannotWrite`; `Misfit` for what is no mapping from names.
     """
@@ -89,19 +92,26 @@ def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
             reason = f"what it is to hold is of type {type(content).__name__}"
             raise CannotWrite(shown(name), reason, "give a text or bytes")
     staged: list[Path] = []
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        for path, content in zip(paths, files.values(), strict=True):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            staged.append(path.with_name(f".hgogen-{secrets.token_hex(8)}"))
-            _fill(staged[-1], content, path)
-        for temporary, path in zip(staged, paths, strict=True):
-            os.replace(temporary, path)
-    except OSError as error:
-        raise _failed(error, Path(folder)) from error
-    finally:
-        for temporary in staged:
-            temporary.unlink(missing_ok=True)
+    with ExitStack() as opened:
+        try:
+            for each in dict.fromkeys((Path(folder), *(path.parent for path in paths))):
+                each.mkdir(parents=True, exist_ok=True)
+                _clear(each)
+            for path, content in zip(paths, files.values(), strict=True):
+                handle, temporary = _staged(path.parent, opened)
+                staged.append(temporary)
+                _fill(handle, content)
+                if private or path.exists():
+                    os.chmod(temporary, _PRIVATE if private else path.stat().st_mode & 0o777)
+            if os.name == "nt":  # it has no locks, and renames no file that is open
+                opened.close()
+            for temporary, path in zip(staged, paths, strict=True):
+                os.replace(temporary, path)
+        except OSError as error:
+            raise _failed(error, Path(folder)) from error
+        finally:
+            for temporary in staged:
+                temporary.unlink(missing_ok=True)
     return paths
 
 
@@ -125,7 +135,9 @@ def lines_of(name: str, folder: str | Path) -> Iterator[tuple[Iterator[str], Cal
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "r+b", opener=lambda name, flags: os.open(name, flags | os.O_CREAT, 0o666)) as stream:
-            _alone(stream, path)
+            if _locked(stream) is False:
+                fix = "wait until that one has ended, or give another folder"
+                raise CannotWrite(str(path), "another process is writing it", fix)
             end = _whole(stream)
             stream.seek(end)
 
@@ -156,22 +168,17 @@ def _lines(path: Path, end: int) -> Iterator[str]:
             yield stream.readline().decode(errors="replace")
 
 
-def _alone(stream: IO[bytes], path: Path) -> None:
-    """Locks a file until it is closed, where the system and the file system have locks.
-
-    Raises: `CannotWrite` where another process holds it.
-    """
+def _locked(stream: IO[bytes] | int) -> bool | None:
+    """Lock a file until it is closed; returns False where another process holds it, None where there are no locks."""
     try:
         import fcntl
-    except ImportError:
-        return
-    try:
+
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        fix = "wait until that one has ended, or give another folder"
-        raise CannotWrite(str(path), "another process is writing it", fix) from None
-    except OSError:
-        return
+        return False
+    except (ImportError, OSError):  # the system, or the file system, has none
+        return None
+    return True
 
 
 def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
@@ -238,13 +245,28 @@ def _twins(names: list[str]) -> Iterator[tuple[str, str]]:
         seen[same(name)] = name
 
 
-def _fill(temporary: Path, content: str | bytes, path: Path) -> None:
-    """Write a file that is new, with the permissions of the one that it replaces."""
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
-    with os.fdopen(handle, "wb") as stream:
+def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
+    """A new file, open and locked until `opened` is closed: no other process takes it for one that was left."""
+    while True:
+        path = folder / f"{_STAGED}{secrets.token_hex(8)}"
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+        opened.callback(os.close, handle)
+        if _locked(handle) is not False and path.exists():  # else another process was faster than the lock
+            return handle, path
+
+
+def _clear(folder: Path) -> None:
+    """Remove the files that processes staged in a folder and, since they were killed, neither locked nor renamed."""
+    for path in folder.glob(f"{_STAGED}*"):
+        if _kind(path) == stat.S_IFREG:
+            with suppress(OSError), open(path, "rb") as stream:
+                if _locked(stream):
+                    path.unlink(missing_ok=True)
+
+
+def _fill(handle: int, content: str | bytes) -> None:
+    with os.fdopen(handle, "wb", closefd=False) as stream:
         stream.write(content.encode() if isinstance(content, str) else content)
-    if path.exists():
-        os.chmod(temporary, path.stat().st_mode & 0o777)
 
 
 def _failed(error: OSError, folder: Path) -> CannotWrite:

@@ -1,22 +1,30 @@
 """Compile emitted C with this machine's compiler and call it."""
 
+# Takes apart: $CC, a command with its arguments.
+
 import ctypes
 import hashlib
 import os
+import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import ClassVar, Literal
 
+from hgogen.calling.library_cache import cache_folder, is_kept, keep, process_folder
 from hgogen.errors import HgogenError
-from hgogen.target import CannotWrite, Sources, demand, write
+from hgogen.target import CannotWrite, Sources, remove, write
 
+SOON = 30.0  # seconds, within which a compiler reads an empty file on the busiest machine
+LIMIT = 1800.0  # seconds for any other command
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
     *("-ffp-contract=off",),
@@ -77,12 +85,27 @@ Failed = Callable[[tuple[str, ...], str], HgogenError]  # of a command and its o
 
 
 def compiler() -> str | None:
-    """The path of the C compiler: $CC, else the first of cc, gcc and clang that is installed; None where none is."""
-    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        path = shutil.which(name) if name else None
+    """The path of the C compiler; None where there is none."""
+    command = _compiler()
+    return command[0] if command else None
+
+
+def _compiler() -> tuple[str, ...] | None:
+    """The C compiler as a command: $CC, which may hold arguments, as in "ccache gcc", else the first of cc, gcc and
+    clang that is installed; None where none is."""
+    for words in (*_read(os.environ.get("CC", "")), ["cc"], ["gcc"], ["clang"]):
+        path = shutil.which(words[0])
         if path:
-            return path
+            return path, *words[1:]
     return None
+
+
+def _read(text: str) -> Iterator[list[str]]:
+    """The ways in which $CC can be read: as one path, which may hold blanks, or as a shell would split it."""
+    if text.strip():
+        yield [text]
+        with suppress(ValueError):  # a quotation mark that is not closed
+            yield shlex.split(text)
 
 
 def engine() -> Literal["c", "python"]:
@@ -98,88 +121,125 @@ def library(files: Mapping[str, str], flags: tuple[str, ...] = ()) -> ctypes.CDL
 
     Raises: `NoCompiler`, `CompilerFailed`.
     """
-    command = compiler()
-    if command is None:
-        raise NoCompiler()
+    command = _demanded()
     digest = hashlib.sha256()
     for text in (
-        command,
+        *command,
         sys.platform,
         sysconfig.get_platform(),
         *((_macros(command, flags), *flags) if flags else ()),
         *(part for item in files.items() for part in item),
     ):
-        digest.update(text.encode() + b"\0")
+        digest.update(text.encode(errors="surrogateescape") + b"\0")
     return _load(command, digest.hexdigest()[:32], tuple(files.items()), flags)
 
 
 def own() -> tuple[str, ...]:
     """The flags by which the compiler writes for the processor of this machine; none where it knows no such flag."""
-    command = compiler()
+    command = _compiler()
     flags = ("-march=native",)
     return flags if command and _macros(command, flags) else ()
 
 
 @cache
-def _macros(command: str, flags: tuple[str, ...]) -> str:
-    """What a compiler says of a machine with these flags, which a shared cache of libraries must tell apart."""
-    known = [command, *flags, "-dM", "-E", "-x", "c", os.devnull]
-    return subprocess.run(known, capture_output=True, text=True, check=False).stdout
-
-
-@cache
-def _load(command: str, digest: str, files: tuple[tuple[str, str], ...], flags: tuple[str, ...]) -> ctypes.CDLL:
-    path = demand([f"{digest}.so"], cache_folder())[0]
-    if not path.exists():
-        with tempfile.TemporaryDirectory() as folder:
-            write(dict(files), folder)
-            sources = [name for name, _ in files if name.endswith(".c")]
-            built = Path(folder) / "step.so"
-            run(
-                [
-                    command,
-                    "-std=c99",
-                    "-O1",
-                    "-fPIC",
-                    "-shared",
-                    "-ffp-contract=off",
-                    *flags,
-                    *sources,
-                    "-o",
-                    str(built),
-                ],
-                folder,
-            )
-            write({path.name: built.read_bytes()}, path.parent)
-    return ctypes.CDLL(str(path))
-
-
-def cache_folder() -> Path:
-    """Where compiled libraries are kept: $XDG_CACHE_HOME/hgogen or ~/.cache/hgogen; where that cannot be written, a
-    folder of this process alone, since what lies in one that others can write to is not to be loaded."""
+def _macros(command: tuple[str, ...], flags: tuple[str, ...]) -> str:
+    """What a compiler says of a machine with these flags, which a shared cache of libraries must tell apart; "" where
+    it says nothing within `SOON` seconds."""
     try:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hgogen"
-        write({}, folder)
-    except (CannotWrite, RuntimeError):  # or there is no home
-        return Path(_own_folder().name)
-    return folder if os.access(folder, os.W_OK | os.X_OK) else Path(_own_folder().name)
+        return run([*command, *flags, "-dM", "-E", "-x", "c", os.devnull], ".", limit=SOON)
+    except CompilerFailed:
+        return ""
+
+
+def _demanded() -> tuple[str, ...]:
+    """The C compiler as a command. Raises: `NoCompiler`."""
+    command = _compiler()
+    if command is None:
+        raise NoCompiler()
+    return command
 
 
 @cache
-def _own_folder() -> tempfile.TemporaryDirectory[str]:
-    """The folder of this process for its libraries, which is removed when the process ends."""
-    return tempfile.TemporaryDirectory(prefix="hgogen-", ignore_cleanup_errors=True)
+def _load(
+    command: tuple[str, ...], digest: str, files: tuple[tuple[str, str], ...], flags: tuple[str, ...]
+) -> ctypes.CDLL:
+    with cache_folder() as folder:
+        library = folder / f"{digest}.so"
+        if not is_kept(library):
+            content = _compiled(command, dict(files), flags)
+            try:
+                keep(library, content)
+            except CannotWrite:  # as on a full disk
+                library = process_folder() / library.name
+                keep(library, content)
+        try:
+            return ctypes.CDLL(str(library))
+        except OSError as error:
+            remove(library.name, library.parent)
+            raise CompilerFailed(command, f"what it made cannot be loaded: {error}") from None
 
 
-def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed) -> str:
+def _compiled(command: tuple[str, ...], files: Mapping[str, str], flags: tuple[str, ...]) -> bytes:
+    """The content of the shared library of C files. Raises: `CompilerFailed`."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(files, folder)
+        sources = [name for name in files if name.endswith(".c")]
+        options = ["-std=c99", "-O1", "-fPIC", "-shared", "-ffp-contract=off", *flags]
+        return _made([*command, *options, *sources], "step.so", folder).read_bytes()
+
+
+def _made(command: Sequence[str], name: str, folder: str) -> Path:
+    """The file of that name in a folder, which a command of the C compiler makes.
+
+    Raises: `CompilerFailed`, also where the compiler hangs or writes nothing.
+    """
+    run([*_demanded(), "-E", "-x", "c", os.devnull], folder, limit=SOON)
+    whole, made = (*command, "-o", name), Path(folder) / name
+    run(whole, folder)
+    if not made.is_file():
+        raise CompilerFailed(whole, f"it ended with status 0, but wrote no {name}")
+    return made
+
+
+def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed, limit: float = LIMIT) -> str:
     """Run a command in a folder and return what it prints.
 
-    Raises: what `failed` makes of the command and its output where it does not end with 0.
+    Raises: what `failed` makes of the command and its output where it cannot be started, does not end with 0, or not
+    within `limit` seconds; the processes that it started are then ended too.
     """
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise failed(tuple(command), done.stdout + done.stderr)
-    return done.stdout
+    group = 0 if os.name == "posix" else -1
+    try:
+        child = subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            process_group=group,
+        )
+    except OSError as error:
+        raise failed(tuple(command), f"it cannot be started: {error.strerror}") from None
+    with child:
+        try:
+            output, errors = child.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            _end(child)
+            raise failed(tuple(command), f"it did not end within {limit:g} s") from None
+        except BaseException:  # as of Ctrl-C, which a group of its own does not get
+            _end(child)
+            raise
+    if child.returncode:
+        raise failed(tuple(command), output + errors)
+    return output
+
+
+def _end(child: "subprocess.Popen[str]") -> None:
+    """End a command and what it started."""
+    if os.name == "posix":
+        os.killpg(child.pid, signal.SIGKILL)
+    child.kill()
 
 
 def run_recipe(files: Sources) -> str:
@@ -228,11 +288,9 @@ def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
 
     Raises: `NoCompiler`, `CompilerFailed`, `CheckFailed`.
     """
-    command = compiler()
-    if command is None:
-        raise NoCompiler()
+    command = _demanded()
     with tempfile.TemporaryDirectory() as folder:
         write(files, folder)
         sources = [name for name in files if name.endswith(".c")]
-        run([command, "-std=c99", *WARNINGS, *with_main(files), *flags, *sources, "-o", "check"], folder)
-        return run([str(Path(folder) / "check")], folder, CheckFailed)
+        options = ["-std=c99", *WARNINGS, *with_main(files), *flags]
+        return run([str(_made([*command, *options, *sources], "check", folder))], folder, CheckFailed)
