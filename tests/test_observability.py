@@ -84,7 +84,7 @@ def test_no_single_measurement_repairs_two_hidden_states() -> None:
     known = observability(plant([-a, b, c], a, (a, b, c), ())).known
     assert known.repairs == ()
     assert known.rank.unobservable == (b, c)
-    assert "measuring no single unknown" in str(known)
+    assert "no single state or parameter would do" in str(known)
     assert [str(move) for move in known.symmetries] == ["b -> b + c", "c -> c + s"]  # a name that is free
 
 
@@ -98,27 +98,82 @@ def test_a_parameter_without_a_range_stands_at_its_value() -> None:
 
 def test_branches_and_undefined_plants() -> None:
     analysis = observability(plant([b, -sp.Abs(b)], a, parameters=()))
-    assert "open set only, because of abs" in str(analysis.checks[0].reason)
+    assert "asked on 2 branches" in str(analysis.checks[0].reason)
+    assert "a, b, u without a range: sampled from 0.01 to 100 in size" in str(analysis)
     with pytest.raises(NowhereDefined, match="logarithm"):
         observability(plant([b, sp.log(u - a**2 - 9) + sp.log(-u)], a, parameters=()))
 
 
 @pytest.mark.parametrize(
-    ("flow", "output", "hidden"),
+    ("flow", "output", "where", "hidden"),
     [
-        ([b, -a], sp.Max(a, 0), lambda at: at[a] < 0),
-        ([sp.Max(b, 0), 0 * b], a, lambda at: at[b] < 0),
-        ([sp.Max(b, 2 * a), 0 * b], a, lambda at: at[b] < 2 * at[a]),
-        ([1 + 0 * b, 0 * b], sp.Max(a, b), lambda at: True),
+        ([b, -a], sp.Max(a, 0), (a < 0,), (a, b)),
+        ([sp.Max(b, 0), 0 * b], a, (b < 0,), (b,)),
+        ([sp.Max(b, 2 * a), 0 * b], a, (b < 2 * a,), (b,)),
+        ([sp.Piecewise((b, (b > 0) & (a > b)), (a, True)), 0 * b], a, (a <= b, b > 0), (b,)),
     ],
-    ids=["a sensor", "a valve", "a switch", "everywhere"],
+    ids=["a sensor", "a valve", "a switch", "two conditions"],
 )
-def test_an_unobservable_direction_is_of_a_point_on_the_branch_that_hides_it(flow, output, hidden) -> None:
-    """On the other branches all is seen, some of it by later derivatives than those that show what is seen here."""
-    answer = observability(plant(flow, output, parameters=())).known
-    assert answer.rank.rank < 2
-    assert answer.direction or answer.symmetries
-    assert not answer.direction or hidden(dict(answer.point))
+def test_what_a_branch_hides_is_said_of_this_branch(flow, output, where, hidden) -> None:
+    """On the other branch all is observable, and the whole is so on a condition."""
+    analysis = observability(plant(flow, output, parameters=()))
+    assert (analysis.rank, analysis.known.lost) == (2, ())
+    (check,) = analysis.checks
+    assert (check.verdict, check.fix) == (Verdict.WHERE, "")
+    sides = {frozenset(branch.where): branch.hidden for branch in analysis.known.elsewhere}
+    assert sides[frozenset(where)] == hidden
+    assert f"{hidden[-1]} {'is' if len(hidden) == 1 else 'are'} not observable where" in str(check.reason)
+
+
+def test_what_every_branch_hides_is_lost_on_all_of_them() -> None:
+    known = observability(plant([1 + 0 * b, 0 * b], sp.Max(a, b), parameters=())).known
+    assert known.rank.rank == 1
+    assert known.lost == ()  # either is observable where it is the larger one
+    both = observability(plant([-a, sp.Max(a, 0) - b], a, parameters=())).known
+    assert both.lost == (b,)
+
+
+@pytest.mark.parametrize("thin", [sp.Rational(1, 10**3), sp.Rational(1, 10**9)])
+@pytest.mark.parametrize("at", [sp.Rational(7, 20), sp.Integer(0)])
+def test_a_thin_branch_between_others_is_asked(thin: sp.Rational, at: sp.Rational) -> None:
+    """A dead zone around a place, which hides b, is found whatever its width; so is one that no point need reach."""
+    x, z = hg.Signal("x", low=-1, high=1), hg.Signal("z", low=-1, high=1)
+    gap = z - at - sp.Max(-thin, sp.Min(thin, z - at))
+    dead = hg.System("dead", states=(x, z), outputs=(y,), flow=[gap, -z], output=[x])
+    (inside,) = hg.observability(dead).known.elsewhere
+    assert inside.hidden == (z,)
+    assert {sp.solve(one.lhs - one.rhs, z)[0] for one in inside.where} == {at - thin, at + thin}
+
+
+def test_branches_beyond_the_ranges_are_not_asked() -> None:
+    """max(0, a - b) is a - b where a > 0 > b, and a saturation far outside is none; a root has its value inside."""
+    p, q = hg.Signal("p", low=1, high=5), hg.Signal("q", low=-5, high=-1)
+    for rate in (-sp.Max(0, p - q), sp.Min(p - q, 11), sp.sqrt(p - q - 1), sp.log(p - q - sp.Rational(3, 2))):
+        analysis = hg.observability(hg.System("s", states=(p, q), outputs=(y,), flow=[rate, -q], output=[p]))
+        assert (analysis.rank, analysis.checks[0].verdict, str(analysis.asked)) == (2, Verdict.GENERIC, "")
+
+
+def test_a_corner_of_two_conditions_is_asked() -> None:
+    """Where both hold in a millionth of a side each, and only there, the state is observable."""
+    p, q = hg.Signal("p", low=0, high=1), hg.Signal("q", low=0, high=1)
+    edge = 1 - sp.Rational(1, 10**6)
+    flow = [sp.Max(p - edge, 0) * sp.Max(q - edge, 0), -q]
+    analysis = hg.observability(hg.System("s", states=(p, q), outputs=(y,), flow=flow, output=[p]))
+    assert analysis.rank == 2
+    assert {branch.hidden for branch in analysis.known.elsewhere} == {(q,)}
+
+
+def test_a_deficiency_without_a_proof_is_no_fact_and_no_advice() -> None:
+    """The level sets of a quotient are no symmetry that is looked for: b and k stay doubtful, in every text."""
+    level = (1 + b**2) / (2 + k * b**2)
+    analysis = observability(plant([-a * level, 0], a))
+    joint = analysis.joint
+    assert joint is not None
+    assert (joint.hidden, joint.doubtful, joint.advice) == ((), (b, k), "")
+    check = analysis.checks[1]
+    assert (check.verdict, check.fix) == (Verdict.UNKNOWN, "")
+    assert "whether b, k can be observed is not known" in str(joint)
+    assert not any(word in str(analysis) for word in ("measure", "not observable", "not seen"))
 
 
 @pytest.mark.parametrize("bend", [lambda e: e**2, sp.sin], ids=["modulo a prime", "balls"])

@@ -17,7 +17,7 @@ from hgogen.algebra.piece import value as polynomial
 from hgogen.algebra.tabulated import next_order
 
 BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
-_BITS = 60  # of a random number
+_BITS, _FINER = 60, 20  # of a random number; of how near it is to another one
 _SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0, 10.0), (0.001, 0.1), (-0.1, 0.1))
 SCALES = len(_SCALES)
 
@@ -52,6 +52,10 @@ class Balls:
         """A random number of the range of this seed."""
         low, high = _SCALES[self.seed % len(_SCALES)]
         return low + (high - low) * flint.arb(source.getrandbits(_BITS)) / (1 << _BITS)
+
+    def near(self, value: Fraction, source: random.Random) -> Any:
+        """A random number beside a rational: by less than a millionth of it, none where it is 0."""
+        return rational(value) * (1 + flint.arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER))
 
     def series(self, coefficients: Sequence[Any], order: int) -> Any:
         """c_0 + c_1 t + ... , known below t^order."""

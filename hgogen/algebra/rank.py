@@ -11,6 +11,7 @@ zero where its ball contains zero at 1024 bits. A. Sedoglavic, J. Symbolic Compu
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any, TypeVar
 
 import flint
@@ -32,6 +33,7 @@ BITS_EACH = 4  # more bits for each unknown
 _CAP = 4096  # terms of a series with balls
 
 _Answer = TypeVar("_Answer")
+Places = Sequence[Mapping[sp.Symbol, Fraction]]
 
 
 @dataclass(eq=False)
@@ -105,14 +107,16 @@ def observability(
     parameters_unknown: Iterable[sp.Symbol] = (),
     *,
     limit: int | None = None,
+    places: Places = (),
 ) -> Ranks:
     """Ranks with known parameters and jointly, at a random point; every other symbol is a random constant.
 
-    `limit`: the most derivatives to take (None: until the rank is stationary).
+    `limit`: the most derivatives to take (None: until the rank is stationary); `places`: values of all symbols, near
+    which a real point is taken.
 
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
-    plant, symbols = plant_of(flow, output, states, inputs, parameters_unknown)
+    plant, symbols = plant_of(flow, output, states, inputs, parameters_unknown, places)
 
     def answer(numbers: Arithmetic, point: Point) -> Ranks:
         return _ranks(plant, symbols, numbers, point, limit)
@@ -153,8 +157,10 @@ def plant_of(
     states: Iterable[sp.Symbol],
     inputs: Iterable[sp.Symbol],
     parameters: Iterable[sp.Symbol] = (),
+    places: Places = (),
 ) -> tuple[Plant, tuple[sp.Symbol, ...]]:
-    """The plant as a tape, and its unknowns: states, then unknown parameters."""
+    """The plant as a tape, with the `places` near which real points are taken, and its unknowns: states, then unknown
+    parameters."""
     flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
     inputs, parameters = tuple(inputs), tuple(parameters)
     for what, part in (("states", states), ("outputs", output)):
@@ -163,8 +169,10 @@ def plant_of(
     declared = {*states, *inputs, *parameters}
     free = set().union(*(e.free_symbols for e in (*flow, *output))) - declared
     rest = sorted(free, key=lambda symbol: symbol.name)
-    program = tape((*flow, *output), (*states, *inputs, *parameters, *rest))
-    return Plant(program, len(states), len(parameters), len(inputs)), (*states, *parameters)
+    symbols = (*states, *inputs, *parameters, *rest)
+    points = tuple(tuple(place[s] for s in symbols) for place in places)
+    program = tape((*flow, *output), symbols)
+    return Plant(program, len(states), len(parameters), len(inputs), points), (*states, *parameters)
 
 
 def exact_numbers(plant: Plant) -> bool:

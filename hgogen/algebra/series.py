@@ -11,6 +11,7 @@ test local algebraic observability in polynomial time", J. Symbolic Computation 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import reduce
 from typing import Any
 
@@ -24,12 +25,16 @@ Gradient = Mapping[int, Any]
 
 @dataclass(frozen=True)
 class Plant:
-    """A tape of flow then output whose symbols are n states, q parameters, m inputs, then constants."""
+    """A tape of flow then output whose symbols are n states, q parameters, m inputs, then constants.
+
+    `places`: values of the symbols near which real points are taken; without any they may be anywhere.
+    """
 
     tape: Tape
     n: int
     q: int
     m: int
+    places: tuple[tuple[Fraction, ...], ...] = ()
 
     @property
     def wide(self) -> int:
@@ -53,16 +58,19 @@ class Point:
 
 
 def random_point(plant: Plant, numbers: Arithmetic) -> Point:
-    """A random point, with inputs whose derivatives are all random."""
+    """A random point, of balls near one of the plant's places, with inputs whose derivatives are all random."""
     source = numbers.draws("point")
-    states = tuple(numbers.draw(source) for _ in range(plant.n))
-    constants = tuple(numbers.draw(source) for _ in plant.tape.symbols[plant.n + plant.m :])
+    if isinstance(numbers, Balls) and plant.places:
+        point = [numbers.near(value, source) for value in source.choice(plant.places)]
+    else:
+        point = [numbers.draw(source) for _ in plant.tape.symbols]
+    forced = point[plant.n : plant.n + plant.m]
 
     def inputs(j: int, order: int) -> list[Any]:
         source = numbers.draws(f"input {j}")
-        return [numbers.draw(source) for _ in range(order)]
+        return [forced[j], *(numbers.draw(source) for _ in range(order - 1))]
 
-    return Point(states, constants, inputs)
+    return Point(tuple(point[: plant.n]), tuple(point[plant.n + plant.m :]), inputs)
 
 
 def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[Any]]:

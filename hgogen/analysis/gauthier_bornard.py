@@ -22,9 +22,9 @@ import sympy as sp
 
 from hgogen.algebra.echelon import believe_zeros, new_rows
 from hgogen.algebra.identity import is_zero
-from hgogen.algebra.rank import at_values, branches, exact_numbers, modulus, plant_of, somewhere
+from hgogen.algebra.rank import NowhereDefined, Places, branches, exact_numbers, modulus, plant_of, somewhere
 from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
-from hgogen.analysis.on_box import within_tables
+from hgogen.analysis.on_box import on_branches
 from hgogen.check import Verdict
 from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System
@@ -56,14 +56,19 @@ class UniformObservability:
 
 
 def gauthier_bornard(
-    flow: Iterable[sp.Expr], output: Iterable[sp.Expr], states: Iterable[sp.Symbol], inputs: Iterable[sp.Symbol]
+    flow: Iterable[sp.Expr],
+    output: Iterable[sp.Expr],
+    states: Iterable[sp.Symbol],
+    inputs: Iterable[sp.Symbol],
+    places: Places = (),
 ) -> UniformObservability:
-    """The test at random points; symbols that are neither state nor input are random constants.
+    """The test at random points, real ones near `places`; symbols that are neither state nor input are random
+    constants.
 
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
     flow, output, states, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, states, inputs))
-    plant, _ = plant_of(flow, output, states, inputs)
+    plant, _ = plant_of(flow, output, states, inputs, (), places)
     outside = _outside(flow, output, inputs)
     if outside is not None:
         return outside
@@ -84,10 +89,29 @@ def gauthier_bornard(
 
 
 def of_plant(plant: System) -> UniformObservability:
-    """The test of a plant, parameters generic within their ranges, those without one at their nominal values."""
-    fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
-    flow, output = (at_values(part, fixed) for part in within_tables(plant))
-    return gauthier_bornard(flow, output, plant.states, plant.inputs)
+    """The test of a plant, parameters generic within their ranges, those without one at their nominal values; on each
+    branch that its ranges reach.
+
+    Raises: as `gauthier_bornard`.
+    """
+    reached = on_branches(plant, (p for p in plant.parameters if p.bounded))
+    n, answers = len(plant.states), []
+    if not reached.branches:
+        raise NowhereDefined(reached.points)
+    outside = _outside(plant.flow, plant.output, plant.inputs) if reached.bent else None
+    if outside is not None:
+        return outside
+    for branch in reached.branches:
+        one = gauthier_bornard(branch.rows[:n], branch.rows[n:], plant.states, plant.inputs, branch.places)
+        if not reached.bent:
+            return one
+        at = because("where {conditions: and }: {reason}", conditions=branch.where, reason=one.reason)
+        answers.append(replace(one, reason=at))
+        if one.answer is False and one.shown:
+            return answers[-1]
+    doubtful = next((one for one in answers if one.answer is not True), None)
+    smooth = because("it holds on the {count} branches asked, and the theorem is of smooth plants", count=len(answers))
+    return doubtful or UniformObservability(None, True, smooth)
 
 
 def _outside(

@@ -3,11 +3,14 @@
 Observable is said locally: a state nearby gives another output, a far one may not, as -x where y = x**2. Answers are
 generic: they hold at almost every state, parameter value and input. Full rank at one point proves full rank almost
 everywhere. A deficiency is proved by a symmetry, a vector field that no output sees; without one it is known but for
-the chance that a random point lies on a thin set.
+the chance that a random point lies on a thin set, and nothing is concluded from it.
+
+A plant with kinks, jumps or tables is asked on each branch that its declared ranges reach (`algebra.reached`), as long
+as it stays there: what one branch hides, as a shaft in its backlash the load, another may show.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import flint
@@ -15,25 +18,34 @@ import sympy as sp
 
 from hgogen.algebra.balls import Undecided
 from hgogen.algebra.echelon import kernel, new_rows
-from hgogen.algebra.rank import NowhereDefined, Rank, at_values, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.rank import NowhereDefined, Places, Rank, Ranks, matrix_rows, modulus, plant_of, somewhere
 from hgogen.algebra.rank import observability as ranks
+from hgogen.algebra.reached import Branch, Reached
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
-from hgogen.analysis.on_box import within_tables
+from hgogen.analysis.on_box import on_branches
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.intervals.box import box
+from hgogen.intervals.glance import enclose
 from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.reading.given import BadGain, signals_named
-from hgogen.sentence import because, joined
+from hgogen.sentence import NONE, Reason, because, joined
 from hgogen.system import System
+
+Exprs = Sequence[sp.Expr]
+_PROVED_BRANCHES = 8  # on which symmetries are looked for, which may take a second each
+_CONDITIONS, _SHOWN = 4, 3  # of a branch, and branches, that a sentence names
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One question, states alone or states with unknown parameters.
+    """One question, states alone or states with unknown parameters, on a branch of the plant.
 
     `orders`: the order of derivatives of the outputs at which each observable unknown is first observable;
-    `symmetries`: what hides the others; `direction`: where these are fewer than the deficiency, an unobservable
-    direction at a random point, `point`; `repairs`: each unknown whose measurement alone would make all observable.
+    `symmetries`: what hides the others; `hidden`: those of them that are proved to be unobservable; `direction`: where
+    the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`; `repairs`: each
+    unknown whose measurement alone would make all observable. `where`: the conditions of the branch, none of a plant
+    without branches; `elsewhere`: the answers on other branches that hide something.
     """
 
     rank: Rank
@@ -42,6 +54,61 @@ class Answer:
     direction: tuple[tuple[sp.Symbol, float], ...]
     point: tuple[tuple[sp.Symbol, float], ...]
     repairs: tuple[sp.Symbol, ...]
+    hidden: tuple[sp.Symbol, ...] = ()
+    where: tuple[sp.Basic, ...] = ()
+    elsewhere: tuple["Answer", ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """What is known of the claim that all is observable on this branch."""
+        if not self.rank.unobservable:
+            return Verdict.GENERIC
+        return Verdict.REFUTED if self.hidden else Verdict.UNKNOWN
+
+    @property
+    def doubtful(self) -> tuple[sp.Symbol, ...]:
+        """The unknowns that were not found to be observable, nor proved to be unobservable."""
+        return tuple(s for s in self.rank.unobservable if s not in self.hidden)
+
+    @property
+    def lost(self) -> tuple[sp.Symbol, ...]:
+        """The unknowns that are proved to be unobservable on every branch that was asked."""
+        return tuple(s for s in self.hidden if all(s in answer.hidden for answer in self.elsewhere))
+
+    @property
+    def advice(self) -> str:
+        """What to measure as well, in words, where something is proved to be unobservable on every branch; else ""."""
+        if not self.lost:
+            return ""
+        shown = " or ".join(s.name for s in self.repairs)
+        if not shown:
+            return "measure more: no single state or parameter would do"
+        return f"measure {shown} as well" + (f", which shows all where {self.condition}" if self.elsewhere else "")
+
+    @property
+    def condition(self) -> Reason:
+        """Where the branch is, in words; `NONE` of a plant without branches."""
+        if not self.where:
+            return NONE
+        shown, more = self.where[:_CONDITIONS], len(self.where[_CONDITIONS:])
+        first = because("{shown: and }", shown=shown)
+        return because("{first} and {more} more conditions", first=first, more=more) if more else first
+
+    @property
+    def unseen(self) -> tuple[Reason, ...]:
+        """What is not observable on this branch, and what is not known to be, in words."""
+        place = because(" where {condition}", condition=self.condition) if self.where else NONE
+        are = "is" if len(self.hidden) == 1 else "are"
+        hidden = because("{names} {are} not observable{place}", names=self.hidden, are=are, place=place)
+        doubt = because("whether {names} can be observed{place} is not known", names=self.doubtful, place=place)
+        return (*((hidden,) if self.hidden else ()), *((doubt,) if self.doubtful else ()))
+
+    @property
+    def exceptions(self) -> tuple[Reason, ...]:
+        """The same of the other branches, of the first of them."""
+        said = [one for answer in self.elsewhere for one in answer.unseen]
+        more = because("so on {more} other branches", more=len(said) - _SHOWN)
+        return (*said[:_SHOWN], *((more,) if len(said) > _SHOWN else ()))
 
     def as_dict(self) -> dict[str, Any]:
         """The answer as plain data for JSON."""
@@ -52,8 +119,11 @@ class Answer:
             "order": rank.order,
             "observable": [s.name for s in rank.observable],
             "unobservable": [s.name for s in rank.unobservable],
+            "proved_unobservable": [s.name for s in self.hidden],
             "symmetries": [str(symmetry) for symmetry in self.symmetries],
             "repairs": [s.name for s in self.repairs],
+            "where": [str(condition) for condition in self.where],
+            "elsewhere": [answer.as_dict() for answer in self.elsewhere],
         }
 
     def __str__(self) -> str:
@@ -61,29 +131,27 @@ class Answer:
         lines = [f"rank {rank.rank} of {rank.dimension}, by derivatives up to order {rank.order}"]
         if self.orders:
             lines.append("observable, from derivative: " + ", ".join(f"{s} ({k})" for s, k in self.orders))
-        if rank.unobservable:
-            lines.append("not observable: " + ", ".join(s.name for s in rank.unobservable))
-            lines += [f"not seen: {symmetry}" for symmetry in self.symmetries]
-            if self.direction:
-                lines.append(f"an unobservable direction: {_values(self.direction)}, at {_values(self.point)}")
-            names = " or ".join(s.name for s in self.repairs) or "no single unknown"
-            lines.append(f"measuring {names} as well would show all")
-        return "\n".join(lines)
+        lines += map(str, self.unseen)
+        lines += [f"not seen: {symmetry}" for symmetry in self.symmetries]
+        if self.direction:
+            lines.append(f"an unobservable direction: {_values(self.direction)}, at {_values(self.point)}")
+        lines += [self.advice] if self.advice else []
+        return "\n".join([*lines, *map(str, self.exceptions)])
 
 
 @dataclass(frozen=True)
 class Observability:
     """What is generically observable of a plant: `known` with known parameters, `joint` with those that have a range.
 
-    `joint` is None where no parameter has a range; `method` names the arithmetic; `local`: the functions with
-    branches for which the answer holds on an open set only, "" without.
+    `joint` is None where no parameter has a range; `method` names the arithmetic; `asked` says of which branches, found
+    by how many points of which ranges, and what was left out: `NONE` of a plant without branches.
     """
 
     system: System
     known: Answer
     joint: Answer | None
     method: str
-    local: str
+    asked: Reason
 
     @property
     def n(self) -> int:
@@ -92,7 +160,7 @@ class Observability:
 
     @property
     def rank(self) -> int:
-        """Generic rank with known parameters."""
+        """Generic rank with known parameters, on the branch where it is largest."""
         return self.known.rank.rank
 
     @property
@@ -130,7 +198,8 @@ class Observability:
         """The answer as plain data for JSON."""
         joint = self.joint.as_dict() if self.joint else None
         checks = [check.as_dict() for check in self.checks]
-        return {"known": self.known.as_dict(), "joint": joint, "method": self.method, "checks": checks}
+        known = {"known": self.known.as_dict(), "joint": joint, "method": self.method, "asked": str(self.asked)}
+        return {**known, "checks": checks}
 
     def __str__(self) -> str:
         parts = [("parameters known", self.known), ("with the parameters that have a range", self.joint)]
@@ -138,7 +207,7 @@ class Observability:
         for title, answer in parts:
             if answer is not None:
                 lines += [f"  {title}:", *(f"    {line}" for line in str(answer).splitlines())]
-        return "\n".join(lines + ([f"  on an open set only, because of {self.local}"] if self.local else []))
+        return "\n".join(lines + ([f"  {self.asked}"] if self.asked else []))
 
 
 @asks_a_plant
@@ -151,13 +220,33 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     function without a rule.
     """
     loose = tuple(p for p in plant.parameters if p.bounded) if unknown is None else _named(plant, unknown)
-    fixed = {p: value for p, value in plant.nominal.items() if p not in loose}
-    flow, output = (at_values(part, fixed) for part in within_tables(plant))
-    generic = ranks(flow, output, plant.states, plant.inputs, loose)
-    parts = (flow, output, plant.states, plant.inputs)
-    known = _answer(generic.known, generic.local, *parts, ())
-    joint = _answer(generic.joint, generic.local, *parts, loose) if loose else None
-    return Observability(plant, known, joint, generic.method, generic.local)
+    reached = on_branches(plant, loose)
+    generic: dict[tuple[sp.Expr, ...], Ranks | None] = {}
+    asked: list[tuple[_Question, Ranks]] = []
+    for branch in reached.branches:
+        question = _Question(plant, branch, loose)
+        if branch.rows not in generic:
+            generic[branch.rows] = question.ranks()
+        ranked = generic[branch.rows]
+        if ranked is not None:
+            asked.append((question, ranked))
+    if not asked:
+        raise NowhereDefined(reached.points)
+    known = _whole([(replace(question, parameters=()), one.known) for question, one in asked])
+    joint = _whole([(question, one.joint) for question, one in asked]) if loose else None
+    return Observability(plant, known, joint, asked[0][1].method, _asked(plant, loose, reached, len(asked)))
+
+
+def _asked(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: int) -> Reason:
+    """On which branches it was asked, and what was left out."""
+    if not reached.bent:
+        return NONE
+    pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"
+    more = because("{more} were found and left out", more=len(reached.branches) + reached.more - count)
+    free = [s for s in (*plant.states, *plant.inputs, *loose) if not s.bounded]
+    without = because("{free} without a range: sampled from 0.01 to 100 in size, of either sign", free=free)
+    many = because(pattern, count=count, points=reached.points)
+    return joined(many, more if len(reached.branches) + reached.more > count else NONE, without if free else NONE)
 
 
 def _named(plant: System, unknown: Any) -> tuple[sp.Symbol, ...]:
@@ -170,110 +259,134 @@ def _named(plant: System, unknown: Any) -> tuple[sp.Symbol, ...]:
     )
 
 
-Exprs = Sequence[sp.Expr]
-Symbols = Sequence[sp.Symbol]
+@dataclass(frozen=True)
+class _Question:
+    """The question of a branch of a plant, with unknown `parameters`."""
+
+    plant: System
+    branch: Branch
+    parameters: tuple[sp.Symbol, ...]
+
+    @property
+    def rows(self) -> tuple[Exprs, Exprs, Exprs, Exprs, Exprs]:
+        """Flow, output, states, inputs and unknown parameters."""
+        n = len(self.plant.states)
+        return self.branch.rows[:n], self.branch.rows[n:], self.plant.states, self.plant.inputs, self.parameters
+
+    @property
+    def places(self) -> Places:
+        """Points on the branch."""
+        return self.branch.places
+
+    def ranks(self) -> Ranks | None:
+        """The ranks on the branch; None where no point tells them."""
+        try:
+            return ranks(*self.rows, places=self.places)
+        except NowhereDefined:
+            return None
+
+    @property
+    def where(self) -> tuple[sp.Basic, ...]:
+        """The conditions of the branch, without those that hold on the whole box."""
+        around = box(self.plant.signals, self.plant.nominal)
+        return tuple(one for one in self.branch.where if not enclose(one.gts - one.lts, around)[0] >= 0)
+
+    def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:
+        """What is observable on the branch; without `proofs`, what hides the rest is not asked."""
+        hidden = rank.unobservable
+        if not hidden or not proofs:
+            return Answer(rank, self.orders(rank) if proofs else (), (), (), (), (), (), self.where if hidden else ())
+        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, places=self.places)
+        few = len(fields) < rank.dimension - rank.rank
+        direction, point = self.direction(rank.order) if few else ((), ())
+        moved = {s for field in fields if field.proved for s, _ in field.field}
+        if not any(e.free_symbols & {*self.plant.states} for e in self.rows[1]):
+            moved |= {*self.plant.states}
+        proved = tuple(s for s in hidden if s in moved)
+        repairs = self.repairs(rank) if proved else ()
+        return Answer(rank, self.orders(rank), fields, direction, point, repairs, proved, self.where)
+
+    def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
+        """Each observable unknown with the order of derivatives at which its unit vector enters the row space."""
+        plant, unknowns = plant_of(*self.rows, self.places)
+
+        def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
+            orders: dict[sp.Symbol, int] = {}
+            rows: list[Any] = []
+            for k, y in enumerate(first_gradients(plant, numbers, point, rank.order + 1)):
+                rows += matrix_rows(y)
+                basis = kernel(rows, plant.wide, modulus(numbers))
+                seen = (s for i, s in enumerate(unknowns) if all(vector[i] == 0 for vector in basis))
+                orders |= {s: k for s in seen if s not in orders}
+            return orders
+
+        orders = somewhere(plant, answer)
+        return tuple((s, orders[s]) for s in rank.observable if s in orders)
+
+    def repairs(self, rank: Rank) -> tuple[sp.Symbol, ...]:
+        """The hidden unknowns whose measurement alone gives full rank; all measured in one run, taken one by one.
+
+        Each order of derivatives up to the stationary one adds to the rank, so `rank.order` and as many more as the
+        deficiency suffice.
+        """
+        flow, output, states, inputs, parameters = self.rows
+        hidden, p = rank.unobservable, len(output)
+        plant, _ = plant_of(flow, (*output, *hidden), states, inputs, parameters, self.places)
+
+        def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
+            count = rank.order + rank.dimension - rank.rank + 1
+            orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, count)]
+
+            def full(i: int) -> bool:
+                rows = [row for y in orders for row in (*y[:p], y[p + i])]
+                return len(new_rows(rows, modulus(numbers))) == rank.dimension
+
+            return tuple(s for i, s in enumerate(hidden) if full(i))
+
+        return somewhere(plant, answer)
+
+    def direction(self, order: int) -> tuple[Any, Any]:
+        """An unobservable direction at a random real point of the branch, largest entry 1, and the point; none where no
+        point that is tried decides it."""
+        plant, unknowns = plant_of(*self.rows, self.places)
+
+        def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
+            rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
+            basis = kernel(rows, plant.wide, 0)
+            if not basis:
+                raise Undecided
+            vector = [float(e.mid()) for e in map(flint.arb, basis[0])]
+            largest = max(vector, key=abs)
+            values = (*point.states, *point.constants[: plant.q])
+            moved = tuple((s, v / largest) for s, v in zip(unknowns, vector, strict=True) if v)
+            return moved, tuple((s, float(v.mid())) for s, v in zip(unknowns, values, strict=True))
+
+        try:
+            return somewhere(plant, answer, balls=True)
+        except NowhereDefined:
+            return (), ()
 
 
-def _answer(
-    rank: Rank, local: str, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
-) -> Answer:
-    """The answer; where there are branches, the derivatives of `rank` may not be enough on those of another point."""
-    parts = (flow, output, states, inputs, parameters)
-    order = max(rank.order, rank.dimension - 1) if local else rank.order
-    ordered, hidden = _orders(rank, *parts), rank.unobservable
-    if not hidden:
-        return Answer(rank, ordered, (), (), (), ())
-    fields = symmetries(*parts, hidden=hidden, order=order)
-    few = len(fields) < rank.dimension - rank.rank
-    direction, point = _direction(order, *parts) if few else ((), ())
-    return Answer(rank, ordered, fields, direction, point, _repairs(rank, *parts))
-
-
-def _orders(
-    rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
-) -> tuple[tuple[sp.Symbol, int], ...]:
-    """Each observable unknown with the order of derivatives at which its unit vector enters the row space."""
-    plant, unknowns = plant_of(flow, output, states, inputs, parameters)
-
-    def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
-        orders: dict[sp.Symbol, int] = {}
-        rows: list[Any] = []
-        for k, y in enumerate(first_gradients(plant, numbers, point, rank.order + 1)):
-            rows += matrix_rows(y)
-            basis = kernel(rows, plant.wide, modulus(numbers))
-            seen = (s for i, s in enumerate(unknowns) if all(vector[i] == 0 for vector in basis))
-            orders |= {s: k for s in seen if s not in orders}
-        return orders
-
-    orders = somewhere(plant, answer)
-    return tuple((s, orders[s]) for s in rank.observable if s in orders)
-
-
-def _repairs(
-    rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
-) -> tuple[sp.Symbol, ...]:
-    """The hidden unknowns whose measurement alone gives full rank; all measured in one run, taken one by one.
-
-    Each order of derivatives up to the stationary one adds to the rank, so `rank.order` and as many more as the
-    deficiency suffice.
-    """
-    hidden, p = rank.unobservable, len(output)
-    plant, _ = plant_of(flow, (*output, *hidden), states, inputs, parameters)
-
-    def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
-        count = rank.order + rank.dimension - rank.rank + 1
-        orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, count)]
-
-        def full(i: int) -> bool:
-            rows = [row for y in orders for row in (*y[:p], y[p + i])]
-            return len(new_rows(rows, modulus(numbers))) == rank.dimension
-
-        return tuple(s for i, s in enumerate(hidden) if full(i))
-
-    return somewhere(plant, answer)
-
-
-def _direction(
-    order: int, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
-) -> tuple[Any, Any]:
-    """An unobservable direction at a random real point, largest entry 1, and the point; none where the points tried are
-    all on branches where everything is seen."""
-    plant, unknowns = plant_of(flow, output, states, inputs, parameters)
-
-    def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
-        rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
-        basis = kernel(rows, plant.wide, 0)
-        if not basis:  # a point on a branch where all is seen
-            raise Undecided
-        vector = [float(e.mid()) for e in map(flint.arb, basis[0])]
-        largest = max(vector, key=abs)
-        values = (*point.states, *point.constants[: plant.q])
-        moved = tuple((s, v / largest) for s, v in zip(unknowns, vector, strict=True) if v)
-        return moved, tuple((s, float(v.mid())) for s, v in zip(unknowns, values, strict=True))
-
-    try:
-        return somewhere(plant, answer, balls=True)
-    except NowhereDefined:
-        return (), ()
+def _whole(asked: Sequence[tuple[_Question, Rank]]) -> Answer:
+    """The answer on the branch where most is observable, with those on the others that hide something."""
+    best, rank = max(asked, key=lambda pair: pair[1].rank)
+    blind = [(question, other) for question, other in asked if other.unobservable and question is not best]
+    elsewhere = [question.answer(other, proofs=k < _PROVED_BRANCHES) for k, (question, other) in enumerate(blind)]
+    return replace(best.answer(rank), elsewhere=tuple(elsewhere))
 
 
 def _check(id: ClaimId, claim: str, answer: Answer, whole: Observability) -> Check:
     rank = answer.rank
     pattern = "rank {rank} of {dimension} at a random point, {method}"
     reason = because(pattern, rank=rank.rank, dimension=rank.dimension, method=whole.method)
-    if whole.local:
-        reason = joined(reason, because("on an open set only, because of {branches}", branches=whole.local))
     if not rank.unobservable:
-        return Check(id, claim, Verdict.GENERIC, reason)
-    proof = next((symmetry for symmetry in answer.symmetries if symmetry.proved), None)
+        verdict = Verdict.WHERE if answer.elsewhere else Verdict.GENERIC
+        return Check(id, claim, verdict, joined(reason, *answer.exceptions, whole.asked))
+    proofs = (because("no output sees {symmetry}", symmetry=one) for one in answer.symmetries if one.proved)
     blind = not any(e.free_symbols & {*whole.system.states} for e in whole.system.output)
-    verdict = Verdict.REFUTED if proof or blind else Verdict.UNKNOWN
-    shown = " or ".join(s.name for s in answer.repairs)
-    fix = f"Measure {shown} as well." if shown else "Measure more: no single state or parameter would do."
-    chance = because("{names} not seen, but for the chance of a special point", names=rank.unobservable)
-    why = because("no output sees {symmetry}", symmetry=proof) if proof else chance
-    why = because("no output reads a state") if blind else why
-    return Check(id, claim, verdict, joined(reason, why), fix=fix)
+    why = because("no output reads a state") if blind else next(proofs, NONE)
+    fix = f"{answer.advice[:1].upper()}{answer.advice[1:]}." if answer.advice else ""
+    return Check(id, claim, answer.verdict, joined(reason, why, *answer.unseen, whole.asked), fix=fix)
 
 
 def _values(pairs: Sequence[tuple[sp.Symbol, float]]) -> str:

@@ -19,7 +19,7 @@ import sympy as sp
 
 from hgogen.algebra.echelon import Blurred, kernel, new_rows
 from hgogen.algebra.points import exact
-from hgogen.algebra.rank import FEW_BITS, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.rank import FEW_BITS, Places, matrix_rows, modulus, plant_of, somewhere
 from hgogen.algebra.series import Arithmetic, Plant, Point, first_gradients
 
 TERMS = 400  # of the vector field that is looked for
@@ -61,14 +61,15 @@ def symmetries(
     *,
     hidden: Sequence[sp.Symbol],
     order: int,
+    places: Places = (),
 ) -> tuple[Symmetry, ...]:
     """Independent symmetries with polynomial components of degree 1, else 2, that move the `hidden` unknowns.
 
-    `order`: the order of the derivatives that attain the rank. There may be fewer symmetries than the deficiency of the
-    rank, where the search finds no more.
+    `order`: the order of the derivatives that attain the rank; `places`: near which real points are taken. There may be
+    fewer symmetries than the deficiency of the rank, where the search finds no more.
     """
     flow, output = tuple(map(sp.sympify, flow)), tuple(map(sp.sympify, output))
-    plant, unknowns = plant_of(flow, output, states, inputs, parameters)
+    plant, unknowns = plant_of(flow, output, states, inputs, parameters, places)
     first = _sample(plant, order, 0)
     missing = len(unknowns) - len(first.rows)
     samples = [first]

@@ -230,13 +230,14 @@ def _line(one: First, model: Model) -> str:
 
 
 def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
-    """What to do about states that nothing shows, and about a plant that no form holds."""
-    hidden = seen.known.rank.unobservable
-    if hidden:
-        names = ", ".join(s.name for s in hidden)
-        shown = " or ".join(s.name for s in seen.known.repairs)
-        measure = f"measure {shown} as well" if shown else "measure more"
-        yield f"No observer tells {names} from these outputs: {measure}{_on_its_own(survey.plant, hidden)}."
+    """What to do about states that are proved to be unobservable, and about a plant that no form holds."""
+    known = seen.known
+    if known.lost:
+        names = ", ".join(s.name for s in known.lost)
+        asked = ", on the branches asked" if seen.asked else ""
+        own = _on_its_own(survey.plant, known.lost)
+        yield f"No observer tells {names} from these outputs{asked}: {known.advice}{own}."
+    if known.rank.unobservable:
         return
     if any(row.verdict is Verdict.PROVED for row in survey.candidates):
         return

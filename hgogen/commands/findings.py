@@ -7,7 +7,6 @@ from rich.table import Table
 from rich.text import Text
 
 from hgogen.analysis.observability import Answer, Observability
-from hgogen.check import Verdict
 from hgogen.commands.advice import Advice
 from hgogen.commands.tables import COLOURS, few
 from hgogen.trials.sight import Sight
@@ -30,24 +29,23 @@ def observed(seen: Observability, least: Sight | None = None) -> RenderableType:
     table = Table(show_header=False, **_PLAIN)
     for check, answer, what in zip(seen.checks, (seen.known, seen.joint), whose, strict=False):
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
-        table.add_row(verdict, Text(_answered(answer, what, check.verdict)) if answer else "")
+        table.add_row(verdict, Text(_answered(answer, what)) if answer else "")
     if least is not None:
         table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
-    local = [Text(f"on an open set of states only, because of {seen.local}")] if seen.local else []
-    return Group(Text(title, style="bold"), table, *local, "")
+    return Group(Text(title, style="bold"), table, *([Text(str(seen.asked))] if seen.asked else []), "")
 
 
-def _answered(answer: Answer, what: str, verdict: Verdict) -> str:
+def _answered(answer: Answer, what: str) -> str:
+    """What is observable of the states; advice on measurements only where it is proved that something is not."""
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:
-        return f"{what} are locally observable: {count}"
-    shown = " or ".join(s.name for s in answer.repairs)
-    are = "is" if len(rank.unobservable) == 1 else "are"
-    unseen = "not observable" if verdict is Verdict.REFUTED else "not seen at a random point"
-    said = [f"of {what}, {few(rank.unobservable)} {are} {unseen}: {count}"]
-    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
-    return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
+        but = "".join(f"\nbut {exception}" for exception in answer.exceptions)
+        return f"{what} are locally observable: {count}{but}"
+    said = [f"of {what}, {', and '.join(map(str, answer.unseen))}: {count}"]
+    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries if symmetry.proved]
+    said += map(str, answer.exceptions)
+    return "\n".join([*said, *([answer.advice] if answer.advice else [])])
 
 
 def taking(advice: Advice) -> RenderableType:

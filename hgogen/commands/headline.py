@@ -24,10 +24,15 @@ def headline(seen: Observability, survey: Survey, claims: Checked, least: Sight 
 
 
 def _observed(seen: Observability, least: Sight | None) -> str:
-    rank, known = seen.known.rank, seen.checks[0]
-    if rank.unobservable:
-        hidden = _few([s.name for s in rank.unobservable])
-        return f"{hidden} not {'observable' if known.verdict is _REFUTED else 'seen'}"
+    known = seen.known
+    if known.rank.unobservable:
+        hidden, doubtful = (_few([s.name for s in names]) for names in (known.hidden, known.doubtful))
+        said = [f"{hidden} not observable"] if hidden else []
+        said += [f"whether {doubtful} can be observed is unknown"] if doubtful else []
+        return ", ".join(said) + (f", where {known.condition}" if known.where else "")
+    if known.elsewhere:
+        first, *more = known.exceptions
+        return f"locally observable, but {first}" + (", ..." if more else "")
     if least is not None and least.by_motion:
         return f"locally observable, {next(iter(least.direction))} by its motion alone"
     if least is not None and least.hopeless:
