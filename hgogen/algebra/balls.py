@@ -19,7 +19,6 @@ from hgogen.algebra.tabulated import next_order
 BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
 _BITS, _FINER = 60, 20  # of a random number; of how near it is to another one
 _SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0, 10.0), (0.001, 0.1), (-0.1, 0.1))
-SCALES = len(_SCALES)
 
 
 class Undecided(ArithmeticError):

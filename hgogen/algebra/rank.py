@@ -10,17 +10,21 @@ zero where its ball contains zero at 1024 bits. A. Sedoglavic, J. Symbolic Compu
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import reduce
+from math import inf
 from typing import Any, TypeVar
 
 import flint
 import sympy as sp
 
-from hgogen.algebra.balls import BRANCHES, SCALES, Balls, Undecided
+from hgogen.algebra.balls import BRANCHES, Balls, Undecided
 from hgogen.algebra.echelon import Blurred, believe_zeros, kernel, new_rows
 from hgogen.algebra.modular import OPERATIONS, Modular
 from hgogen.algebra.points import put
+from hgogen.algebra.reached import Sides, reached
 from hgogen.algebra.series import Arithmetic, Plant, Point, gradients, random_point
 from hgogen.algebra.tape import tape
 from hgogen.errors import HgogenError
@@ -108,38 +112,42 @@ def observability(
     *,
     limit: int | None = None,
     places: Places = (),
+    sides: Sides | None = None,
 ) -> Ranks:
-    """Ranks with known parameters and jointly, at a random point; every other symbol is a random constant.
+    """Ranks with known parameters and jointly, at a random point; every other symbol is a random constant. With kinks,
+    jumps or tables the least of those on the branches that points reach.
 
     `limit`: the most derivatives to take (None: until the rank is stationary); `places`: values of all symbols, near
-    which a real point is taken.
+    which a real point is taken; without them it is in the ranges `sides`, of symbols that have one.
 
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
-    plant, symbols = plant_of(flow, output, states, inputs, parameters_unknown, places)
+    flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
+    inputs, parameters = tuple(inputs), tuple(parameters_unknown)
+    plant, symbols = plant_of(flow, output, states, inputs, parameters, places)
+    if exact_numbers(plant) or places or not (sides or branches(plant)):
+        return somewhere(plant, lambda numbers, point: _ranks(plant, symbols, numbers, point, limit))
+    around = {s: (sides or {}).get(s, (-inf, inf)) for s in plant.tape.symbols}
+    of_box = reached((*flow, *output), around)
+    n, each = len(flow), dict[tuple[sp.Expr, ...], Ranks]()
+    for branch in of_box.branches:
+        rows = branch.rows[:n], branch.rows[n:], states, inputs, parameters
+        if branch.rows not in each:
+            with suppress(NowhereDefined):
+                each[branch.rows] = observability(*rows, limit=limit, places=branch.places)
+    if not each:
+        raise NowhereDefined(of_box.points)
+    return replace(reduce(_lower, each.values()), local=branches(plant))
 
-    def answer(numbers: Arithmetic, point: Point) -> Ranks:
-        return _ranks(plant, symbols, numbers, point, limit)
 
-    ranks = somewhere(plant, answer)
-    return _on_branches(plant, answer, ranks) if ranks.local else ranks
+def _lower(a: Ranks, b: Ranks) -> Ranks:
+    """The least of both questions."""
+    return replace(a, known=_least(a.known, b.known), joint=_least(a.joint, b.joint))
 
 
 def branches(plant: Plant) -> str:
     """The functions with branches in a plant, "" without: an answer at a point holds on its branch only."""
     return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHES))
-
-
-def _on_branches(plant: Plant, answer: Callable[[Arithmetic, Point], Ranks], ranks: Ranks) -> Ranks:
-    """The least ranks at points of every scale and sign, so on several branches of the functions."""
-    for seed in range(SCALES):
-        try:
-            other = _with_balls(plant, Balls(seed), answer)
-        except (ZeroDivisionError, Undecided):
-            continue
-        known, joint = _least(ranks.known, other.known), _least(ranks.joint, other.joint)
-        ranks = Ranks(known, joint, ranks.method, ranks.local)
-    return ranks
 
 
 def _least(a: Rank, b: Rank) -> Rank:

@@ -118,7 +118,7 @@ class _Forms:
 def _ranks(forms: _Forms) -> Iterator[Answer]:
     e, before = forms.entry, perf_counter()
     flow, output = between_points(e.flow, e.outer), between_points(e.output, e.outer)
-    ranks = observability(flow, output, e.states, e.inputs, e.unknown or e.known)
+    ranks = observability(flow, output, e.states, e.inputs, e.unknown or e.known, sides=e.outer)
     yield "seconds", round(perf_counter() - before, 5)
     for which, rank in (("params_known", ranks.known), ("joint", ranks.joint)):
         yield f"observable_{which}", [s.name for s in rank.observable] if rank.final else None

@@ -28,6 +28,7 @@ import sympy as sp
 from hgogen.algebra.rank import NowhereDefined, observability
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.pace import NoSight, linear, on_box, ranged
+from hgogen.intervals.box import box
 from hgogen.system import System
 from hgogen.trial import Trial, simulate
 
@@ -130,8 +131,9 @@ def _shown_frozen(plant: System) -> bool:
     """Whether e' = (df/dx) e, y = (dh/dx) e shows all of e at almost every point (x, u) at which it is frozen."""
     e = sp.Matrix(sp.symbols(f"e:{len(plant.states)}", cls=sp.Dummy))
     A, C = (sp.Matrix(rows).jacobian(plant.states) for rows in (plant.flow, plant.output))
+    sides = {**box(plant.signals, plant.nominal), **dict.fromkeys(e, (-1, 1))}
     try:
-        return observability(A * e, C * e, tuple(e)).known.rank == len(e)
+        return observability(A * e, C * e, tuple(e), sides=sides).known.rank == len(e)
     except (NoTape, NowhereDefined):
         return False
 
