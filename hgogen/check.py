@@ -135,7 +135,7 @@ class Refuted(HgogenError):
     def __str__(self) -> str:
         head = f"{self.where}: refuted" if self.where else "refuted"
         sentences = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
-        sentences += [check.fix for check in self.checks]
+        sentences += dict.fromkeys(check.fix for check in self.checks)
         sentences += [self._elsewhere, self.other, self.never or self._offer]
         return " ".join(filter(None, sentences))
 

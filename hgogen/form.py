@@ -6,12 +6,13 @@ it while it peaks.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from functools import cached_property, wraps
+from typing import Any, TypeVar, cast
 
 import sympy as sp
 
+from hgogen.analysis.undefined import MAKER, undefined_values
 from hgogen.check import Check, Verdict
 from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
@@ -64,7 +65,8 @@ class Form:
     its denominators kept at the side that they have on the image of the plant's ranges, clamped to these ranges.
     `clamped`: whether an observer clamps these arguments, on which what is proved of it rests. `limits`: of each row of
     b, the range that its value is limited to by an observer, () without; `free`: whether its argument is then taken as
-    it is, in the place of a clamped one.
+    it is, in the place of a clamped one. `held`: the rows, by their names, that have no finite value somewhere and were
+    accepted all the same, of which an observer keeps the last one (`structure.holding`).
     """
 
     system: System
@@ -85,6 +87,7 @@ class Form:
     clamped: bool = True
     limits: tuple[tuple[float, float], ...] = ()
     free: bool = False
+    held: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """One block of n, each state at its place."""
@@ -140,8 +143,8 @@ class Form:
         return all(check.verdict is Verdict.PROVED for check in self.about("structure"))
 
     def about(self, fact: str) -> tuple[Check, ...]:
-        """The checks of a fact, such as "rank"."""
-        return tuple(check for check in self.checks if check.id.fact == fact)
+        """The checks of a fact, such as "rank"; a row of the plant may have that name too."""
+        return tuple(check for check in self.checks if check.id.fact == fact and check.id.maker != MAKER)
 
     @cached_property
     def estimates(self) -> tuple[tuple[Signal, sp.Expr], ...]:
@@ -188,3 +191,16 @@ class Form:
 
     def __str__(self) -> str:
         return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])
+
+
+def valued(make: Make) -> Make:
+    """Return a case of `hg.forms` whose checks begin with the rows of its plant that may have no finite value."""
+
+    @wraps(make)
+    def made(*args: Any, **options: Any) -> Form:
+        form: Form = make(*args, **options)
+        known = {check.id for check in form.checks}
+        new = tuple(check for check in undefined_values(form.system) if check.id not in known)
+        return replace(form, checks=(*new, *form.checks)) if new else form
+
+    return cast(Make, made)

@@ -21,7 +21,8 @@ from hgogen.reading.given import BadGain, names, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
 from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.jacobians import Singular, jacobians_on_box
+from hgogen.structure.evaluated import evaluated
+from hgogen.structure.holding import holding
 from hgogen.structure.scaling import exponents
 from hgogen.system import System
 from hgogen.theorem import Theorem
@@ -169,8 +170,11 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
     arguments on the same form give the same observer, of which nothing changes, nor do the arguments in its memory."""
 
     def new(call: _Call) -> Observer:
+        accepted = names("accept", call.keywords.get("accept", ()))
+        args = (holding(each, accepted) if isinstance(each, Form) else each for each in call.args)
+        keywords = {k: holding(v, accepted) if isinstance(v, Form) else v for k, v in call.keywords.items()}
         with one_thread():
-            observer = make(*call.args, **call.keywords)
+            observer = make(*args, **keywords)
         return replace(observer, made=partial(make, *call.args, **call.keywords))
 
     last = lru_cache(maxsize=_LAST)(new)
@@ -237,27 +241,26 @@ def founded(
     *,
     own: Iterable[ClaimId] = (),
     takes: Callable[[str, Form], Any] | None = None,
+    linearises: bool = False,
 ) -> tuple[str, ...]:
     """The ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not accepted.
 
     `own`: claims of the observer that can be refuted too, which are left to its own demand. `takes`: raises `BadGain`
-    or `Singular` for a form that the observer does not take, whatever is accepted: nothing is then offered for that.
+    for a form that the observer does not take, whatever is accepted: nothing is then offered for that. `linearises`:
+    whether it evaluates the Jacobian at the estimate, so that `evaluated` is demanded.
 
     Raises: `BadGain`, `Refuted`, `UnknownCheck`.
     """
     if not isinstance(form, Form):
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
     accept = names("accept", accept)
+    slopes = evaluated(form) if linearises or accept else ()
+    checks = (*form.checks, *slopes) if linearises else form.checks
     try:
-        demand(form.checks, accept, form, own)
+        demand(checks, accept, replace(form, checks=checks), (*own, *(check.id for check in slopes)))
     except Refuted as error:
         raise replace(error, never=_never(name, form, takes, error.checks)) from None
     return accept
-
-
-def linearised(_: str, form: Form) -> None:
-    """For an observer that evaluates the Jacobian at the estimate. Raises: `Singular` where that is not finite."""
-    jacobians_on_box(Dynamics(form))
 
 
 def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, reported: Collection[Check | None]) -> str:
@@ -266,8 +269,6 @@ def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, repo
     try:
         if takes is not None:
             takes(name, form)
-    except Singular as error:
-        return f"To accept it does not help: {error}."
     except BadGain as error:
         return f"To accept it does not help: {replace(error, because=None) if error.because in reported else error}."
     return ""

@@ -102,7 +102,8 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     parameter's value or an input's value before the first sample; `low`, `high`, the closed range, both or
     neither, with ends within 1e30. A signal without a range is never clamped. A parameter with a range can be tuned at
     run time, one without is folded into the code. `rates`: closed ranges of an input's derivatives, the first
-    derivative's first, for the forms into which they enter.
+    derivative's first, for the forms into which they enter; of a state, the range of the rate that is taken where the
+    plant may have no finite one (`structure.holding`).
 
     Raises: `BadName`, `BadRange`.
 

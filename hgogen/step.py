@@ -375,7 +375,8 @@ def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     programs = (*step.tuning, *(s for section in step.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
     beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
-    bits = (*possible_bits(step.outputs, step.inputs, beyond), *extra)
+    rates = step.observer.dynamics.holding.rates.values()
+    bits = (*possible_bits(step.outputs, step.inputs, rates, beyond), *extra)
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
     raisable += (UNINITIALISED,) if step.mark else ()
     _demand_room(step.name, [bit.place.name for bit in raisable])

@@ -12,6 +12,7 @@ import sympy as sp
 
 from hgogen import forms
 from hgogen.analysis.gauthier_bornard import of_plant
+from hgogen.analysis.undefined import MAKER
 from hgogen.check import Check, Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
@@ -150,7 +151,8 @@ def _short(check: Check) -> Reason:
     reason = check.reason
     if check.witness:
         reason = because("{reason}, at {point}", reason=reason, point=point(check.witness))
-    names_itself = check.id.fact == "structure" or (check.verdict is Verdict.REFUTED and check.subject is not None)
+    of_subject = check.verdict is Verdict.REFUTED and check.subject is not None
+    names_itself = of_subject or check.id.fact == "structure" or check.id.maker == MAKER
     return reason if names_itself else because("{check}: {reason}", check=check.id.short, reason=reason)
 
 

@@ -222,6 +222,16 @@ def wider() -> hg.Step:
     return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 2, R=[1] * 16), dt=0.01)
 
 
+def held() -> hg.Step:
+    """A rate with a pole in an input, one that is endlessly steep at 0, an output with a pole, all accepted."""
+    a, b, y, v = signals("a b y v", -2, 2)
+    w = hg.Signal("w", low=-1, high=1)
+    flow = [b - a + 1 / w, -a - sp.sign(b) * sp.sqrt(sp.Abs(b))]
+    plant = hg.System("held", states=(a, b), inputs=(w,), outputs=(y, v), flow=flow, output=[a, b / a])
+    accept = ("singular.a", "singular.b", "singular.v", "original.lipschitz")
+    return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 2, R=[1] * 2, accept=accept), dt=0.01)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -249,6 +259,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "chained": chained,
     "chained_in_x": lambda: chained(original=True),
     "two_injections": two_injections,
+    "held": held,
 }
 
 

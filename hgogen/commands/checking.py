@@ -10,6 +10,7 @@ from rich.table import Table
 from typer.core import TyperCommand
 
 import hgogen as hg
+from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.check import Refuted
 from hgogen.commands import findings, library, tables
 from hgogen.commands.advice import advice
@@ -87,16 +88,18 @@ def check_(
     pattern and the values that it names, a bound as its value and how it is rounded, witness, fix, accepted), refuted
     (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
     theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, reason_data, checks, reference;
-    null without an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs:
-    those of them free of states; determinants and checks, one each for a zero set, which do not count for the exit
-    status), take (the observers admitted, best first: observer, name of the tuning, form, known of its convergence,
-    where to take it, line, proposed: whether the gains are a first proposal, operations, functions), advice
-    (sentences), notes. With --library FILE, which holds {"models": [MODEL, ..]}, each MODEL a plain-text model, with
-    "bound_queries": [expression, ..] beside its tables, or lists of names and expressions, {"name": "osc", "states":
-    ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"], "known_params": ["a"],
-    "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u": [-1, 1]}, "param_ranges": {"a": [1, 2]},
-    "bound_queries": ["x1**2"]}; all but name, states, f, h may be missing. The answer: an object from each model's name
-    to its answers, null where there is none; error: what is wrong with the model; partial: the time limit struck.
+    null without an observer), undefined (checks of the plant's rows, and of their derivatives by the states, that
+    have no finite value somewhere in the declared ranges, or may have none), singular (factors: whose zeros are the
+    singular set, null where it is not known; inputs: those of them free of states; determinants and checks, one
+    each for a zero set, which do not count for the exit status), take (the observers admitted, best first:
+    observer, name of the tuning, form, known of its convergence, where to take it, line, proposed: whether the
+    gains are a first proposal, operations, functions), advice (sentences), notes. With --library FILE, which holds
+    {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries": [expression, ..] beside its
+    tables, or lists of names and expressions, {"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"],
+    "outputs": ["y"], "h": ["x1"], "inputs": ["u"], "known_params": ["a"], "unknown_params": [], "x_box": {"x1":
+    [-1, 1]}, "u_box": {"u": [-1, 1]}, "param_ranges": {"a": [1, 2]}, "bound_queries": ["x1**2"]}; all but name,
+    states, f, h may be missing. The answer: an object from each model's name to its answers, null where there is
+    none; error: what is wrong with the model; partial: the time limit struck.
     """
     if (model is None) == (many is None):
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
@@ -155,6 +158,9 @@ def _one(
         show(False, {}, *(() if latex or as_json else parts))
 
     ranges = {text: hg.bound(text, plant) for text in bounds}
+    gaps = (*undefined_values(plant), *undefined_slopes(plant))
+    if gaps:
+        say(findings.undefined(gaps))
     seen = hg.observability(plant)
     least = _least(loaded) if seen.rank == seen.n else None
     try:
@@ -182,6 +188,7 @@ def _one(
         shown = {**seen.as_dict(), "least_seen": least and least.as_dict()}
         known = {"observability": shown, "forms": forms.as_dict(), "bounds": _ranges(ranges)}
         whole = {"model": loaded.path, "headline": first, **known, **claims.as_dict()}
+        whole |= {"undefined": [check.as_dict() for check in gaps]}
         whole |= {"singular": singular.as_dict(), **(take.as_dict() if take else {})}
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)

@@ -1,5 +1,6 @@
 """What `check` prints of a plant: what the outputs show, and which observers to take."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -7,8 +8,10 @@ from rich.table import Table
 from rich.text import Text
 
 from hgogen.analysis.observability import Answer, Observability
+from hgogen.check import Check
 from hgogen.commands.advice import Advice
 from hgogen.commands.tables import COLOURS, few
+from hgogen.sentence import Sentence, point
 from hgogen.trials.sight import Sight
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
@@ -19,6 +22,17 @@ _WHERE = {  # by whether the gains are proposed, and whether the model is plain 
     (True, False): ", beside the model's plant, after `import hgogen as hg`:",
     (True, True): ", an entry that goes above the first [table] of the model, or into its object:",
 }
+
+
+def undefined(checks: Iterable[Check]) -> RenderableType:
+    """The rows of the plant that have no finite value somewhere in the declared ranges, or may have none, line by
+    line."""
+    lines = []
+    for check in checks:
+        pattern = "{id}: {reason}; at {point}" if check.witness else "{id}: {reason}"
+        said = Sentence.of(pattern, id=check.id, reason=check.reason, point=point(check.witness))
+        lines.append(Text(f"{check.verdict:10}", style=COLOURS.get(check.verdict, "cyan")).append(str(said), "default"))
+    return Group(*lines)
 
 
 def observed(seen: Observability, least: Sight | None = None) -> RenderableType:

@@ -7,6 +7,7 @@ none of those that are proved.
 from collections.abc import Iterable, Iterator
 
 from hgogen.analysis.observability import Observability
+from hgogen.analysis.undefined import MAKER
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands.checked import Checked
 from hgogen.form import Form
@@ -82,7 +83,7 @@ def _runs(claims: Checked) -> Iterator[str]:
 
 
 def _names(checks: Iterable[Check]) -> str:
-    return _few([check.id.short for check in checks])
+    return _few([str(check.id if check.id.maker == MAKER else check.id.short) for check in checks])
 
 
 def _few(names: list[str]) -> str:

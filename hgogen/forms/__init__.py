@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+from hgogen.form import valued
 from hgogen.reading.door import asks_a_plant, remembers, switches
 from hgogen.registry import load
 
@@ -10,7 +11,7 @@ if TYPE_CHECKING:
     def __getattr__(name: str) -> Any: ...
 
 
-_cases = {name: asks_a_plant(switches(remembers(case))) for name, case in load(__name__).items()}
+_cases = {name: asks_a_plant(switches(remembers(valued(case)))) for name, case in load(__name__).items()}
 globals().update(_cases)
 __all__ = list(_cases)
 

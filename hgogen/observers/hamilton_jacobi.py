@@ -27,7 +27,7 @@ from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import constant
 from hgogen.kalman.weights import cap, limited, positive, spd, wide
-from hgogen.observer import Observer, founded, gain, linearised, state_field
+from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
@@ -36,6 +36,7 @@ from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.evaluated import evaluated
 from hgogen.theorem import Hypothesis
 
 REFERENCE = (
@@ -96,9 +97,9 @@ def hamilton_jacobi(
     `hamilton_jacobi.lipschitz` in coordinates other than the plant's states.
 
     Raises: `Refuted`; `BadNames`; `BadGain` for weights of another shape or not positive, and a negative rate;
-    `Singular` for a model whose Jacobian is not finite somewhere on the box.
+    `Singular` for a model whose Jacobian is finite nowhere.
     """
-    accept = founded("hamilton_jacobi", form, accept, takes=linearised)
+    accept = founded("hamilton_jacobi", form, accept, linearises=True)
     n, outputs, dynamics = form.n, len(form.output), Dynamics(form)
     weight = spd("Q", of_coordinates("Q", Q, form), n)
     start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
@@ -133,7 +134,7 @@ def hamilton_jacobi(
         ),
         z=sym("state", "z", n),
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *clamped("hamilton_jacobi", form), _quadratic(form)),
+        claims=lambda: (*form.checks, *evaluated(form), *clamped("hamilton_jacobi", form), _quadratic(form)),
         accepted=accept,
         theorem=THEOREM if form.jacobian is None else THEOREM.under(OTHER_COORDINATES),
         equations=(*(CURVED if curved else EQUATIONS), *whole("Q", weight, form)),

@@ -18,11 +18,12 @@ from hgogen.kalman.iterated import Iterated, iterated
 from hgogen.kalman.kalman_theorems import KALMAN, of_form
 from hgogen.kalman.riccati_part import AtSamples
 from hgogen.kalman.square_root import LARGEST
-from hgogen.observer import Observer, founded, linearised
+from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, count
 from hgogen.reading.named import Matrix, Values
 from hgogen.starting import starts
+from hgogen.structure.evaluated import evaluated
 from hgogen.theorem import Hypothesis
 
 REFERENCE = "Bell, Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE TAC 38 (1993)"
@@ -62,10 +63,10 @@ def iterated_ekf(
     Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `passes`, from 1 to 10, of each sample of an output that is
     not linear in the state; `accept` ids of refuted checks to build on all the same.
 
-    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model whose
-    Jacobian is not finite somewhere on the box.
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
+    whose Jacobian is finite nowhere.
     """
-    accept = founded("iterated_ekf", form, accept, takes=linearised)
+    accept = founded("iterated_ekf", form, accept, linearises=True)
     if form.n > LARGEST:
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     passes = count("passes", passes, 1, MOST)
@@ -77,7 +78,7 @@ def iterated_ekf(
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=filter.part.dynamics,
-        claims=lambda: form.checks,
+        claims=lambda: (*form.checks, *evaluated(form)),
         accepted=accept,
         theorem=of_form(THEOREM, form),
         equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),

@@ -20,13 +20,14 @@ from hgogen.guarantees.steady_gain import in_chains
 from hgogen.kalman.extended import extended
 from hgogen.kalman.kalman_theorems import of_form
 from hgogen.kalman.theta import Theta, constant
-from hgogen.observer import Observer, founded, linearised
+from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values
 from hgogen.sentence import because, joined
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
+from hgogen.structure.evaluated import evaluated
 from hgogen.structure.scaling import ALIGNED, noise_equation
 from hgogen.structure.spare import unused
 
@@ -67,10 +68,10 @@ def riccati(
     Checks: `riccati.convergence` (unknown); `riccati.lipschitz` in coordinates other than the plant's states (b on the
     whole box of z).
 
-    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model whose
-    Jacobian is not finite somewhere on the box.
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
+    whose Jacobian is finite nowhere.
     """
-    accept = founded("riccati", form, accept, takes=linearised)
+    accept = founded("riccati", form, accept, linearises=True)
     theta = theta if isinstance(theta, Theta) else constant(theta)
     _demand_scaled(form, theta)
     filter = extended(form, Q, R, covariance, initial, theta)
@@ -82,7 +83,7 @@ def riccati(
         gains=(*filter.gains, *theta.gains),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *clamped("riccati", form), _theorem(theta, form)),
+        claims=lambda: (*form.checks, *evaluated(form), *clamped("riccati", form), _theorem(theta, form)),
         accepted=accept,
         theorem=of_form(theta.theorem, form),
         equations=(

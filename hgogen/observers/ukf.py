@@ -19,7 +19,7 @@ from hgogen.kalman.extended import extended
 from hgogen.kalman.riccati_part import AtSamples
 from hgogen.kalman.square_root import LARGEST
 from hgogen.kalman.unscented import Unscented, unscented
-from hgogen.observer import Observer, founded, linearised
+from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, positive, real
 from hgogen.reading.named import Matrix, Values
@@ -81,10 +81,10 @@ def ukf(
     deviations g off the estimate, from 1e-3 to 1e3. In floats rounding adds about 6e-8 |z|/g to a deviation at each
     step. `accept` ids of refuted checks to build on all the same.
 
-    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model whose
-    Jacobian is not finite somewhere on the box, by which the cap of P is set.
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
+    whose Jacobian is finite nowhere.
     """
-    accept = founded("ukf", form, accept, takes=linearised)
+    accept = founded("ukf", form, accept)
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))

@@ -54,7 +54,7 @@ TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "
 NUMBERS, ROWS = "a list of numbers", "a list of lists of numbers"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
 _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the one that must be there
-    "states": ({**_SIGNAL, "flow": EXPRESSION}, "flow"),
+    "states": ({**_SIGNAL, "rates": RANGES, "flow": EXPRESSION}, "flow"),
     "inputs": ({**_SIGNAL, "rates": RANGES}, None),
     "parameters": (_SIGNAL, "value"),
     "outputs": ({**_SIGNAL, "equation": EXPRESSION}, "equation"),

@@ -18,9 +18,10 @@ from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
 from hgogen.part import Clock
-from hgogen.program import INF, Block, Field, Kernel, Place, Program, When, column, sym, walk
+from hgogen.program import INF, Block, Field, Kernel, Place, Program, When, address, column, scalar, sym, walk
 from hgogen.signal import LOST, Signal
 from hgogen.structure.dynamics import HUGE, clamp, inside, widened
+from hgogen.structure.holding import last
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
@@ -52,6 +53,16 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
     "REUSED": (
         "{} is not finite or absurd (beyond 1e15): the last valid one was used",
         "check the source of the input",
+    ),
+    "UNDEFINED": (
+        "{} has no finite value at the estimate, or one beyond its range, or derivatives that are not finite: the "
+        "sample was not used",
+        "none if brief; if it stays, the region of operation is singular for this output",
+    ),
+    "HELD": (
+        "the rate of {} has no finite value here, or one beyond its range: the last one was used; or one of its "
+        "derivatives has none: 0 was used",
+        "none if brief; if it stays, the estimate is driven by an old rate",
     ),
     "CLAMPED": (
         "{} was clamped to its range",
@@ -197,13 +208,65 @@ def readings(form: Form) -> list[tuple[float, float]]:
     ]
 
 
+def hold(observer: Observer, clock: Clock) -> Program:
+    """The last values of the rows that are held, from the begin of a call on, and the bits of those that are held at
+    the begin, in the middle or at the end of the input's way to its new value."""
+    dynamics, z = observer.dynamics, observer.z
+    named = dynamics.holding
+    writes, bits = {}, {}
+    on_the_way = [dynamics.rates_taken(z, clock.u(c)) for c in (0.0, 0.5, 1.0)]
+    for i, (value, taken) in on_the_way[0].items():
+        place = last(named.rates[i])
+        writes[address(place)[0]] = ca.if_else(taken, value, place)
+        bits[_bit(observer, i)] = any_of(ca.logic_not(each[i][1]) for each in on_the_way)
+    for j, (value, taken) in dynamics.outputs_taken(z, clock.u(0.0)).items():
+        place = last(named.outputs[j])
+        writes[address(place)[0]] = ca.if_else(taken, value, place)
+    return (Block("remember what has a finite value", writes | bits),) if writes else ()
+
+
+def held_now(observer: Observer, clock: Clock) -> Program:
+    """The bits of the rates that have no finite value, or derivatives, at the end of a call."""
+    taken = observer.dynamics.slopes_taken(observer.z, clock.u(1.0))
+    bits = {_bit(observer, i): ca.logic_not(each) for i, each in taken.items()}
+    return (Block("has each rate a finite value now?", bits),) if bits else ()
+
+
+def _bit(observer: Observer, i: int) -> Place:
+    return Place("status", f"HELD_{observer.dynamics.holding.rates[i].name}")
+
+
+def held_fields(observer: Observer) -> tuple[Field, ...]:
+    """The memory of the rows that are held: the last finite value of each, 0 before there was one."""
+    holding = observer.dynamics.holding
+    meanings = {s.name: f"last finite value of b in {s.name}' = A z + b" for s in holding.rates.values()}
+    meanings |= {y.name: f"last finite value of {y.name} at the estimate" for y in holding.outputs.values()}
+    return tuple(
+        scalar(f"last_{name}", 0.0, low=-HUGE, high=HUGE, meaning=meaning) for name, meaning in meanings.items()
+    )
+
+
+def sample(observer: Observer, u: Graph, j: int) -> tuple[Graph, dict[Place, Graph]]:
+    """The sample of output j, none where the output is not taken at the estimate, and the bits that say so, of an
+    output that may be held."""
+    name = observer.form.system.outputs[j].name
+    raw, readable = sym("output", name), observer.dynamics.readable(observer.z, u)
+    if j not in readable:
+        return raw, {}
+    bits = {"MISSING": _within(raw, LARGEST_NUMBER), "UNDEFINED": readable[j]}
+    named = {Place("status", f"{kind}_{name}"): ca.logic_not(good) for kind, good in bits.items()}
+    return ca.if_else(readable[j], raw, ca.SX.nan()), named
+
+
 def measure(observer: Observer, clock: Clock, j: int) -> Program:
     """The measurement of output j, how far it is off the estimate's output, and whether it can be used."""
     signal = observer.form.system.outputs[j]
-    measurement = Block(f"the measurement of {signal}", {Place("work", "measurement"): sym("output", signal.name)})
+    taken, undefined_bits = sample(observer, clock.u_now, j)
+    measurement = Block(f"the measurement of {signal}", {Place("work", "measurement"): taken})
     raw = sym("work", "measurement")
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
+    status |= undefined_bits
     values = {
         Place("work", "e"): error,
         Place("work", "output_error"): error,
@@ -218,8 +281,9 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     last, last_valid = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
-        raw = sym("output", signal.name)
+        raw, undefined_bits = sample(observer, sym("state", "u", clock.inputs), j)
         usable, bits = _judged(signal, readings(observer.form)[j], raw, raw - predicted[j])
+        bits |= undefined_bits
         now.append(ca.if_else(usable, raw, predicted[j]))
         before.append(ca.if_else(ca.logic_and(usable, last_valid[j]), last[j], now[-1]))
         valid.append(usable)

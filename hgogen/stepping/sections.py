@@ -39,6 +39,9 @@ from hgogen.stepping.guards import (
     guard_outputs,
     guard_state,
     guarded,
+    held_fields,
+    held_now,
+    hold,
     measure,
     outside_bit,
     unrecovered,
@@ -109,7 +112,15 @@ class Assembly:
         parts = flat(piece.fields for piece in self.pieces)
         input = _last_input(system.inputs) if system.inputs else ()
         sample = _last_sample(system.outputs, self.clock.guarded) if self.uses_output else ()
-        fields = (*parts, *self.law.fields, _calls(bool(self.adapt)), *counted, *input, *sample)
+        fields = (
+            *parts,
+            *held_fields(self.observer),
+            *self.law.fields,
+            _calls(bool(self.adapt)),
+            *counted,
+            *input,
+            *sample,
+        )
         return fields if self.clock.guarded else tuple(replace(field, low=(), high=()) for field in fields)
 
     @cached_property
@@ -195,7 +206,8 @@ class Assembly:
         counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         program.append(Block("the first call advances no time", running))
-        program.append(When(Place("work", "running"), self._guarded(self.whole.predict), follow))
+        moves = (*hold(observer, clock), *self._guarded(self.whole.predict), *held_now(observer, clock))
+        program.append(When(Place("work", "running"), moves, follow))
         program += awaited(self._ordered)
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))

@@ -9,7 +9,9 @@ from hgogen.program import Bit
 from hgogen.signal import Signal
 from hgogen.stepping.guards import SIGNAL_BITS, STEP_BITS
 
-OUTPUT_BITS = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")  # in the order of the word
+CERTAIN_BITS, DATED_BITS = ("MISSING", "REJECTED"), ("LATE", "EARLY", "REPEATED")  # of each output; of a dated one
+OUTPUT_BITS = (*CERTAIN_BITS, "UNDEFINED", *DATED_BITS, "UNDATED")  # in the order of the word
+RATE_BITS = ("HELD",)
 INPUT_BITS = ("REUSED", "CLAMPED")
 WIDTHS = (32, 64)  # bits of a status word
 EXACT = 32  # bits of one that is told as real numbers, of which each has 53
@@ -20,11 +22,13 @@ def word(bits: Sequence[Bit]) -> np.dtype:
     return np.dtype(f"u{next(size for size in WIDTHS if len(bits) <= size) // 8}")
 
 
-def possible_bits(outputs: Sequence[Signal], inputs: Sequence[Signal], beyond: Mapping[Signal, str]) -> list[Bit]:
-    """Return the bits that a status may have, in the order of the word: those of each output, of each input, of the
-    step; `beyond`: when a sample of an output is implausible."""
+def possible_bits(
+    outputs: Iterable[Signal], inputs: Iterable[Signal], rates: Iterable[Signal], beyond: Mapping[Signal, str]
+) -> list[Bit]:
+    """Return the bits that a status may have, in the order of the word: those of each output, of each state whose rate
+    may be held, of each input, of the step; `beyond`: when a sample of an output is implausible."""
     bits = []
-    for signals, kinds in ((outputs, OUTPUT_BITS), (inputs, INPUT_BITS)):
+    for signals, kinds in ((outputs, OUTPUT_BITS), (rates, RATE_BITS), (inputs, INPUT_BITS)):
         for signal in signals:
             for kind in kinds:
                 meaning, action = SIGNAL_BITS[kind]
@@ -37,13 +41,15 @@ def possible_bits(outputs: Sequence[Signal], inputs: Sequence[Signal], beyond: M
 def certain_bits(outputs: Iterable[Signal], inputs: Iterable[Signal], dated: Container[str] = ()) -> list[str]:
     """Return the names of the bits that every step with guards has of these signals, as their declaration tells;
     `dated`: the names of the outputs whose samples say when they were taken."""
-    of_outputs = [f"{kind}_{each}" for each in outputs for kind in OUTPUT_BITS[: 5 if each.name in dated else 2]]
+    of_outputs = [
+        f"{kind}_{each}" for each in outputs for kind in (*CERTAIN_BITS, *(DATED_BITS if each.name in dated else ()))
+    ]
     return of_outputs + [f"{kind}_{each.name}" for each in inputs for kind in INPUT_BITS[: 1 + each.bounded]]
 
 
 def shortage(names: Sequence[str]) -> str:
     """Return what is wrong with a status of bits of these names: what takes them, and a way out; "" where they fit."""
-    most, kinds = WIDTHS[-1], (*OUTPUT_BITS, *INPUT_BITS)
+    most, kinds = WIDTHS[-1], (*OUTPUT_BITS, *RATE_BITS, *INPUT_BITS)
     if len(names) <= most:
         return ""
     counts = Counter(next((kind for kind in kinds if name.startswith(f"{kind}_")), "") for name in names)

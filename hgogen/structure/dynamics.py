@@ -24,6 +24,7 @@ from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
+from hgogen.structure.holding import Holding
 from hgogen.structure.matrices import filled, regular_at
 from hgogen.structure.sided import Sided, sided
 
@@ -109,10 +110,30 @@ class Dynamics:
         return self._graphs(self.saturated(z), u)
 
     def jacobian(self, z: Graph, u: Graph) -> Graph:
-        """The Jacobian d(A z + b)/dz (n, n) at (sat(z), u): A(u) + b* where A is free of states."""
+        """The Jacobian d(A z + b)/dz (n, n) at (sat(z), u): A(u) + b* where A is free of states; A(u) in a row that is
+        held there."""
+        whole = self._jacobian(z, u)
+        if not self.holding.rates:
+            return whole
+        A, taken = ca.densify(self._unheld(z, u)[0]), self.slopes_taken(z, u)
+        rows = (ca.if_else(taken[i], whole[i, :], A[i, :]) if i in taken else whole[i, :] for i in range(self.n))
+        return ca.vertcat(*rows)
+
+    def slopes_taken(self, z: Graph, u: Graph) -> dict[int, Graph]:
+        """Whether the value and the derivatives of each row that may be held are taken at (sat(z), u)."""
+        holding = self.holding
+        if not holding.rates:
+            return {}
+        jacobian, values = self._jacobian(z, u), self._whole(self.saturated(z), u)
+        return {
+            i: ca.logic_and(holding.takes_rate(i, values[i]), holding.takes_slopes(jacobian[i, :]))
+            for i in holding.rates
+        }
+
+    def _jacobian(self, z: Graph, u: Graph) -> Graph:
         if self.form.behind is not None:
             return self.linear(u) + self._slope_behind(self.form.behind, z, u)
-        linear, rest = self._graphs(self._z, self._u)
+        linear, rest = self._unheld(self._z, self._u)
         slope = jacobian(rest, self._z)
         if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
             slope += jacobian(linear @ self._z, self._z) - linear
@@ -120,10 +141,57 @@ class Dynamics:
 
     def output(self, z: Graph, u: Graph) -> Graph:
         """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped."""
-        return self._output(z, u)
+        values = self._saturating(self.form.output, z, u)
+        if not self.holding.outputs:
+            return values
+        whole = self._saturating(self.form.output, self.saturated(z), u)
+        return column(self.holding.output(j, values[j], whole[j]) for j in range(self.outputs))
+
+    def readable(self, z: Graph, u: Graph) -> dict[int, Graph]:
+        """Whether each output that may be held is taken at sat(z), with its derivatives."""
+        if not self.holding.outputs:
+            return {}
+        holding, slopes = self.holding, self._output_jacobian(z, u)
+        whole = self._saturating(self.form.output, self.saturated(z), u)
+        return {
+            j: ca.logic_and(holding.takes_output(j, whole[j]), holding.takes_slopes(slopes[j, :]))
+            for j in holding.outputs
+        }
 
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
-        """The Jacobian dh/dz (p, n) of the output."""
+        """The Jacobian dh/dz (p, n) of the output; 0 of one that is held there."""
+        slopes, read = self._output_jacobian(z, u), self.readable(z, u)
+        if not read:
+            return slopes
+        return ca.vertcat(
+            *(ca.if_else(read[j], slopes[j, :], 0) if j in read else slopes[j, :] for j in range(self.outputs))
+        )
+
+    def rates_taken(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
+        """b_i of each row that may be held, and whether its rate is taken at (sat(z), u)."""
+        if not self.holding.rates:
+            return {}
+        b, whole = self._unheld(self._argument(z), u)[1], self._whole(self.saturated(z), u)
+        return {i: (b[i], self.holding.takes_rate(i, whole[i])) for i in self.holding.rates}
+
+    def outputs_taken(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
+        """Each output that may be held, and whether it is taken at (sat(z), u)."""
+        if not self.holding.outputs:
+            return {}
+        values, whole = (self._saturating(self.form.output, at, u) for at in (z, self.saturated(z)))
+        return {j: (values[j], self.holding.takes_output(j, whole[j])) for j in self.holding.outputs}
+
+    def _whole(self, z: Graph, u: Graph) -> Graph:
+        """A z + b (n), nothing of it held."""
+        linear, rest = self._unheld(z, u)
+        return linear @ z + rest
+
+    @cached_property
+    def holding(self) -> Holding:
+        """The rows that are held where they have no finite value."""
+        return Holding(self.form, HUGE)
+
+    def _output_jacobian(self, z: Graph, u: Graph) -> Graph:
         slope = jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
@@ -131,7 +199,9 @@ class Dynamics:
         """The second derivatives d2h_j/dz2 (n, n) at (sat(z), u) of each output."""
         rows = column(self._convert(self.form.output, self._z, self._u))
         hessians = tuple(hessian(rows[j], self._z) for j in range(self.outputs))
-        return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u]))
+        read = self.readable(z, u)
+        curved = ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u])
+        return tuple(ca.if_else(read[j], each, 0) if j in read else each for j, each in enumerate(curved))
 
     def estimate(self, z: Graph, u: Graph) -> Graph:
         """The plant's states, as first declared, from z (n) and u (m).
@@ -211,7 +281,15 @@ class Dynamics:
         return sym("form", "u", len(self.form.system.inputs))
 
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """A and b at z, which its callers have clamped."""
+        """A and b at z, which its callers have clamped; of a row that is held there the last b_i."""
+        linear, rest = self._unheld(z, u)
+        if not self.holding.rates:
+            return linear, rest
+        whole = linear @ z + rest
+        return linear, column(self.holding.rate(i, rest[i], whole[i]) for i in range(self.n))
+
+    def _unheld(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
+        """A and b at z."""
         entries = self.form.A.todok()
         linear = filled(entries.keys(), self._convert(entries.values(), z, u), self.n)
         if self.form.behind is not None:
@@ -246,9 +324,6 @@ class Dynamics:
         """Expressions of the states of the form's system, inputs and parameters."""
         states, _ = self.recovered(z, u)
         return self._convert(expressions, states, u, self.form.system.states)
-
-    def _output(self, z: Graph, u: Graph) -> Graph:
-        return self._saturating(self.form.output, z, u)
 
     def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """Terms linear in a state at z, the others at sat(z)."""

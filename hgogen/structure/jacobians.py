@@ -13,7 +13,7 @@ from hgogen.structure.dynamics import Dynamics
 
 @dataclass(eq=False)
 class Singular(HgogenError):
-    """A model whose Jacobian is not finite at a point of the declared box, where an observer may evaluate it."""
+    """A model whose Jacobian is finite at no point of the declared ranges that was tried."""
 
     system: str
     point: dict[str, float]
@@ -21,8 +21,8 @@ class Singular(HgogenError):
     def __str__(self) -> str:
         at = ", ".join(f"{name} = {value:g}" for name, value in self.point.items())
         return (
-            f"the Jacobian of {self.system} has numbers that are not finite at {at}, a point of the declared box; "
-            "narrow the ranges so that they stay away from there, for a root by low = 1e-3 in place of 0"
+            f"the Jacobian of {self.system} has numbers that are not finite at {at}, and at every other point of the "
+            "declared ranges that was tried; correct the ranges, or the model"
         )
 
 
@@ -47,26 +47,47 @@ def jacobians_on_box(
 
     Where a signal has no range the sample is its nominal value, or 0.
 
-    Raises: `Singular` where one of them is not finite.
+    Points where one of them is not finite are left out. Raises: `Singular` where none is left.
     """
     return jacobians_at(dynamics, _points(dynamics, samples, edge), affine)
 
 
 def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """F (k, n, n) and dh/dz (k, p, n) at `points` (k, n + m) of the box, each a state and an input.
+    """F (k, n, n) and dh/dz (k, p, n) at those of the `points` (k, n + m) of the box, each a state and an input, where
+    all of them are finite.
 
-    Raises: `Singular` where one of them is not finite.
+    Raises: `Singular` where none is left.
     """
+    F, H = _jacobians(dynamics, points, affine)
+    finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
+    if not finite.any():
+        raise Singular(dynamics.form.system.name, _named(dynamics, points[0]))
+    return F[finite], H[finite]
+
+
+def not_finite(dynamics: Dynamics) -> dict[str, dict[str, float]]:
+    """Of each row of the flow and of the output, by the name of its state or output, a point in the middle, on corners
+    or inside of the box at which one of its derivatives is not a finite number."""
+    points = _points(dynamics, 64)
+    F, H = _jacobians(dynamics, points)
+    rows = np.concatenate([F, H], axis=1)
+    lost = ~np.isfinite(rows).all(axis=2)
+    names = (*dynamics.form.names, *(y.name for y in dynamics.form.system.outputs))
+    return {
+        name: _named(dynamics, points[int(np.argmax(lost[:, i]))]) for i, name in enumerate(names) if lost[:, i].any()
+    }
+
+
+def _jacobians(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
     z, u = _variables(dynamics)
     F = _numbers(dynamics, ca.densify(dynamics.affine(z, u)[0]) if affine else dynamics.jacobian(z, u), points)
-    H = _numbers(dynamics, dynamics.output_jacobian(z, u), points)
-    finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
-    if not finite.all():
-        form = dynamics.form
-        names = map(str, (*form.to_form, *form.system.inputs))
-        point = points[int(np.argmin(finite))]
-        raise Singular(form.system.name, dict(zip(names, point.tolist(), strict=True)))
-    return F, H
+    return F, _numbers(dynamics, dynamics.output_jacobian(z, u), points)
+
+
+def _named(dynamics: Dynamics, point: np.ndarray) -> dict[str, float]:
+    """The coordinates of a point by their names."""
+    names = map(str, (*dynamics.form.to_form, *dynamics.form.system.inputs))
+    return dict(zip(names, point.tolist(), strict=True))
 
 
 def largest_determinant(dynamics: Dynamics) -> float:

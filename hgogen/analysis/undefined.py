@@ -1,0 +1,208 @@
+"""Where a plant's rows, or the derivatives that an observer reads, have no finite value on the declared ranges.
+
+A pole, a logarithm of 0 or a root of a negative number is looked for in each part of a row. That a part has a finite
+value everywhere is proved by outward-rounded intervals or exact algebra; that it has none somewhere, by a point: an
+exact one, a zero between two signs of what it divides by, or an enclosed argument outside of the part's domain.
+
+A signal without a declared range may have any value, and only its resting value is known to occur: a part that is
+singular at other values of it alone is refused by nobody, and `where` says which values these are.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from math import inf
+
+import sympy as sp
+
+from hgogen.algebra.kinks import slope
+from hgogen.algebra.tape import NoTape
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.intervals.bounds import bound, problem_of
+from hgogen.intervals.box import Box, Point, box
+from hgogen.intervals.lost import doubtful
+from hgogen.intervals.sign import Cause, nonzero
+from hgogen.intervals.singular import NONZERO, POSITIVE, Condition, minimal
+from hgogen.intervals.zeros import special_point
+from hgogen.sentence import Sentence, because
+from hgogen.signal import Signal, resting
+from hgogen.system import System
+
+MAKER = "singular"  # of these claims, whose ids are singular.NAME, of the state or the output of a row
+FIX = "Narrow the ranges so that it stays away from there."
+_SLOPES = "each derivative of {row} by a state"
+_LEFT_OUT = "there the step uses no sample of {name}, and raises UNDEFINED_{name}"
+_HELD = "there the step goes on with the last finite value of the rate of {name}, and raises HELD_{name}"
+_FLAT = "there the step takes the derivatives of the rate of {name} for 0, and raises HELD_{name}"
+_REASONS = {
+    Verdict.REFUTED: "{what} has no finite value {places: or }",
+    Verdict.UNKNOWN: "it is not decided whether {what} has a finite value {places: or }",
+    Verdict.WHERE: "{what} has no finite value {places: or }; there is no declared range of {names}",
+}
+_INSIDE = {  # by relation: the closed interval outside of which an argument has no value
+    POSITIVE: (0.0, inf),
+    "{of} >= 0": (0.0, inf),
+    "{of} >= 1": (1.0, inf),
+    "-1 <= {of} <= 1": (-1.0, 1.0),
+    "-1 < {of} < 1": (-1.0, 1.0),
+}
+_ARGUMENT = {
+    sp.log: POSITIVE,
+    sp.asin: "-1 <= {of} <= 1",
+    sp.acos: "-1 <= {of} <= 1",
+    sp.atanh: "-1 < {of} < 1",
+    sp.acosh: "{of} >= 1",
+}
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A place where a part of a row has no finite value, or may have none: where `condition` fails. `verdict`: refuted
+    with a point, where, or unknown."""
+
+    condition: Condition
+    verdict: Verdict
+    point: Point
+
+
+@lru_cache(maxsize=64)
+def undefined_values(plant: System) -> tuple[Check, ...]:
+    """Return the checks `singular.NAME` of the rows that are not proved to have a finite value on the whole box: the
+    rate of state NAME, or the output NAME."""
+    rows = ((signal, Sentence.of("{row}", row=text), (row,), _HELD) for signal, text, row in _rows(plant))
+    return tuple(check for row in rows if (check := _check(plant, *row)))
+
+
+@lru_cache(maxsize=64)
+def undefined_slopes(plant: System) -> tuple[Check, ...]:
+    """Return the checks `singular.NAME` of the rows whose values are proved, and whose derivatives by the states are
+    not."""
+    known = {check.id.fact for check in undefined_values(plant)}
+    rows = ((signal, text, row) for signal, text, row in _rows(plant) if signal.name not in known)
+    slopes = (
+        (signal, Sentence.of(_SLOPES, row=text), [slope(row, x) for x in plant.states if row.has(x)], _FLAT)
+        for signal, text, row in rows
+    )
+    return tuple(check for row in slopes if (check := _check(plant, *row)))
+
+
+def claim_id(signal: Signal) -> ClaimId:
+    """Return the id of the check of the row of a state or an output."""
+    return ClaimId(MAKER, signal.name)
+
+
+def _rows(plant: System) -> Iterator[tuple[Signal, str, sp.Expr]]:
+    """Each row with its signal and its name."""
+    yield from ((x, f"{x.name}'", row) for x, row in zip(plant.states, plant.flow, strict=True))
+    yield from ((y, y.name, row) for y, row in zip(plant.outputs, plant.output, strict=True))
+
+
+def _check(
+    plant: System, signal: Signal, what: Sentence, expressions: Sequence[sp.Expr], accepted: str
+) -> Check | None:
+    """The check of `what` a row is evaluated for; None where it has a finite value on the whole box. `accepted`: what
+    follows for a rate, where it is accepted."""
+    failures = gaps(expressions, plant)
+    if not failures:
+        return None
+    verdicts = [gap.verdict for gap in failures]
+    worst = next(v for v in (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE) if v in verdicts)
+    worse = [gap for gap in failures if gap.verdict is worst]
+    loose = _loose(plant, worse)
+    reason = because(_REASONS[worst], what=what, places=[gap.condition.failure for gap in worse], names=loose)
+    claim = Sentence.of("{what} has a finite value on the declared ranges", what=what)
+    follows = (_LEFT_OUT if signal in plant.outputs else accepted).format(name=signal.name)
+    check = Check(claim_id(signal), claim, worst, reason, fix=FIX, consequence=follows)
+    if worst is Verdict.WHERE:
+        return replace(check, fix=f"Declare low= and high= for {', '.join(loose)}.")
+    point = worse[0].point
+    return replace(check, witness={s.name: float(value) for s, value in point.items()})
+
+
+def _loose(plant: System, failures: Iterable[Gap]) -> list[str]:
+    read = set[sp.Symbol]().union(*(gap.condition.of.free_symbols for gap in failures))
+    return [s.name for s in (*plant.states, *plant.inputs) if s in read and not s.bounded]
+
+
+def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
+    """Return where expressions of the plant's signals have no finite value on the declared ranges, or may have none."""
+    around = box(plant.signals, plant.nominal)
+    loose = [s for s in (*plant.states, *plant.inputs) if not s.bounded]
+    known = {**around, **{s: (Fraction(str(resting(s))),) * 2 for s in loose}}
+    by_condition: dict[Condition, Gap] = {}
+    for part in doubtful(expressions, around):
+        condition = _condition(part)
+        if condition in by_condition or _holds(condition, around):
+            continue
+        point = _failure(part, condition, known)
+        free = {*part.free_symbols} & {*loose}
+        verdict = Verdict.REFUTED if point is not None else Verdict.WHERE if free else Verdict.UNKNOWN
+        at = {s: Fraction(resting(s)) for s in loose if s in part.free_symbols} | (point or {})
+        by_condition[condition] = Gap(condition, verdict, at if point is not None else {})
+    return tuple(by_condition[condition] for condition in minimal(by_condition))
+
+
+def _condition(part: sp.Expr) -> Condition:
+    """What must hold for a part to have a finite value."""
+    if isinstance(part, sp.Pow):
+        base, exponent = part.base, part.exp
+        if exponent.is_Integer and exponent.is_negative:
+            return Condition(NONZERO, base)
+        if exponent.is_Rational and exponent.is_positive:
+            return Condition("{of} >= 0", base)
+        return Condition(POSITIVE, base)
+    if isinstance(part, sp.tan):
+        return Condition(NONZERO, sp.cos(part.args[0]))
+    if isinstance(part, sp.atan2):
+        return Condition(NONZERO, sp.Add(*(argument**2 for argument in part.args)))
+    if type(part) in _ARGUMENT:
+        return Condition(_ARGUMENT[type(part)], part.args[0])
+    return Condition("{of} has a value", part)
+
+
+def _holds(condition: Condition, around: Box) -> bool:
+    """Whether a condition is proved on the whole box."""
+    try:
+        if condition.relation == NONZERO:
+            return nonzero(condition.of, around, refute=False).never
+        if condition.relation == POSITIVE:
+            sign = nonzero(condition.of, around, refute=False)
+            return sign.verdict is Verdict.PROVED and sign.sign > 0
+        if condition.relation not in _INSIDE:
+            return False
+        low, high = _INSIDE[condition.relation]
+        known = bound(condition.of, around)
+        open_ended = "<=" not in condition.relation and ">=" not in condition.relation
+        inside = low < known.low and known.high < high if open_ended else low <= known.low and known.high <= high
+        return known.defined and inside
+    except NoTape:
+        return False
+
+
+def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
+    """A point where a part has no finite value; None where none is shown."""
+    try:
+        problem = problem_of(part, around)
+        if problem is None:  # at what is fixed
+            return {}
+        special = special_point(problem.expression, problem.program, problem.sides, ("undefined",))
+        if special:
+            return special[1]
+        if condition.relation == NONZERO:
+            sign = nonzero(condition.of, around)
+            return dict(sign.witness) if sign.cause in (Cause.ZERO, Cause.CROSSING) else None
+        if condition.relation not in _INSIDE or not _real_power(part):
+            return None
+        low, high = _INSIDE[condition.relation]
+        known = bound(condition.of, around)
+    except NoTape:
+        return None
+    if known.least is not None and known.least.value < low:
+        return dict(known.least.point)
+    return dict(known.most.point) if known.most is not None and known.most.value > high else None
+
+
+def _real_power(part: sp.Expr) -> bool:
+    """Whether a part has no value for an argument outside of its domain: not a power of an unknown exponent."""
+    return not isinstance(part, sp.Pow) or bool(part.exp.is_Rational and not part.exp.is_Integer)

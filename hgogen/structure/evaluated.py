@@ -1,0 +1,30 @@
+"""Whether the derivatives that an observer evaluates at its estimate are finite on the declared ranges."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+from hgogen.analysis.undefined import FIX, MAKER, undefined_slopes
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.form import Form
+from hgogen.sentence import Sentence, because
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.jacobians import not_finite
+
+
+@lru_cache(maxsize=32)
+def evaluated(form: Form) -> tuple[Check, ...]:
+    """Return the checks `singular.NAME` of rows whose derivatives by the states may not be finite on the box, for an
+    observer that evaluates them at the estimate; rows whose values may not be are among the form's own checks.
+
+    Derivatives are those of the form's equations, as they are written, and, at points, of the program's.
+    """
+    known = undefined_slopes(form.system)
+    named = {check.id for check in (*form.checks, *known)}
+    points = not_finite(Dynamics(replace(form, held=())))
+    return (*known, *(check for name, at in points.items() if (check := _sampled(name, at)).id not in named))
+
+
+def _sampled(row: str, point: dict[str, float]) -> Check:
+    claim = Sentence.of("the program's derivatives of {row} by the states are finite on the declared ranges", row=row)
+    reason = because("one of {row} is not", row=row)
+    return Check(ClaimId(MAKER, row), claim, Verdict.REFUTED, reason, point, FIX, "it is taken for 0 there")
