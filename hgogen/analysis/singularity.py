@@ -37,6 +37,7 @@ from hgogen.system import System
 LIMIT = 4000
 # Of the derivatives of an output too, counted as they are written out: the next one has a term for each node.
 _WRITTEN = 30_000
+_WITH_ROOTS = 2_000  # of one with roots or real powers, whose slopes take SymPy a millisecond for each node
 # Derivatives beyond y^(n-1) that a jet on a zero set may use, and how many zero sets one inside the other are followed.
 _FURTHER, _DEPTH = 2, 2
 _BOXES = 500  # of the question whether a factor is 0
@@ -175,14 +176,12 @@ class _Derived:
         for j, h in enumerate(self.plant.output):
             chain = self.chains.get(j, (h,))
             while len(chain) <= k:
-                if (written := length(chain[-1])) > _WRITTEN:
-                    raise TooLarge(
-                        f"a derivative of an output, written out with {written} nodes, more than {_WRITTEN},"
-                    )
+                _short(chain[-1])
                 chain = (*chain, along(chain[-1], self.flow))
                 self._small(chain)
             self.chains[j] = chain
             for i in range(k + 1):
+                _short(chain[i])
                 if (j, i) not in self.rows:
                     self.rows[j, i] = [*(chain[i].diff(x) for x in self.plant.states), chain[i]]
         self._small(e for row in self.rows.values() for e in row)
@@ -198,6 +197,14 @@ class _Derived:
         nodes = size(expressions)
         if nodes > self.limit:
             raise TooLarge(f"the observability matrix, of {nodes} nodes, more than {self.limit},")
+
+
+def _short(derivative: sp.Expr) -> None:
+    """Raise `TooLarge` where an expression is too long to take its slopes."""
+    rooted = any(not power.exp.is_Integer for power in derivative.atoms(sp.Pow))
+    written, most = length(derivative), _WITH_ROOTS if rooted else _WRITTEN
+    if written > most:
+        raise TooLarge(f"a derivative of an output, written out with {written} nodes, more than {most},")
 
 
 def _box(plant: System) -> dict[sp.Symbol, Interval]:
