@@ -910,3 +910,16 @@ def test_a_direction_that_is_not_told_may_end_far_from_its_start() -> None:
     fit = hg.fit(plant, hg.Log(np.zeros((40, 0)), y, 0.01), free=["k"], starts=1)
     assert fit.parameters[0].value > 10 * k.nominal
     assert any("tell +1 k, in units of ranges: where it ended says nothing; fix it" in note for note in fit.notes())
+
+
+@pytest.mark.parametrize(("growing", "length"), [(0.0, 10), (0.2, 10), (0.5, 6), (4.0, 1)])
+def test_errors_grow_by_e_cubed_in_a_segment_at_most(growing: float, length: int) -> None:
+    """A sixtieth of 600 samples, or as many as errors take to grow so much."""
+    problem = task(PLANT, log()).shooting(np.ones(1), 600, 1, growing)
+    assert problem.length == length
+
+
+def test_a_millionth_of_a_range_from_its_end_is_at_the_end() -> None:
+    """k lies in 1..20, c in 0..3."""
+    one = task(PLANT, log())
+    assert [one._end(0, value) for value in (1 + 1e-5, 1 + 1e-4, 20 - 1e-4, 20 - 1e-5)] == ["low", "", "", "high"]
