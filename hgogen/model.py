@@ -2,7 +2,6 @@
 
 import linecache
 import sys
-import tokenize
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout
@@ -32,9 +31,10 @@ from hgogen.modelfiles.storage import stored
 from hgogen.modelfiles.tuning import Start, Tuning
 from hgogen.modelfiles.tunings import read as read_tunings
 from hgogen.reading import filename
+from hgogen.reading.content import Unread, content_of
 from hgogen.reading.door import Misfit
 from hgogen.reading.folding import Fold
-from hgogen.reading.languages import READERS
+from hgogen.reading.languages import BYTES, READERS
 from hgogen.reading.text_model import BadModelFile, PlainModel, read
 from hgogen.system import System
 from hgogen.trial import Trial
@@ -326,11 +326,8 @@ def load(path: str | Path) -> Model:
 
 
 def _plain(path: Path) -> Model:
-    """The model of a plain-text file. Raises: `NoModel`, `BadModelFile`."""
-    try:
-        declared = read(path)
-    except OSError as error:
-        raise NoModel(str(path), f"cannot be read: {error.strerror}", listed()) from None
+    """The model of a plain-text file. Raises: `BadModelFile`."""
+    declared = read(path)
     parts = SimpleNamespace(
         plant=declared.plant,
         known=declared.known,
@@ -358,11 +355,9 @@ def _default(declared: PlainModel) -> str:
 
 def _python(path: Path) -> Model:
     try:
-        with tokenize.open(path) as stream:
-            text = stream.read()
-        code = compile(text, str(path), "exec", dont_inherit=True)
-    except OSError as error:
-        raise NoModel(str(path), f"cannot be read: {error.strerror}", listed()) from None
+        code = compile(content_of(path, BYTES), str(path), "exec", dont_inherit=True)
+    except Unread as error:
+        raise NoModel(str(path), error.reason, listed()) from None
     except SyntaxError as error:
         raise ModelFails(str(path), error.lineno or 1, f"{error.msg}; correct the syntax") from None
     except ValueError as error:  # a null byte, or a byte that is not in the file's encoding

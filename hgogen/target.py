@@ -14,6 +14,7 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from hgogen.errors import HgogenError
+from hgogen.reading.content import KINDS
 from hgogen.reading.door import asks
 from hgogen.reading.filename import same, shown
 
@@ -21,15 +22,6 @@ _STAGED = ".hgogen-"  # begins the name of a file that is not whole yet
 AT_ONCE = 1 << 16  # bytes of a file, in search of its last line
 _PRIVATE = stat.S_IRUSR | stat.S_IWUSR
 LONGEST = 255  # bytes of a name, on most file systems
-_KINDS = {
-    stat.S_IFLNK: "a link",
-    stat.S_IFDIR: "a folder",
-    stat.S_IFREG: "a file",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
 
 
 @dataclass(eq=False)
@@ -233,7 +225,7 @@ def _kind(path: Path, follow: bool = False) -> int | None:
 
 
 def _misplaced(path: Path, wanted: str) -> CannotWrite:
-    there = _KINDS.get(_kind(path) or 0, "no file")
+    there = KINDS.get(_kind(path) or 0, "no file")
     return CannotWrite(str(path), f"it is {there}, where {wanted} belongs", "remove it, or take another path")
 
 

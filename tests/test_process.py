@@ -3,10 +3,9 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
-import threading
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from hgogen import cli
 from hgogen.commands import process, tables
 from hgogen.commands.command import json_text
 from hgogen.reading.content import Unread, content_of
+from hgogen.recheck import verification as recheck
 
 COMMAND = [sys.executable, "-c", "from hgogen.cli import main; main()"]
 PENDULUM, NEURON = (
@@ -157,34 +157,62 @@ def test_a_trial_that_asks_for_more_memory_than_there_is(here: Path) -> None:
 
 
 @posix
-def test_what_is_read_has_an_end(here: Path) -> None:
-    """A pipe with an end is read; a device, a silent pipe and one that never stops are refused."""
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("pipe", "is a pipe, whose content may have no end; write it to a file"),
+        ("socket", "is a socket"),
+        ("/dev/zero", "is a device"),
+        ("/dev/null", "is a device"),
+        ("linked", "is a pipe"),
+        (".", "is a folder; give a file in it"),
+    ],
+)
+def test_what_is_no_regular_file_is_not_read(here: Path, path: str, said: str) -> None:
+    """Nobody knows whether it ends. A pipe is refused with a writer and without."""
     os.mkfifo("pipe")
-    feed = threading.Thread(target=lambda: Path("pipe").write_bytes(b"a,b\n" * 100_000))
-    feed.start()
-    assert content_of("pipe", 1 << 20) == b"a,b\n" * 100_000
-    feed.join()
-    before = time.monotonic()
-    with pytest.raises(Unread, match="is a pipe that says nothing"):
-        content_of("pipe", 100, silence=0.05)
-    held = os.open("pipe", os.O_RDWR)
-    os.write(held, b"1")
-    with pytest.raises(Unread, match="or has no end"):
-        content_of("pipe", 100, patience=0.05)
-    os.write(held, b"1" * 200)
-    with pytest.raises(Unread, match="holds more than"):
-        content_of("pipe", 100)
-    os.close(held)
-    assert time.monotonic() - before < 30
-    for device in ("/dev/zero", "/dev/null"):
-        with pytest.raises(Unread, match="is a device, whose content may have no end"):
-            content_of(device, 100)
-    for options in (
-        ("run", PENDULUM, "--data", "/dev/zero", "--time", "t"),
-        ("check", "--library", "/dev/zero"),
-        ("recheck", "/dev/zero"),
-    ):
-        assert "is a device" in hgogen(*options, status=2)[1]
+    os.symlink("pipe", "linked")
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("socket")
+        with pytest.raises(Unread, match=said):
+            content_of(path, 100)
+        held = os.open("pipe", os.O_RDWR)
+        os.write(held, b"a,b\n1,2\n")
+        with pytest.raises(Unread, match=said):
+            content_of(path, 100)
+        os.close(held)
+    with pytest.raises(recheck.CannotRead, match="no regular file"):
+        recheck.load(path)
+
+
+@posix
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("check", "{}.toml"),
+        ("check", "{}.json"),
+        ("check", "{}.py"),
+        ("check", "--library", "{}.json"),
+        ("recheck", "{}.json"),
+        ("simulate", PENDULUM, "--parameters", "{}.json"),
+        ("simulate", PENDULUM, "--tuning", "{}.json"),
+        ("run", PENDULUM, "--data", "{}.csv", "--time", "t"),
+        ("fit", PENDULUM, "--data", "{}.csv", "--time", "t"),
+        ("tune", PENDULUM, "--data", "{}.csv", "--time", "t"),
+    ],
+)
+def test_no_command_waits_for_a_pipe(here: Path, command: tuple[str, ...]) -> None:
+    for suffix in ("toml", "json", "py", "csv"):
+        os.mkfifo(f"pipe.{suffix}")
+    _, err = hgogen(*(str(word).format("pipe") for word in command), status=2)
+    assert "is a pipe" in err
+
+
+def test_what_is_read_is_limited(here: Path) -> None:
+    Path("log").write_bytes(b"1" * 101)
+    with pytest.raises(Unread, match="is larger than 100 bytes"):
+        content_of("log", 100)
+    assert content_of("log", 101) == b"1" * 101
 
 
 def test_a_column_without_one_number(here: Path) -> None:

@@ -12,6 +12,8 @@ from hgogen.ecosystems.ecosystem import ALL, chosen, known
 from hgogen.ecosystems.folder import SOURCES, folder
 from hgogen.emit.prefix import demand_prefix
 from hgogen.emit.syntax import Real
+from hgogen.reading.content import Unread, content_of
+from hgogen.reading.languages import BYTES
 from hgogen.step import Step
 from hgogen.target import CannotWrite, Files
 
@@ -66,8 +68,8 @@ def _costs(where: Folder) -> Mapping[str, Any] | None:
     """What `hgogen cost` wrote there, if it did."""
     (path,) = where.demand(COSTS)
     try:
-        costs = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        costs = json.loads(content_of(path, BYTES))
+    except (Unread, ValueError, RecursionError):
         return None
     return costs if isinstance(costs, dict) else None
 
@@ -75,7 +77,7 @@ def _costs(where: Folder) -> Mapping[str, Any] | None:
 def _demand_own(where: Folder, made: Files) -> None:
     """Nothing is replaced that hgogen did not write, and no other source lies where every build compiles all."""
     for path, text in zip(where.demand(*made), made.values(), strict=True):
-        if path.exists() and _MARK in text and _MARK not in path.read_text(encoding="utf-8", errors="replace"):
+        if path.exists() and _MARK in text and _MARK.encode() not in content_of(path, BYTES):
             raise CannotWrite(str(path), "hgogen did not write what is there", "take another folder by --out")
     source = where.demand(f"{SOURCES}/{COSTS}")[0].parent
     names = {Path(name).name for name in made}

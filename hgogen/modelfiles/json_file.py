@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hgogen.errors import BadArgument
+from hgogen.reading.content import Unread, content_of
 from hgogen.system import System
 
 LARGEST = 10_000_000  # bytes
@@ -44,11 +45,9 @@ def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:
 def table_of(path: Path, writer: str) -> dict[str, Any]:
     """The object that the file holds; `writer`: the command that writes such files. Raises: `BadFile`."""
     try:
-        with path.open("rb") as stream:
-            text = stream.read(LARGEST + 1)
-        table = json.loads(text[:LARGEST])
-    except OSError as error:
-        raise BadFile(str(path), f"cannot be read: {error.strerror}") from None
+        table = json.loads(content_of(path, LARGEST))
+    except Unread as error:
+        raise BadFile(str(path), error.reason) from None
     except (ValueError, RecursionError) as error:
         raise BadFile(str(path), f"is no JSON ({error}); give a file that `{writer}` wrote") from None
     return table if isinstance(table, dict) else {}

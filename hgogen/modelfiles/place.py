@@ -55,7 +55,7 @@ def located(model: str) -> Path:
     """The model file at a path, or of a bare name. Raises: `NoModel`."""
     path = Path(model)
     try:
-        there = path.is_file()
+        there = path.exists() and not path.is_dir()
     except OSError as error:  # a name that is too long
         raise NoModel(f"{str(model)[:60]}..", f"is no path of a file here ({error.strerror})", listed()) from None
     if there:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from hgogen.reading.content import Unread, content_of
+
 BYTES = 4_000_000  # of one model
 SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a model declares its plant
 
@@ -35,10 +37,10 @@ READERS: dict[str, Callable[[str], Any]] = {".toml": _toml, ".json": _json}
 
 def declares(path: Path) -> bool:
     """Whether a file declares a plant, as far as it can be read: one with a fault in it may be meant to."""
-    if path.stat().st_size > BYTES:
-        return False
     try:
-        table = READERS[path.suffix](path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
+        table = READERS[path.suffix](content_of(path, BYTES).decode("utf-8-sig"))
+    except Unread:
+        return False
+    except (ValueError, RecursionError):
         return True
     return isinstance(table, dict) and any(isinstance(table.get(kind), dict) for kind in SIGNALS)

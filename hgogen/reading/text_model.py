@@ -41,6 +41,7 @@ import sympy as sp
 
 from hgogen.algebra.cells import Cells
 from hgogen.errors import BadArgument, HgogenError, nearest
+from hgogen.reading.content import Unread, content_of
 from hgogen.reading.disturbed import with_disturbance
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
@@ -131,15 +132,13 @@ class PlainModel:
 def read(path: Path) -> PlainModel:
     """The model of a .toml or .json file.
 
-    Raises: `BadModelFile` with file, key and fix; `OSError` where the file cannot be read.
+    Raises: `BadModelFile` with file, key and fix.
     """
-    with path.open("rb") as stream:
-        data = stream.read(BYTES + 1)
-    if len(data) > BYTES:
-        raise BadModelFile(str(path), "", f"is larger than {BYTES} bytes; a model is a small text")
     try:
-        text = data.decode("utf-8-sig")
+        text = content_of(path, BYTES).decode("utf-8-sig")
         table = READERS[path.suffix](text)
+    except Unread as error:
+        raise BadModelFile(str(path), "", error.reason) from None
     except (ValueError, RecursionError) as error:
         kind = path.suffix[1:].upper()
         reason = "it is nested too deep" if isinstance(error, RecursionError) else str(error)

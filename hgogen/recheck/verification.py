@@ -6,7 +6,9 @@ file's own digest finds accidents, it is no signature. What no verified claim is
 open claim's reason is the file's: nobody has verified it.
 """
 
+import os
 import re
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -201,12 +203,16 @@ def _changed(certificate: Certificate) -> Iterator[Row]:
 def load(path: str | Path) -> str:
     """The text of a certificate file. Raises: `CannotRead`."""
     try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise CannotRead(str(path), "is no regular file")
         with open(path, encoding="utf-8") as stream:
             return stream.read(LARGEST + 1)
     except OSError as error:
         raise CannotRead(str(path), f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise CannotRead(str(path), "is no text in UTF-8") from None
+    except ValueError:  # a null byte
+        raise CannotRead(str(path), "is no path") from None
 
 
 def rows(context: Context) -> Iterator[Row]:
