@@ -1,6 +1,7 @@
 """Records that are no CSV: DataFrames, Parquet and MAT files; a run as a DataFrame."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import BadShape
 from hgogen.identification.recorded import BadSignal
 from hgogen.model import load
+from hgogen.reading import binary_log
 from hgogen.reading.log import BadRecord
 from hgogen.reading.mapped import column
 from hgogen.reading.measured import read
@@ -179,3 +181,31 @@ def test_what_is_not_installed_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(NotInstalled, match=rf'{said}.* needs .*pip install "hgogen\[logs\]"'):
         asked[name]()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        (
+            "os.kill(os.getpid(), signal.SIGSEGV)",
+            r"damaged, and ended the process that read it \(SIGSEGV\)",
+        ),
+        ("os._exit(7)", r"ended the process that read it \(status 7\)"),
+        ("time.sleep(600)", "that took more than 2 s"),
+        ("bytearray(1 << 40)", "it asks for more than 4 GiB of memory"),
+        ("print('noise', file=sys.stderr); raise KeyError", "KeyError"),
+        ("raise ValueError('first\\nsecond')", "^first$"),
+    ],
+)
+def test_a_reader_that_crashes_or_hangs_ends_its_own_process_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, said: str
+) -> None:
+    """In the place of SciPy's, a reader that does what SciPy's does on some damaged files."""
+    (tmp_path / "scipy").mkdir()
+    (tmp_path / "scipy" / "__init__.py").touch()
+    text = f"import os, signal, sys, time\ndef loadmat(*_, **__):\n    {body}\n"
+    (tmp_path / "scipy" / "io.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(binary_log.Damaged, match=said):
+        binary_log.columns_of("mat", b"", seconds=2 if "sleep" in body else 600)

@@ -1,14 +1,13 @@
 """Logs that are no text: DataFrames, Parquet files and MAT files, as tables of columns."""
 
-import io
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hgogen.reading.binary_log import Damaged, Unsupported, columns_of, is_missing, plain
 from hgogen.reading.log import BadRecord, Column, Table, bytes_of, parsed, table
 from hgogen.reading.optional import library
 
@@ -41,11 +40,7 @@ class Columns(Table):
         array = self.arrays[name]
         if array.dtype.kind == "M":
             return ["" if text == "NaT" else text for text in np.datetime_as_string(array.astype("datetime64[us]"))]
-        return ["" if _none(value) else str(value) for value in array.tolist()]
-
-
-def _none(value: Any) -> bool:
-    return value is None or (isinstance(value, float) and math.isnan(value)) or str(value) in ("NaT", "<NA>")
+        return ["" if is_missing(value) else str(value) for value in array.tolist()]
 
 
 def log_of(source: Any) -> Table:
@@ -71,23 +66,13 @@ def log_of(source: Any) -> Table:
 
 def of_frame(frame: Any) -> Table:
     """A DataFrame's columns by their names as text, with its index where that has a name or holds times."""
-    arrays = {str(name): _plain(frame[name].to_numpy()) for name in frame.columns if frame.columns.is_unique}
+    arrays = {str(name): plain(frame[name].to_numpy()) for name in frame.columns if frame.columns.is_unique}
     if not frame.columns.is_unique:
         raise BadRecord("the DataFrame", "has several columns of one name; rename all but one")
     index = frame.index
     if getattr(index, "nlevels", 1) == 1 and (index.name is not None or index.dtype.kind in "Mm"):
-        arrays.setdefault(str(index.name) if index.name is not None else "index", _plain(index.to_numpy()))
+        arrays.setdefault(str(index.name) if index.name is not None else "index", plain(index.to_numpy()))
     return _columns("the DataFrame", arrays, ())
-
-
-def _plain(values: Any) -> np.ndarray:
-    """An array of numpy's own kinds: of numbers with missing ones, NaN there."""
-    array: np.ndarray = np.asarray(values)
-    if array.dtype.kind == "O":
-        known = [math.nan if _none(value) else value for value in array.tolist()]
-        if all(isinstance(value, int | float) for value in known):
-            return np.array(known, dtype=float)
-    return array
 
 
 def _columns(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ...]) -> Table:
@@ -98,26 +83,22 @@ def _columns(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ...]
 
 
 def _parquet(path: str, content: bytes) -> Table:
-    reader = library("pyarrow.parquet", f"{path}, a Parquet file,")
+    library("pyarrow.parquet", f"{path}, a Parquet file,")
     try:
-        whole = reader.read_table(io.BytesIO(content))
-    except Exception as error:  # pyarrow's own, of several kinds
-        raise BadRecord(path, f"cannot be read as Parquet: {str(error).splitlines()[0]}") from None
-    names = whole.column_names
-    return _columns(path, {name: _plain(whole.column(k).to_numpy()) for k, name in enumerate(names)}, ())
+        return _columns(path, columns_of("parquet", content), ())
+    except Damaged as error:
+        raise BadRecord(path, f"cannot be read as Parquet: {error}") from None
 
 
 def _mat(path: str, content: bytes) -> Table:
-    """The vectors of the most frequent length, of structs too, as S.x, and the columns of matrices, as X(:,1)."""
-    reader = library("scipy.io", f"{path}, a MAT file,")
+    """The vectors of the most frequent length."""
+    library("scipy.io", f"{path}, a MAT file,")
     try:
-        variables = reader.loadmat(io.BytesIO(content), squeeze_me=False, struct_as_record=True)
-    except NotImplementedError:
+        arrays = columns_of("mat", content)
+    except Unsupported:
         raise BadRecord(path, _OLD) from None
-    except Exception as error:  # SciPy's own, of several kinds
-        raise BadRecord(path, f"cannot be read as a MAT file: {str(error).splitlines()[0]}") from None
-    named = {name: value for name, value in variables.items() if not name.startswith("__")}
-    arrays = dict(pair for name, value in named.items() for pair in _vectors(name, value))
+    except Damaged as error:
+        raise BadRecord(path, f"cannot be read as a MAT file: {error}") from None
     lengths = [len(array) for array in arrays.values()]
     if not lengths:
         fix = "save vectors, a table by table2struct(T, 'ToScalar', true)"
@@ -126,14 +107,3 @@ def _mat(path: str, content: bytes) -> Table:
     others = [name for name, array in arrays.items() if len(array) != rows]
     notes = (f"of another length than {rows}, left out: {', '.join(others)}",) if others else ()
     return _columns(path, {name: array for name, array in arrays.items() if len(array) == rows}, notes)
-
-
-def _vectors(name: str, value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    if value.dtype.names and value.size == 1:
-        for part in value.dtype.names:
-            yield from _vectors(f"{name}.{part}", np.atleast_2d(value.ravel()[0][part]))
-    elif value.dtype.kind in "iufb" and value.ndim == 2 and value.size > 1:
-        if 1 in value.shape:
-            yield name, value.ravel()
-        else:
-            yield from ((f"{name}(:,{k})", column) for k, column in enumerate(value.T, 1))
