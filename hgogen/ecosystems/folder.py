@@ -26,7 +26,7 @@ _BY_PARTS = Text(
     "\nWhere a sample comes later than the input, or not in every period, call the parts of a step: %parts.\n"
     "The header says how."
 )
-_PRINTED = {  # how a sketch prints a status of so many bytes
+_PRINTED_STATUS = {  # how a sketch prints a status of so many bytes
     4: ("Serial.print(status, HEX);",),
     8: (
         "Serial.print((unsigned long)(status >> 32), HEX);",
@@ -88,7 +88,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "status": status_type(step),
         "word": f"{step.word}_t",
         "sketched": "unsigned long" if step.word.itemsize == 4 else f"{step.word}_t",
-        "told": "\n".join(indented(_PRINTED[step.word.itemsize], 8)),
+        "told": "\n".join(indented(_PRINTED_STATUS[step.word.itemsize], 8)),
         "step": declared["step"].call(address),
         "estimate": declared["estimate"].call(address),
         "locals": "\n".join(each.local for each in structs(step)),

@@ -86,8 +86,8 @@ class Functions(Files):
 
     def flags(self, status: Any) -> tuple[str, ...]:
         """The names of the bits that a status holds, a number or, of more than 32 bits, two."""
-        words = [int(word) for word in np.ravel(np.asarray(status, float))]
-        return tuple(bit for k, bit in enumerate(self.bits) if words[k // EXACT] >> k % EXACT & 1)
+        whole = sum(int(word) << EXACT * k for k, word in enumerate(np.ravel(np.asarray(status))))
+        return tuple(bit for k, bit in enumerate(self.bits) if whole >> k & 1)
 
     @property
     def _flow(self) -> Flow:
