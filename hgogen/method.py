@@ -27,7 +27,7 @@ from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.plant_step import PlantStep
 from hgogen.guarantees.realised import Realisation, realised
 from hgogen.guarantees.stagewise import Stagewise, stagewise
-from hgogen.kalman.covariance import covariance_ode, information_ode
+from hgogen.kalman.covariance import covariance_ode, covariance_of_view, information_ode
 from hgogen.kalman.prior import prior_status_of_view
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
@@ -247,6 +247,7 @@ class Explicit:
             predict=(*pieces.predict, prior_status_of_view(part, self.view)) if forgets else pieces.predict,
             uses_output=True,
             rule=self.name,
+            covariance=covariance_of_view(part, self.view),
         )
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:

@@ -90,7 +90,9 @@ class Pieces:
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
     the measurement; `bits`: its own, or its words for the step's; `rule`: what carries the part out, where the method
-    leaves that to another; `choice`: of two programs, which one was taken, and why; `inner`: sections that they call.
+    leaves that to another; `choice`: of two programs, which one was taken, and why; `inner`: sections that they call;
+    `covariance`: P (n, n) of the estimate as an SX of its fields, where it has one; `project`: what puts the estimates
+    of members onto their ranges.
     """
 
     fields: tuple[Field, ...] = ()
@@ -105,6 +107,8 @@ class Pieces:
     rule: str = ""
     choice: str = ""
     inner: tuple[Section, ...] = ()
+    covariance: Graph | None = None
+    project: Program = ()
 
 
 class Part:

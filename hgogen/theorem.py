@@ -222,9 +222,10 @@ OPERATION = (
         beyond=Beyond(Claims(fact="start"), "shows from which first errors it does not"),
     ),
     Hypothesis(
-        "no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as long "
-        "as the law of recovery waits (each doubt stays below its patience, in the state)",
-        reason="watch the status RESTARTED_FROM_SAMPLE; after one the theorem starts again",
+        "no projection onto the ranges and no restart from a sample: the estimate is not out of its ranges, nor its "
+        "output far from y, for as long as the law of recovery waits (each fault count stays below its limit, in the "
+        "state)",
+        reason="watch the status PROJECTED_ONTO_RANGES and RESTARTED_FROM_SAMPLE; after one the theorem starts again",
     ),
 )
 HURWITZ = Hypothesis(

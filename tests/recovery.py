@@ -460,8 +460,8 @@ def _tune(step: CallableStep, share: float | None) -> None:
         step.tune(**values)
 
 
-def doubt(name: str, step: CallableStep, seeds: int = 1, jumps: bool = False) -> tuple[float, int]:
-    """Of a model's trials, with or without their jumps: the largest share of its patience that a doubt reaches, at
+def undisturbed(name: str, step: CallableStep, seeds: int = 1, jumps: bool = False) -> tuple[float, int]:
+    """Of a model's trials, with or without their jumps: the largest share of its limit that a fault count reaches, at
     every few samples, and how many restarts from a sample there are."""
     most, restarts = 0.0, 0
     system = step.observer.form.system
@@ -480,7 +480,7 @@ def doubt(name: str, step: CallableStep, seeds: int = 1, jumps: bool = False) ->
                 status = step.run(u=u[k : k + chunk], y=y[k : k + chunk], engine="c").status
                 restarts += int((status & bits.get("RESTARTED_FROM_SAMPLE", 0) != 0).sum())
                 memory = np.frombuffer(step.save(), kind)
-                most = max([most, *(float(memory[sign.doubt][0]) / sign.wait for sign in step.signs)])
+                most = max([most, *(abs(float(memory[sign.count][0])) / sign.wait for sign in step.signs)])
     return most, restarts
 
 
@@ -532,9 +532,9 @@ def main() -> None:
             print(f"{name} {tuning}: {error}", flush=True)
             continue
         if pair.step.signs:
-            share, restarts = doubt(name, pair.step)
-            _, after = doubt(name, pair.step, jumps=True)
-            quiet = f"undisturbed: doubt up to {share:.2f} of the patience, {restarts} restarts"
+            share, restarts = undisturbed(name, pair.step)
+            _, after = undisturbed(name, pair.step, jumps=True)
+            quiet = f"undisturbed: fault count up to {share:.2f} of its limit, {restarts} restarts"
             print(f"    {quiet}, with the trial's jumps {after}", end="; ")
         print(line(pair, outcomes), f"({time.process_time() - begun:.1f} s)", flush=True)
         for o in outcomes if pair.settles else ():

@@ -381,7 +381,16 @@ def test_the_header_says_where_the_estimate_starts(name: str, place: str) -> Non
 def test_every_place_of_a_member_is_in_its_struct() -> None:
     """No part of a member that moves is left among what the step remembers once."""
     made = around("adaptive")
-    whole = {"doubt_y", "patience_y", "doubt_range", "patience_range", "doubt_sum", "calls", "used_y", "u"}
+    whole = {
+        "fault_count_y",
+        "fault_limit_y",
+        "fault_count_range",
+        "fault_limit_range",
+        "fault_checksum",
+        "calls",
+        "used_y",
+        "u",
+    }
     assert {f.name for f in made.state} == {"z", "theta", "innovation", "selected", "oldest", "tick", *whole}
     inside = {p for s in walk(made.program) if isinstance(s, Block) for p in s.writes if p.struct == "state"}
     assert inside <= {Place("state", f.name) for f in made.state}

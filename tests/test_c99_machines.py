@@ -195,9 +195,9 @@ def test_the_neuron_s_observer_keeps_to_its_budget_on_a_cortex_m4f(tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "cascaded_tanks"])
 def test_recovery_costs_no_more_than_twenty_instructions_where_nothing_is_wrong(name: str, tmp_path: Path) -> None:
-    """Against the same C whose law never doubts, which the compiler then leaves out."""
+    """Against the same C whose law never suspects a fault, which the compiler then leaves out."""
     source = f"{step(name).name}.c"
-    without, changes = re.subn(r"\bdoubtful = [^;]*;", "doubtful = false;", files(name)[source])
+    without, changes = re.subn(r"\bsuspect = [^;]*;", "suspect = false;", files(name)[source])
     assert changes > 1  # where it is declared as well
     check = f"{step(name).name}_check"
     stub = f"unsigned {check}(void);\nunsigned {check}(void)\n{{\n    return 0u;\n}}\n"  # the record is of the law

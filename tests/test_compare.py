@@ -84,8 +84,8 @@ def test_operations_are_counted(program: tuple[Statement, ...], counts: tuple[in
 
 
 def test_bytes_are_those_of_the_structs() -> None:
-    """The mark, z (4), doubt and patience of two signs and their sum, calls, then y and whether it was valid: thirteen
-    words of four bytes; in double the mark and calls are padded."""
+    """The mark, z (4), fault count and limit of two signs and their checksum, calls, then y and whether it was valid:
+    thirteen words of four bytes; in double the mark and calls are padded."""
     price = cost(step("high_gain"))
     assert price.state == 4 * (1 + 4 + 5 + 1 + 2)
     assert cost(step("high_gain"), "double").state == 8 * (1 + 4 + 5 + 1 + 2)

@@ -66,7 +66,7 @@ def lasting(trial: Trial, duration: float, **changes: Any) -> Trial:
 def test_plain_filter_takes_690(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself: what recovers it is patient for longer than the trial."""
     with monkeypatch.context() as patch:
-        patch.setattr(recovery, "patience", lambda *_: 1e5)
+        patch.setattr(recovery, "settling_time", lambda *_: 1e5)
         step = neuron.step(1.0)
     result = summed(step, tried(step, lasting(ONE, 850.0)))
     assert 640 <= result.settled[1] <= 730
@@ -75,11 +75,11 @@ def test_plain_filter_takes_690(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @needs_compiler
 def test_plain_filter_is_recovered_from_the_jump() -> None:
-    """It leaves the box for longer than it needs to converge from anywhere in it, and restarts from the sample."""
+    """It is off y for longer than it needs to converge from anywhere in the box, to and fro as the plant moves."""
     step = built(1.0)
-    trajectories = tried(step, lasting(ONE, 250.0))
+    trajectories = tried(step, lasting(ONE, 350.0))
     bit = 1 << [bit.name for bit in step.bits].index("RESTARTED_FROM_SAMPLE")
-    assert summed(step, trajectories).settled[1] < 690 / 4
+    assert summed(step, trajectories).settled[1] < 690 / 2
     assert all((each.status & bit).any() for each in trajectories)
 
 

@@ -66,7 +66,7 @@ def test_a_gain_that_adapts_rests_where_the_right_estimate_was_written() -> None
 
 
 def rested() -> CallableStep:
-    """A step without doubt, settled at 0."""
+    """A step whose fault counts are 0, settled at 0."""
     step = hg.sample(plants.pendulum(theta=4), hg.methods.rk4, dt=0.05, engine="python")
     for _ in range(20):
         step(0.0, 0.0)
@@ -78,22 +78,22 @@ def wait(step: CallableStep) -> float:
 
 
 @pytest.mark.parametrize(
-    ("doubt", "patience", "sum_"),
-    [(-5.0, 5.0, 0.0), (20.0, -20.0, 0.0), (0.0, 1e30, 1e30), (np.nan, 0.0, 0.0)],
+    ("count", "limit", "checksum"),
+    [(-1e30, 0.0, 1e30), (20.0, -20.0, 0.0), (0.0, 1e30, 1e30), (np.nan, 0.0, 0.0)],
 )
-def test_counts_out_of_their_ranges_begin_anew_though_they_add_up(doubt: float, patience: float, sum_: float) -> None:
+def test_counts_out_of_their_ranges_begin_anew_though_they_add_up(count: float, limit: float, checksum: float) -> None:
     step = rested()
-    memory(step, "doubt_y")[0] = doubt
-    memory(step, "patience_y")[0] = wait(step) + patience
-    memory(step, "doubt_sum")[0] = sum_
+    memory(step, "fault_count_y")[0] = count
+    memory(step, "fault_limit_y")[0] = wait(step) + limit
+    memory(step, "fault_checksum")[0] = checksum
     step(0.0, 3.0)
-    assert (memory(step, "doubt_y")[0], memory(step, "patience_y")[0]) == (1, wait(step))
-    assert memory(step, "doubt_sum")[0] == 1
+    assert (memory(step, "fault_count_y")[0], memory(step, "fault_limit_y")[0]) == (1, wait(step))
+    assert memory(step, "fault_checksum")[0] == 1
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e9])
-def test_a_sum_of_doubt_that_is_no_number_is_put_right_by_the_next_sample(value: float) -> None:
+def test_a_checksum_that_is_no_number_is_put_right_by_the_next_sample(value: float) -> None:
     step = rested()
-    memory(step, "doubt_sum")[0] = value
+    memory(step, "fault_checksum")[0] = value
     step(0.0, 0.0)
-    assert memory(step, "doubt_sum")[0] == 0
+    assert memory(step, "fault_checksum")[0] == 0

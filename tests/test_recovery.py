@@ -18,13 +18,13 @@ from hgogen.calling import native
 from hgogen.model import load
 from hgogen.observer import Observer
 from hgogen.program import Place
-from hgogen.stepping.patience import FINE
 from hgogen.stepping.recovery import MARGIN, SHARE
+from hgogen.stepping.settling import FINE
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 NAN = float("nan")
-BIT = "RESTARTED_FROM_SAMPLE"
+BIT, PROJECTED = "RESTARTED_FROM_SAMPLE", "PROJECTED_ONTO_RANGES"
 
 
 def memory(step: CallableStep, name: str) -> Any:
@@ -40,27 +40,27 @@ def first(step: hg.Step, name: str) -> float:
 
 @cache
 def quick() -> CallableStep:
-    """The pendulum's high-gain observer with few samples to a second, so that its patience is short."""
+    """The pendulum's high-gain observer with few samples to a second, so that its settling time is short."""
     return hg.sample(plants.pendulum(theta=4), hg.methods.rk4, dt=0.05)
 
 
-def test_the_patience_is_twice_the_time_in_which_the_core_converges() -> None:
+def test_a_sign_shows_for_twice_the_time_in_which_the_core_converges() -> None:
     """theta = 4, poles -1, -1: the slowest rate is 4 a second."""
     outer = next(field for field in quick().state if field.name == "z").high
     seconds = 2 * np.log(FINE * max(outer[0] / 4, outer[1] / 20)) / 4
     wait = np.ceil(seconds / 0.05)
-    assert (first(quick(), "patience_y"), first(quick(), "patience_range")) == (wait, wait)
+    assert (first(quick(), "fault_limit_y"), first(quick(), "fault_limit_range")) == (wait, wait)
     ends = {field.name: field.box[0] for field in quick().state}
-    assert (ends["patience_y"], ends["patience_range"]) == ((wait, 1024 * wait), (wait, 1024 * wait))
-    assert (ends["doubt_y"], ends["doubt_range"]) == ((0, 1024 * wait), (0, 1024 * wait))
+    assert (ends["fault_limit_y"], ends["fault_limit_range"]) == ((wait, 1024 * wait), (wait, 1024 * wait))
+    assert (ends["fault_count_y"], ends["fault_count_range"]) == ((-1024 * wait, 1024 * wait), (0, 1024 * wait))
 
 
-def test_the_patience_is_no_shorter_than_the_plant_is_slow() -> None:
+def test_a_sign_shows_for_no_shorter_than_the_plant_is_slow() -> None:
     """x' = -x/100: 2/lambda is 200 s, of a filter that converges within seconds."""
     a, y = hg.Signal("a", low=-10, high=10), hg.Signal("y")
     plant = hg.System("slow", states=(a,), outputs=(y,), flow=[-a / 100], output=[a])
     step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[100.0], R=1.0), dt=0.1)
-    assert first(step, "patience_y") == first(step, "patience_range") == 200 / 0.1
+    assert first(step, "fault_limit_y") == first(step, "fault_limit_range") == 200 / 0.1
 
 
 def without_ranges(**ranges: hg.Signal) -> CallableStep:
@@ -85,83 +85,91 @@ def test_a_step_has_the_signs_that_its_ranges_give_and_its_header_says_no_more(
     step = without_ranges(**ranges)
     assert tuple(sign.name for sign in step.signs) == signs
     fields = {field.name for field in step.state}
-    assert {name for name in fields if name.startswith("doubt")} == {f"doubt_{s}" for s in signs} | (
-        {"doubt_sum"} if signs else set()
-    )
+    counts = {f"fault_count_{s}" for s in signs} | {f"fault_limit_{s}" for s in signs}
+    assert {name for name in fields if name.startswith("fault")} == counts | ({"fault_checksum"} if signs else set())
     assert (BIT in {bit.name for bit in step.bits}) == bool(signs)
     header = " ".join(hg.targets.c99(step)[f"{step.name}.h"].replace("*", " ").split())
     assert ("nothing restarts an estimate that is lost" in header) == (not signs)
-    assert [f"s.doubt_{name}" in header for name in ("y", "range")] == [name in signs for name in ("y", "range")]
+    assert [f"s.fault_count_{name}" in header for name in ("y", "range")] == [name in signs for name in ("y", "range")]
 
 
-KINDS = st.sampled_from(["far", "near", "wild", "none", "reject"])
+KINDS = st.sampled_from(["far", "other", "near", "wild", "none", "reject"])
 SEGMENTS = st.lists(st.tuples(KINDS, st.integers(1, 160)), max_size=9)
+GUARDS = {BIT, PROJECTED}
 
 
 @settings(max_examples=30, deadline=None)
 @given(SEGMENTS, st.integers(0, 2**32 - 1))
-def test_doubt_and_patience_follow_the_law(segments: list[tuple[str, int]], seed: int) -> None:
-    """c and w of both signs from what a step shows: the estimate and the error after each sample, and whether it
-    restarted."""
+def test_fault_counts_and_limits_follow_the_law(segments: list[tuple[str, int]], seed: int) -> None:
+    """c and w of both signs from what a step shows: the estimate and the error after each sample, and which guard
+    acted."""
     step, rng = quick(), np.random.default_rng(seed)
     step.reset()
-    wait = first(step, "patience_y")
-    most = {"y": 1024 * wait, "range": 1024 * wait}
-    c, w = dict.fromkeys(most, 0.0), dict.fromkeys(most, wait)
+    wait = first(step, "fault_limit_y")
+    most, span, widths = 1024 * wait, 8.0, np.array([8.0, 40.0])
+    change = next(sign.change for sign in step.signs if sign.name == "y")
+    c, w = {"y": 0.0, "range": 0.0}, {"y": wait, "range": wait}
     for kind, count in segments:
         for k in range(count):
             estimate = float(memory(step, "z")[0])
             y = {
                 "far": -5.0 if estimate > 0 else 5.0,
+                "other": 5.0 if k % 3 else -5.0,
                 "near": 0.9 * estimate,
                 "wild": rng.uniform(-7, 7),
                 "none": NAN,
                 "reject": 1e9,
             }[kind]
             sample = step(5.0 * (k % 2), y)
-            before = dict(c)
-            if not {"MISSING_Y", "REJECTED_Y"} & set(sample.flags) and BIT not in sample.flags:
-                z = memory(step, "z")
-                off = abs(y - z[0]) > SHARE * 8
-                out = (abs(z) > (1 + 2 * MARGIN) * np.array([4.0, 20.0])).any()
-                for name, shows in (("y", off), ("range", out)):
-                    w[name] = wait if not shows and c[name] <= 1 else w[name]
-                    c[name] = c[name] + 1 if shows else max(c[name] - 1, 0.0)
-                    assert c[name] < w[name]
-            elif BIT in sample.flags:
-                now = {name: float(memory(step, f"doubt_{name}")[0]) for name in c}
-                fired = [name for name in c if before[name] + 1 >= w[name]]
-                assert fired
-                for name in fired:
-                    c[name], w[name] = min(w[name], most[name] / 2), min(2 * w[name], most[name])
-                for name in set(c) - set(fired):  # what it showed before the restart is not seen any more
-                    assert abs(now[name] - c[name]) <= 1
+            acted = GUARDS & set(sample.flags)
+            now = {name: float(memory(step, f"fault_count_{name}")[0]) for name in c}
+            if acted:
+                over = [name for name in c if abs(c[name]) + 1 >= w[name]]
+                assert over
+                assert ("y" in over or w["range"] > wait or kind in ("far", "other", "wild")) or acted == {PROJECTED}
+                for name in over:
+                    size, w[name] = min(w[name], most / 2), min(2 * w[name], most)
+                    assert abs(now[name]) == size
+                for name in c:  # what another showed before the guard acted is not seen any more
+                    assert abs(now[name] - c[name]) <= change
                     c[name] = now[name]
-                    w[name] = float(memory(step, f"patience_{name}")[0])
+                    w[name] = float(memory(step, f"fault_limit_{name}")[0]) if name not in over else w[name]
+            elif not {"MISSING_Y", "REJECTED_Y"} & set(sample.flags):
+                z = memory(step, "z")
+                error = y - z[0]
+                shows = abs(error) > SHARE * span
+                size = max(abs(c["y"]) + ((1 if error * c["y"] >= 0 else -change) if shows else -1), 0.0)
+                c["y"] = size * (np.sign(error) if shows else np.sign(c["y"]))
+                out = (abs(z) > (0.5 + MARGIN) * widths).any()
+                c["range"] = c["range"] + 1 if out else max(c["range"] - 1, 0.0)
+                for name in c:
+                    w[name] = wait if c[name] == 0 else w[name]
+                    assert abs(c[name]) < w[name]
             for name in c:
-                assert (memory(step, f"doubt_{name}")[0], memory(step, f"patience_{name}")[0]) == (c[name], w[name])
+                assert (now[name], memory(step, f"fault_limit_{name}")[0]) == (c[name], w[name])
 
 
 def test_an_estimate_that_stays_off_y_restarts_ever_more_slowly() -> None:
-    """A sensor that jumps to and fro as fast as the observer follows: after T, T, 2 T, .. and at last every 512 T."""
+    """Memory that is spoiled at each call: after T, T, 2 T, .. and at last every 512 T."""
     step = quick()
     step.reset()
-    wait, restarts = int(first(step, "patience_y")), []
+    wait, restarts = int(first(step, "fault_limit_y")), []
     for k in range(129 * wait):
-        restarts += [k + 1] if BIT in step(0.0, 6.0 if k % 2 else -6.0).flags else []
+        memory(step, "z")[:] = -3.0, 0.0
+        restarts += [k + 1] if BIT in step(0.0, 3.0).flags else []
     waits = np.diff([0, *restarts])
     assert waits.tolist() == [wait, *(wait * 2**k for k in range(7))]
-    memory(step, "doubt_y")[0] = 1024 * wait - 1
-    memory(step, "patience_y")[0] = 1024 * wait
-    memory(step, "doubt_sum")[0] = 2047 * wait - 1 + memory(step, "doubt_range")[0] + extra(step, "range")
-    sample = step(0.0, 6.0 if estimate_of(step) < 0 else -6.0)
-    assert BIT in sample.flags
-    assert (memory(step, "doubt_y")[0], memory(step, "patience_y")[0]) == (512 * wait, 1024 * wait)
+    memory(step, "fault_count_y")[0] = 1024 * wait - 1
+    memory(step, "fault_limit_y")[0] = 1024 * wait
+    memory(step, "fault_checksum")[0] = 2047 * wait - 1 + memory(step, "fault_count_range")[0] + extra(step, "range")
+    memory(step, "z")[:] = -3.0, 0.0
+    assert BIT in step(0.0, 3.0).flags
+    assert (memory(step, "fault_count_y")[0], memory(step, "fault_limit_y")[0]) == (512 * wait, 1024 * wait)
 
 
 def extra(step: CallableStep, name: str) -> float:
-    """What patience is beyond the first."""
-    return float(memory(step, f"patience_{name}")[0]) - first(step, f"patience_{name}")
+    """What a fault limit is beyond the first."""
+    return float(memory(step, f"fault_limit_{name}")[0]) - first(step, f"fault_limit_{name}")
 
 
 def estimate_of(step: CallableStep) -> float:
@@ -170,30 +178,31 @@ def estimate_of(step: CallableStep) -> float:
 
 def test_an_estimate_that_is_right_beyond_its_range_restarts_ever_more_seldom() -> None:
     """A plant that rests 10 % of the width beyond its declared range, and an estimate that is exact: after T, T, 2 T,
-    4 T .. and at last every 512 T, of 2^11 T it takes 13."""
+    4 T .. and at last every 512 T, of 2^11 T a guard acts 13 times: a projection, then restarts."""
     step = hg.sample(
         hg.observers.high_gain(hg.forms.triangular(plants.chain(2)), theta=4, poles=(-1, -1)), hg.methods.rk4, dt=0.05
     )
     step.reset()
-    count = 2048 * int(first(step, "patience_range"))
+    count = 2048 * int(first(step, "fault_limit_range"))
     run = step.run(u=np.full((count, 1), np.sin(4.0)), y=np.full((count, 1), 4.8))
-    restarts = int((run.status & (1 << [bit.name for bit in step.bits].index(BIT)) != 0).sum())
+    acted = {name: int((run.status & (1 << [bit.name for bit in step.bits].index(name)) != 0).sum()) for name in GUARDS}
     assert abs(run.x[-1, 0] - 4.8) < 1e-3
-    assert 12 <= restarts <= 13
+    assert acted[PROJECTED] == 1
+    assert 11 <= acted[BIT] <= 12
 
 
 def test_spoiled_counts_begin_anew() -> None:
-    """A patience that memory was spoiled to would keep a lost estimate lost for as long."""
+    """A limit that memory was spoiled to would keep a lost estimate lost for as long."""
     step = quick()
     step.reset()
     for _ in range(50):
         step(0.0, 0.0)
-    memory(step, "patience_y")[0] = 60 * first(step, "patience_y")
-    memory(step, "patience_range")[0] = 1000 * first(step, "patience_range")
+    memory(step, "fault_limit_y")[0] = 60 * first(step, "fault_limit_y")
+    memory(step, "fault_limit_range")[0] = 1000 * first(step, "fault_limit_range")
     step(0.0, 3.0)
-    assert memory(step, "patience_y")[0] == first(step, "patience_y")
-    assert memory(step, "patience_range")[0] == first(step, "patience_range")
-    assert memory(step, "doubt_y")[0] == 1
+    assert memory(step, "fault_limit_y")[0] == first(step, "fault_limit_y")
+    assert memory(step, "fault_limit_range")[0] == first(step, "fault_limit_range")
+    assert memory(step, "fault_count_y")[0] == 1
 
 
 @needs_compiler
@@ -213,25 +222,25 @@ def test_each_output_counts_its_share() -> None:
             if step is together or k % 2 == 0:
                 memory(step, "z")[:] = 12.0
                 step.update(v=12.0)
-        rises.append([float(memory(step, f"doubt_{name}")[0]) for name in ("y_y", "y_v", "range")])
+        rises.append([float(memory(step, f"fault_count_{name}")[0]) for name in ("y_y", "y_v", "range")])
     assert rises == [[0, 0, 8 * 2]] * 2
 
 
 def test_a_sensor_that_R_declares_worthless_judges_nothing() -> None:
     """Of three sensors the second is 3 of 20 off for ever, and R says so, 1e4 s is a noise of 1000 at a sample: it has
-    no doubt. With an R that is as much larger, but no wider than the range, or the same for all, it is doubted."""
+    no count. With an R that is as much larger, but no wider than the range, or the same for all, it is judged."""
     a, b = (hg.Signal(name, low=-10, high=10) for name in "ab")
     outputs = tuple(hg.Signal(name, low=-10, high=10) for name in ("y1", "y2", "y3"))
     plant = hg.System("red", states=(a, b), outputs=outputs, flow=[b, -sp.sin(a) - b / 5], output=[a, a, b])
-    doubts = []
-    for R in ([0.01, 1e4, 0.01], [1e-6, 1.0, 1e-6], [0.01, 0.01, 0.01]):
+    counts = []
+    for R in ([0.01, 1e4, 0.01], [1e-6, 1e-4, 1e-6], [0.01, 0.01, 0.01]):
         step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[0.01, 0.01], R=R), dt=0.01)
         for _ in range(100):
             step(y=[0.0, 6.0, 0.0])
-        doubts.append({sign.name: float(memory(step, sign.doubt)[0]) for sign in step.signs})
-    assert doubts[0] == {"y_y3": 0, "y_y1": 0, "range": 0}
-    assert doubts[1]["y_y2"] > 50
-    assert doubts[2]["y_y2"] > 50
+        counts.append({sign.name: float(memory(step, sign.count)[0]) for sign in step.signs})
+    assert counts[0] == {"y_y3": 0, "y_y1": 0, "range": 0}
+    assert counts[1]["y_y2"] > 50
+    assert counts[2]["y_y2"] > 50
 
 
 def test_a_plausible_sample_that_is_absurdly_far_off_is_a_sign() -> None:
@@ -250,7 +259,7 @@ def test_a_plausible_sample_that_is_absurdly_far_off_is_a_sign() -> None:
 
 @pytest.mark.parametrize("method", [hg.methods.rk4, None], ids=["together", "one by one"])
 def test_an_estimate_that_only_one_of_two_outputs_shows_to_be_lost_restarts(method: Any) -> None:
-    """The other is off by nothing, and takes nothing of the doubt away."""
+    """The other is off by nothing, and takes nothing of the count away."""
     a, b = (hg.Signal(name, low=-10, high=10) for name in "ab")
     y, v = (hg.Signal(name, low=-10, high=10) for name in "yv")
     plant = hg.System("two", states=(a, b), outputs=(y, v), flow=[b, -sp.sin(a) - b / 5], output=[a, b])
@@ -258,9 +267,9 @@ def test_an_estimate_that_only_one_of_two_outputs_shows_to_be_lost_restarts(meth
     step = hg.sample(observer, dt=0.01, **({"method": method} if method else {}))
     sign = next(sign for sign in step.signs if sign.name == "y_y")
     for _ in range(sign.wait - 1):
-        memory(step, "z")[:] = 0.0
+        memory(step, "z")[:] = -6.0, 0.0
         assert BIT not in step(y=[5.0, 0.0]).flags
-    memory(step, "z")[:] = 0.0
+    memory(step, "z")[:] = -6.0, 0.0
     sample = step(y=[5.0, 0.0])
     assert BIT in sample.flags
     assert sample["a"] == pytest.approx(5.0, abs=0.1)  # the other sample may correct it
@@ -269,27 +278,27 @@ def test_an_estimate_that_only_one_of_two_outputs_shows_to_be_lost_restarts(meth
 # --- from where it restarts ---------------------------------------------------------------------------------
 
 
-def doubting(observer: Observer, **options: Any) -> CallableStep:
+def nearly(observer: Observer, **options: Any) -> CallableStep:
     """A step one far sample before its restart, with memory that is not that of a reset."""
     step = hg.sample(observer, **{"dt": 0.01, **options})
     for _ in range(3):
         step([0.3] * len(step.inputs), [0.2] * len(step.outputs))
-    doubted(step)
+    nearly_lost(step)
     return step
 
 
-def doubted(step: CallableStep) -> None:
+def nearly_lost(step: CallableStep) -> None:
     """One sample that is off y, or out of a range, is enough for a restart."""
     total = 0.0
     for sign in step.signs:
-        memory(step, sign.doubt)[0] = sign.wait - 1
-        memory(step, sign.patience)[0] = sign.wait
+        memory(step, sign.count)[0] = sign.wait - 1
+        memory(step, sign.limit)[0] = sign.wait
         total += sign.wait - 1
-    memory(step, "doubt_sum")[0] = total
+    memory(step, "fault_checksum")[0] = total
 
 
 def test_the_measured_state_is_the_sample_and_the_others_rest() -> None:
-    step = doubting(plants.pendulum(theta=4), method=hg.methods.rk4)
+    step = nearly(plants.pendulum(theta=4), method=hg.methods.rk4)
     memory(step, "z")[:] = -12.0, 55.0
     sample = step(0.0, 2.5)
     assert BIT in sample.flags
@@ -301,7 +310,7 @@ def test_the_start_is_the_nearest_to_rest_that_shows_the_sample() -> None:
     a, b = (hg.Signal(name, low=-10, high=10) for name in "ab")
     y = hg.Signal("y", low=-30, high=30)
     plant = hg.System("mixed", states=(a, b), outputs=(y,), flow=[b, -sp.sin(a) - b / 5], output=[a + 2 * b])
-    step = doubting(hg.observers.riccati(hg.forms.original(plant), Q=[0.1, 0.1], R=0.1, covariance=[2.0, 3.0]))
+    step = nearly(hg.observers.riccati(hg.forms.original(plant), Q=[0.1, 0.1], R=0.1, covariance=[2.0, 3.0]))
     memory(step, "z")[:] = 29.0, 29.0
     sample = step(y=-20.0)
     assert BIT in sample.flags
@@ -311,7 +320,7 @@ def test_the_start_is_the_nearest_to_rest_that_shows_the_sample() -> None:
 
 
 def test_of_several_outputs_only_valid_ones_are_fitted() -> None:
-    step = doubting(
+    step = nearly(
         hg.observers.riccati(hg.forms.original(plants.two_outputs()), Q=[0.1] * 3, R=[0.1, 0.2]),
         method=hg.methods.rk4_covariance,
     )
@@ -340,7 +349,7 @@ def test_the_start_fits_a_sensor_that_is_not_linear(h: Any, there: float, span: 
     reading = float(h(sp.Float(there)))
     step(y=reading)
     memory(step, "z")[:] = -17.0
-    doubted(step)
+    nearly_lost(step)
     sample = step(y=reading)
     assert BIT in sample.flags
     assert abs(float(h(sp.Float(sample["x"]))) - reading) <= SHARE / 2 * span
@@ -348,7 +357,7 @@ def test_the_start_fits_a_sensor_that_is_not_linear(h: Any, there: float, span: 
 
 
 def test_a_bank_restarts_each_member_at_the_sample() -> None:
-    step = doubting(hg.observers.bank(plants.kalman(plants.van_der_pol()), count=3, period=0.1))
+    step = nearly(hg.observers.bank(plants.kalman(plants.van_der_pol()), count=3, period=0.1))
     estimates = [array for place, array in step._kept.places.items() if place.name == "z"]
     for array in estimates:
         array[...] = 11.0
@@ -376,8 +385,8 @@ PAIRS = tuple(recovery.pairs())
 
 def calm(name: str, tuning: str, seeds: int) -> None:
     step = recovery.model(name).step(tuning)
-    share, restarts = recovery.doubt(name, step, seeds)
-    assert (restarts, share < 1) == (0, True), f"doubt reaches {share:.2f} of the patience"
+    share, restarts = recovery.undisturbed(name, step, seeds)
+    assert (restarts, share < 1) == (0, True), f"the fault count reaches {share:.2f} of its limit"
 
 
 @needs_compiler
@@ -454,7 +463,7 @@ def test_a_gain_that_was_learned_outlives_a_restart() -> None:
     for k in range(200):
         step(0.0, 3.0 * (-1) ** k)
     learned = float(memory(step, "k")[0])
-    doubted(step)
+    nearly_lost(step)
     estimate = float(memory(step, "w")[0])
     assert BIT in step(0.0, -3.0 if estimate > 0 else 3.0).flags
     assert float(memory(step, "k")[0]) >= learned > 1.5 * first(step, "k")

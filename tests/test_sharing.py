@@ -94,7 +94,7 @@ def test_a_part_writes_so_many_numbers_of_the_state_wherever_it_stands() -> None
         values = {Place("state", "z"): sym("state", "z", 3) * 2, **dict.fromkeys(more, sym("state", "calls") * 3)}
         return Block(name, values, part=name)
 
-    enough = block("enough", Place("state", "doubt_range"))
+    enough = block("enough", Place("state", "fault_count_range"))
     few = block("few", Place("status", "RESTARTED"))
     program = (enough, few, When(Place("state", "calls"), (few,), (enough,)))
     sections = (replace(of.sections[0], program=program), *of.sections[1:])
@@ -107,7 +107,10 @@ def test_a_part_writes_so_many_numbers_of_the_state_wherever_it_stands() -> None
 
 def test_a_part_that_says_something_leaves_nothing_as_after_a_reset() -> None:
     of = made("two")
-    start = {Place("state", "z"): sym("state", "z", 3) * 0, Place("state", "doubt_range"): sym("state", "calls") * 0}
+    start = {
+        Place("state", "z"): sym("state", "z", 3) * 0,
+        Place("state", "fault_count_range"): sym("state", "calls") * 0,
+    }
     writer = SharingWriter(C, of, "float")
     assert writer._left((Block("start", start),)) == set(start)
     assert writer._left((Block("start", {**start, Place("status", "RESTARTED"): sym("state", "calls") + 1}),)) == set()
@@ -121,7 +124,7 @@ def parts_of(of: hg.Step) -> dict[str, object]:
 def test_only_what_is_as_after_a_reset_stands_in_the_reset() -> None:
     writer = SharingWriter(C, made("fitzhugh_nagumo"), "float")
     names = {place.name for place in writer.fresh if place.struct == "state"}
-    assert {"doubt_y", "theta", "L", "D", "oldest"} <= names
+    assert {"fault_count_y", "theta", "L", "D", "oldest"} <= names
     assert not names & {"z", "calls", "used_y", "u"}
     assert Place("predictor", "z") in writer.fresh
     moved = replace(made("fitzhugh_nagumo").state[0], initial=(1.0, 2.0, 3.0))
@@ -132,7 +135,7 @@ def test_only_what_is_as_after_a_reset_stands_in_the_reset() -> None:
 def test_what_keeps_a_value_does_not_begin_from_a_reset() -> None:
     """The memory holds anything before a reset: twice nothing is as after one, twice what is there is not."""
     step = made("fitzhugh_nagumo")
-    place, writer = Place("state", "doubt_y"), SharingWriter(C, step, "float")
+    place, writer = Place("state", "fault_count_y"), SharingWriter(C, step, "float")
     (first,) = (field.initial for field in step.state if field.name == place.name)
     begins, keeps = (
         Block("b", {place: value}, part="b") for value in (ca.SX(list(first)), sym(*place, len(first)) * 2)

@@ -195,21 +195,29 @@ def recovery(step: Step) -> str:
     """When an estimate that is lost restarts."""
     if not step.signs:
         return "No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."
-    counts = ", and ".join(f"one at which {sign.meaning} to s.{sign.doubt}" for sign in step.signs)
+    counts = ", and ".join(f"samples at which {sign.meaning} in s.{sign.count}" for sign in step.signs)
     times = " or ".join(dict.fromkeys(pace(float(f"{sign.time:.3g}"), step.time) for sign in step.signs))
     longest = pace(float(f"{max(sign.longest for sign in step.signs):.2g}"), step.time)
+    guards = [
+        "where that of y reaches its limit" if any(sign.output is not None for sign in step.signs) else "",
+        "where that of the range does while the estimate is outside by half of a range, or does so again"
+        if any(sign.output is None for sign in step.signs)
+        else "",
+    ]
+    projected = "Where that of the range first reaches its limit, the estimate is projected onto the declared ranges. "
     return (
-        f"A plausible sample adds to a doubt: {counts}; another takes as much away. When a doubt reaches its patience, "
-        f"after {times} of such samples at the least, all of the state but {_lasting(step)} restarts from the sample. "
-        "The doubt stays and its patience doubles, so that such samples restart it again when they have come for "
-        f"twice as long in all, later every {longest}, until the doubt is 0 again: after a fault that has lasted long, "
-        "a restart may take as long once more."
+        f"The step counts {counts}; other samples count down, and so does each change of sign of the error, so that "
+        f"noise does not add up. A guard acts where a count reaches its limit, after {times} of such samples at the "
+        f"least. {projected * bool(guards[1])}All of the state but {_lasting(step)} restarts from the sample "
+        f"{', and '.join(filter(None, guards))}. The count stays and its limit doubles, so that a guard acts again "
+        f"when such samples have come for twice as long in all, later every {longest}, until the count is 0 again: "
+        "after a fault that has lasted long, a restart may take as long once more."
     )
 
 
 def _lasting(step: Step) -> str:
     """What a restart from the sample leaves."""
-    *first, last = ["doubt", *(f"s.{field.name}" for field in step.state if field.lasting)]
+    *first, last = ["the fault counts", *(f"s.{field.name}" for field in step.state if field.lasting)]
     return f"{', '.join(first)} and {last}" if first else last
 
 

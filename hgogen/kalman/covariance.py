@@ -16,7 +16,7 @@ import numpy as np
 from hgogen.graph import Graph
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Ode
-from hgogen.program import Field
+from hgogen.program import Field, sym
 
 
 def pack(matrix: Graph) -> Graph:
@@ -92,6 +92,14 @@ def covariance_ode(part: Riccati) -> Ode:
         return {part.z.name: part.flow(z, u, y, valid) + gain @ error, "P": pack(slope)}
 
     return Ode((part.z, _symmetric("P", part.covariance, "covariance")), rate)
+
+
+def covariance_of_view(part: Riccati, view: str) -> Graph:
+    """P (n, n) as an SX of the field that a view of it keeps."""
+    n = part.dynamics.n
+    name = "S" if view == "information" else "P"
+    matrix = unpack(sym("state", name, n * (n + 1) // 2), n)
+    return matrix if name == "P" else ca.horzcat(*(solve(matrix, column) for column in ca.horzsplit(ca.SX.eye(n))))
 
 
 def _along(part: Riccati, z: Graph, u: Graph, y: Graph, valid: Graph) -> tuple[Graph, Graph, Graph, Graph]:

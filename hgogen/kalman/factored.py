@@ -190,6 +190,7 @@ def unrolled(part: Riccati, clock: Clock) -> Pieces:
     """Straight-line code; L packed by columns."""
     return Pieces(
         fields=(part.z, *_factors(part, clock)),
+        covariance=_covariance(part),
         **common(part, clock),
         predict=(_predict(part, clock), *(_cap(part, clock) if part.forgetting is None else _renewed(part, clock))),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
@@ -217,6 +218,12 @@ def _symbols(part: Riccati) -> tuple[Graph, Graph]:
     n = part.dynamics.n
     lower = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
     return lower, sym("state", "D", n)
+
+
+def _covariance(part: Riccati) -> Graph:
+    """P (n, n) of the factors in the state."""
+    L, d = _symbols(part)
+    return L @ ca.diag(d) @ L.T
 
 
 def _written(L: Graph, d: Graph) -> dict[Place, Graph]:

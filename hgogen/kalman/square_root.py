@@ -38,6 +38,7 @@ def square_root(part: Riccati, clock: Clock) -> Pieces:
         raise BadGain("cholesky", f"takes up to {LARGEST} states, there are {n}; take continuous_discrete, which loops")
     return Pieces(
         fields=(part.z, _root(part, clock)),
+        covariance=symbols(part) @ symbols(part).T,
         **common(part, clock),
         predict=(
             _predict(part, clock),

@@ -55,8 +55,8 @@ from hgogen.program import INF, Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.starting import Gains, Scale, starts, two
 from hgogen.stepping.guards import readings
-from hgogen.stepping.patience import FINE
 from hgogen.stepping.recovery import SHARE
+from hgogen.stepping.settling import FINE
 from hgogen.structure.bounded import bounded
 from hgogen.theorem import FORM, LIPSCHITZ, OPERATION, Hypothesis, Theorem
 

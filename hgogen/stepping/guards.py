@@ -92,6 +92,10 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "good samples did not bring the estimate back, and the state restarted from the sample",
         f"treat the estimate as new; if it comes again without a fault, widen the ranges{OR_LOWER} or check the model",
     ),
+    "PROJECTED_ONTO_RANGES": (
+        "the estimate was outside the declared ranges for long, and was projected onto them",
+        f"none if rare; if it comes again without a fault, widen the ranges{OR_LOWER} or check the model",
+    ),
     "OUT_OF_ORDER": (
         "an update was called again, or before the first predict, without a predict since: no second correction",
         "call predict once a period, then each update at most once",

@@ -109,6 +109,8 @@ def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, G
         predict=moved.program(pieces.predict),
         update=tuple(map(moved.program, pieces.update)),
         adapt=moved.program(pieces.adapt),
+        project=moved.program(pieces.project),
+        covariance=None if pieces.covariance is None else moved.values(pieces.covariance)[0],
     )
 
 
@@ -133,6 +135,8 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         inner=every(lambda piece: piece.inner),
         uses_output=any(piece.uses_output for piece in pieces),
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
+        covariance=next((piece.covariance for piece in pieces if piece.covariance is not None), None),
+        project=every(lambda piece: piece.project),
     )
 
 

@@ -38,21 +38,21 @@ def nearest(
     u = sym("state", "u", len(observer.form.system.inputs))
     x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
     h = observer.dynamics.output(observer.z, u)
-    ends, V = _ends(observer, shown, x), _weights(shown)
+    limits, V = ends(observer, shown, x), weights(shown)
     g = observer.dynamics.output_jacobian(observer.z, u) @ ca.jacobian(observer.z, x)
     slopes = {j: g[j, :].T for j in samples}
     spans = [high - low for low, high in readings(observer.form)]
     straight = len(samples) == 1 and all(ca.jacobian(slope, x).nnz() == 0 for slope in slopes.values())
-    start = _start(observer, clock, shown, slopes, np.array([spans[j] for j in samples]), V, ends)
-    blocks = [Block("the estimate restarts", _placed(shown, ca.SX(ca.DM(start))))]
+    start = _start(observer, clock, shown, slopes, np.array([spans[j] for j in samples]), V, limits)
+    blocks = [Block("the estimate restarts", placed(shown, ca.SX(ca.DM(start))))]
     for _ in range(1 if straight else SWEEPS):
         for j, (y, plausible) in samples.items():
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
             moved = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
-            fitted = column(_number(moved[i], end, x[i]) for i, end in enumerate(ends))
+            fitted = column(_number(moved[i], end, x[i]) for i, end in enumerate(limits))
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
-            blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", _placed(shown, value)))
+            blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", placed(shown, value)))
     return tuple(blocks)
 
 
@@ -61,29 +61,29 @@ def _number(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
     return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
 
 
-def _placed(shown: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
+def placed(shown: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
     """The writes of an SX column to the fields, one after the other."""
     parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in shown)]).tolist())
     return {Place("state", field.name): part for field, part in zip(shown, parts, strict=True)}
 
 
-def _weights(shown: tuple[Field, ...]) -> Graph:
-    """V of the module as a column."""
+def weights(shown: tuple[Field, ...]) -> Graph:
+    """The squared widths of the outer box, V of the module, as a column."""
     widths = np.array([high - low for field in shown for low, high in field.box])
     widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
     weights = ca.DM(widths)
     return weights * weights  # infinite without a word where NumPy warns
 
 
-def _ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
+def ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
     """The declared range of each x_i that is a state z_k, else its outer box."""
-    ends = [end for field in shown for end in field.box]
+    limits = [end for field in shown for end in field.box]
     for k, end in enumerate(observer.dynamics.box):
-        same = [i for i in range(len(ends)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]
+        same = [i for i in range(len(limits)) if ca.is_equal(ca.SX(observer.z[k]), x[i])]
         for i in same:
-            low, high = max(end[0], ends[i][0]), min(end[1], ends[i][1])
-            ends[i] = (low, high) if low < high else ends[i]
-    return ends
+            low, high = max(end[0], limits[i][0]), min(end[1], limits[i][1])
+            limits[i] = (low, high) if low < high else limits[i]
+    return limits
 
 
 def _start(
@@ -93,7 +93,7 @@ def _start(
     slopes: Mapping[int, Graph],
     spans: np.ndarray,
     V: Graph,
-    ends: list[tuple[float, float]],
+    limits: list[tuple[float, float]],
 ) -> np.ndarray:
     """x_0: the first values, or the point of the ranges at which the most outputs, of these spans, tell something."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
@@ -107,7 +107,7 @@ def _start(
         return int((np.nan_to_num(across) > least).sum())
 
     first = np.array([value for field in shown for value in field.initial])
-    low, high = np.array(ends).T
+    low, high = np.array(limits).T
     low, high = np.where(np.isfinite(low), low, first - 1), np.where(np.isfinite(high), high, first + 1)
     draws = np.random.default_rng(0).uniform(0.25, 0.75, (ELSEWHERE, len(first)))
     best = first

@@ -22,6 +22,7 @@ from hgogen.reading.given import BadGain
 from hgogen.signal import LOST
 from hgogen.stepping.guards import boxed, guard_state, guarded
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
+from hgogen.stepping.projection import projection
 from hgogen.structure.dynamics import HUGE
 
 RESTARTED = Bit(
@@ -111,6 +112,8 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
         update=tuple((*loop(update, every.predict), show) for update in updates),
         adapt=(*(loop(every.adapt) if every.adapt else ()), *_choose(part, period), *_restart(part, alone), show),
         inner=(keep,),
+        covariance=None,
+        project=(Loop("member", part.count, moved.program(projection(part.member, alone))), show),
     )
 
 

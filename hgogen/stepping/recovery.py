@@ -1,25 +1,44 @@
-"""Recovery: an estimate that good samples do not bring back restarts from the sample.
+"""Recovery: an estimate outside its ranges is projected onto them, one that is lost restarts from the sample.
 
-Signs that it is lost are counted at each plausible sample of an output that is judged, each by itself, one that is not
-used for being absurdly far from the prediction among them:
+Signs of a fault are counted at each plausible sample of an output that is judged, each by itself, one that is not used
+for being absurdly far from the prediction among them:
 
-    y_j     |y_j - yhat_j| > SHARE times what y_j can span, at the samples of y_j
-    range   the estimate is outside a declared range by more than MARGIN of its width, at the samples of any
+    y_j     |e_j| > max(SHARE s_j, min(SIGMAS sqrt(S_j), SHARE s_j r_j))   e_j = y_j - yhat_j before the correction
+    range   the estimate is outside a declared range by more than MARGIN of its width, at the samples of any output
 
-    c <- c + p_j  where the sign shows,   c <- max(c - p_j, 0)  elsewhere         p_j = 1, of range its period in dt
-    c >= w:  the estimate restarts from the sample; c <- min(w, M/2), w <- min(2 w, M)
-    c = 0:   w <- W
-    W = T/(period of y_j), of range p T/dt of p outputs judged                    T of stepping/patience.py
+with s_j what y_j can span; where a filter has them, S_j the variance of e_j, and r_j >= 1 how many times noisier than
+the best sensor this one is, in units of what they span (stepping/trust.py). So a sensor whose R is large restarts
+nothing by what R explains, unless all sensors are like that: then Q and R may be known up to a factor only. The count c
+of y_j has the sign of the last error that showed it:
 
-An estimate that shows a sign at more than half of the samples for as long as T is taken not to converge, but to sit in
-a corner of its outer box, or at a false equilibrium beyond the ranges, where the model is evaluated at the edge. That
-is a judgement by rates at rest and no theorem. It can be wrong: an observer may need longer to converge, a plant may
-rest beyond its declared ranges and the estimate be right. So each restart doubles w, up to M = 1024 W, or what can be
-counted, and leaves c: it comes again when the sign has shown for twice as long in all, and later every M/2 samples:
+    |c| <- |c| + 1           where the sign shows and e_j has the sign of c, or c = 0
+    |c| <- max(|c| - m, 0)   where it shows and e_j has the other sign, which c takes
+    |c| <- max(|c| - 1, 0)   elsewhere
+    c <- c + p or max(c - p, 0)   of range, where it shows or not; p the period of the sample in dt
+
+    |c| >= w:  a guard acts; |c| <- min(w, M/2), w <- min(2 w, M)
+    c = 0:     w <- W
+    W = T/(period of y_j), of range p T/dt of p outputs judged;   m = 1/(lambda period of y_j), at least 2
+                                                                  T, lambda of stepping/settling.py
+
+The guard of y_j is a restart. That of range is a projection (stepping/projection.py); a restart where the estimate is
+outside by more than FAR of a width, at a false equilibrium or in a corner of its outer box; and a restart where w is
+above W: since the last guard the samples were not good for as long as it had waited for, so a projection did not help.
+
+Errors that are independent of each other and symmetric about 0 restart nothing, however large and frequent they are.
+Where a share q of them shows, |c| > 0 moves by no more than q/2 - 2 q/2 - (1 - q) = q/2 - 1 < 0 on average. From 1 it
+reaches w before 0 with a probability of at most x^(1 - w), x = (2 - q + sqrt((2 - q)^2 + 4 q^2))/(2 q) >= 1.618: x^|c|
+is a martingale for m = 2, as q x/2 + (1 - q)/x + q/(2 x^2) = 1. Hence w is at least FEWEST. Errors that change their
+sign within m samples, faster than the plant moves, as a tone or coloured noise of a sensor does, restart nothing
+either: |c| rises by less than m between two changes, and falls by m at each. What restarts are errors as slow as the
+plant at more than half of the samples for as long as T.
+
+All this is a judgement by rates at rest and no theorem. It can be wrong: an observer may need longer to converge, a
+plant may rest beyond its declared ranges and the estimate be right. So w doubles, up to M = 1024 W, or what can be
+counted, and c stays: a guard acts again when the sign has shown for twice as long in all, and later every M/2 samples:
 after a fault that has lasted for longer than T, the next restart comes no later than once more that time. w is W again
-when the samples have been good for as long as w. An estimate that is far at fewer samples, as one that swings through
-the truth, is not told from a sensor with outliers. Counts that are out of their ranges, or not what they were left at,
-of memory that was spoiled, begin anew where a sign shows: a patience that is too long would not show. A theorem of
+when the samples have been good for as long as w. Counts that are out of their ranges, or not what they were left at,
+of memory that was spoiled, begin anew where a sign shows: a limit that is too high would not show. A theorem of
 convergence holds from the last restart on.
 
 Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
@@ -41,17 +60,20 @@ from hgogen.chains.core import nominal, numbers
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
-from hgogen.program import INF, Block, Field, Place, Program, When, scalar, sym
+from hgogen.program import INF, Block, Call, Field, Place, Program, Section, When, scalar, sym
 from hgogen.stepping.guards import any_of, outside, plausible, readings
-from hgogen.stepping.members import fresh, fresh_groups, read_fields
+from hgogen.stepping.members import fresh, fresh_groups
 from hgogen.stepping.nearest import nearest
-from hgogen.stepping.patience import patience
-from hgogen.stepping.trust import trusted
+from hgogen.stepping.projection import estimate_fields, projection
+from hgogen.stepping.settling import plant_rate, settling_time
+from hgogen.stepping.trust import innovation_variance, noisier_than_best, trusted
 
 SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
+SIGMAS = 3  # standard deviations of the innovation: up to them it is none, of a sensor that is noisier than the best
 MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
-FEWEST = 5  # samples that show a sign before a restart
-DOUBLED = 1024  # times the first wait: the longest
+FAR = 0.5  # of a range: the estimate is at a false equilibrium, from where a projection does not bring it back
+FEWEST = 30  # samples that show a sign before a guard acts: independent noise does not get there
+DOUBLED = 1024  # times the first limit: the largest
 LONGEST = 1 << 23  # a float adds two such counts exactly
 
 
@@ -69,9 +91,9 @@ Samples = Mapping[int, Sampled]  # by output
 
 @dataclass(frozen=True)
 class Sign:
-    """A sign that an estimate is lost: of `output`, or of the range of a state for None. `meaning` says of what, after
-    "at which"; `time` (the model's unit) for which it shows at least before the first restart, `wait` (W) and `most`
-    (M) as counts."""
+    """A sign of a fault: of `output`, or of the range of a state for None. `meaning` says of what, after "at which";
+    `time` (the model's unit) for which it shows at least before a guard first acts, `wait` (W), `most` (M) and `change`
+    (m) as counts."""
 
     name: str
     output: int | None
@@ -79,38 +101,45 @@ class Sign:
     time: float
     wait: int
     most: int
+    change: int = 0
 
     @property
-    def doubt(self) -> str:
+    def count(self) -> str:
         """The field of the state that counts it, c."""
-        return f"doubt_{self.name}"
+        return f"fault_count_{self.name}"
 
     @property
-    def patience(self) -> str:
-        """The field of the count at which the estimate restarts, w."""
-        return f"patience_{self.name}"
+    def limit(self) -> str:
+        """The field of the count at which a guard acts, w."""
+        return f"fault_limit_{self.name}"
 
     @property
     def fields(self) -> tuple[Field, ...]:
         """What is remembered of it."""
-        evidence, limit = "evidence of valid samples that the estimate is lost", "doubt at which it restarts"
+        least = 0 if self.output is None else -self.most
+        signed = "" if self.output is None else ", with the sign of the last error that does"
         return (
-            scalar(self.doubt, 0.0, low=0.0, high=self.most, meaning=evidence),
-            scalar(self.patience, self.wait, low=self.wait, high=self.most, meaning=limit),
+            scalar(self.count, 0.0, low=least, high=self.most, meaning=f"valid samples that show a fault{signed}"),
+            scalar(self.limit, self.wait, low=self.wait, high=self.most, meaning="fault count at which a guard acts"),
         )
 
-    def counted(self, weight: int) -> Program:
-        """One sample more that shows it, where `work.shows_NAME` says so, or that does not; `work.over_NAME` says
-        whether the count is at its end. Doubt and patience are in their ranges, which was asked."""
-        doubt, limit, over = sym("state", self.doubt), sym("state", self.patience), Place("work", f"over_{self.name}")
-        more = Block("more doubt", {Place("state", self.doubt): ca.fmin(doubt + weight, self.most)})
-        ended = Block("is patience at its end?", {over: doubt >= limit})
-        less = {
-            Place("state", self.doubt): ca.fmax(doubt - weight, 0),
-            Place("state", self.patience): ca.if_else(doubt <= weight, self.wait, limit),
-            over: ca.SX(0),
-        }
-        return (When(Place("work", f"shows_{self.name}"), (more, ended), (Block("less doubt", less),)),)
+    def counted(self, below: Graph) -> Block:
+        """The count moved by `work.moves_NAME`, of errors `below` 0 or not; `work.over_NAME` says whether it is at its
+        limit. Count and limit are in their ranges, which was asked."""
+        moves, limit = sym("work", f"moves_{self.name}"), sym("state", self.limit)
+        size = ca.fmin(ca.fmax(ca.fabs(sym("state", self.count)) + moves, 0), self.most)
+        return Block(
+            f"count of {self.name}",
+            {
+                Place("state", self.count): self._signed(below, size),
+                Place("state", self.limit): ca.if_else(size <= 0, self.wait, limit),
+                Place("work", f"over_{self.name}"): ca.logic_and(moves > 0, size >= limit),
+            },
+        )
+
+    def _signed(self, below: Graph, size: Graph) -> Graph:
+        """A count of that size, of errors below 0 or not."""
+        return size if self.output is None else ca.if_else(below, -size, size)
 
     @property
     def longest(self) -> float:
@@ -119,19 +148,21 @@ class Sign:
 
     @property
     def later(self) -> Block:
-        """The next restart by this sign asks for twice the doubt."""
-        limit = sym("state", self.patience)
-        doubled = {self.doubt: ca.fmin(limit, self.most / 2), self.patience: ca.fmin(2 * limit, self.most)}
-        return Block("patience doubles", {Place("state", name): value for name, value in doubled.items()})
+        """A guard next acts at twice the count."""
+        count, limit = sym("state", self.count), sym("state", self.limit)
+        least = ca.fmin(limit, self.most / 2)  # which the size of the count has reached
+        doubled = {self.count: self._signed(count < 0, least), self.limit: ca.fmin(2 * limit, self.most)}
+        return Block("the fault limit doubles", {Place("state", name): value for name, value in doubled.items()})
 
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """The law for an observer whose parts are `pieces`; see the module."""
+    """The law for an observer whose parts are `pieces`, in so many `sections` of its step; see the module."""
 
     observer: Observer
     clock: Clock
     pieces: Pieces
+    sections: int
 
     @cached_property
     def judged(self) -> tuple[int, ...]:
@@ -146,13 +177,14 @@ class Recovery:
         longest = LONGEST // max(1, len(outputs) + ranges)
         if not self.clock.guarded or not (outputs or ranges):
             return ()
-        time, p, dt = patience(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
-        signs = []
+        time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
+        signs, rate = [], plant_rate(self.observer)
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
             wait = min(max(FEWEST, ceil(time / period)), longest // 2)
             name, meaning = "y" if p == 1 else f"y_{y}", f"{y} is off by {SHARE:.0%} of its span"
-            signs.append(Sign(name, j, meaning, wait * period, wait, min(DOUBLED * wait, longest)))
+            change = wait // 2 if rate is None else min(max(2, ceil(1 / (rate * period))), wait // 2)
+            signs.append(Sign(name, j, meaning, wait * period, wait, min(DOUBLED * wait, longest), change))
         if ranges:
             wait = min(max(FEWEST * p, ceil(p * time / dt)), longest // 2)
             meaning = f"the estimate is out of a range by {MARGIN:.0%} of it"
@@ -180,14 +212,27 @@ class Recovery:
         fields = tuple(field for sign in self.signs for field in sign.fields)
         if not fields:
             return ()
-        most = sum(field.high[0] - field.low[0] for field in fields)
-        meaning = "all doubt, and patience beyond the first: checks them"
-        return (*fields, scalar("doubt_sum", 0.0, low=0.0, high=most, meaning=meaning))
+        most = sum(2 * sign.most - sign.wait for sign in self.signs)
+        meaning = "sum of the sizes of all fault counts and of fault limits beyond the first: checks them"
+        return (*fields, scalar("fault_checksum", 0.0, low=0.0, high=most, meaning=meaning))
 
     @property
     def _sum(self) -> Graph:
-        """The sum of all doubt, and of the patience beyond the first; SX."""
-        return sum(sym("state", sign.doubt) + (sym("state", sign.patience) - sign.wait) for sign in self.signs)
+        """The sum of the sizes of all fault counts, and of the limits beyond the first; SX."""
+        return sum(ca.fabs(sym("state", s.count)) + (sym("state", s.limit) - s.wait) for s in self.signs)
+
+    @cached_property
+    def inner(self) -> tuple[Section, ...]:
+        """The section that projects the estimate onto its ranges, where several ask for it."""
+        if self.sections < 2 or not self._projection:
+            return ()
+        return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
+
+    @cached_property
+    def _projection(self) -> Program:
+        """What projects the estimate onto its ranges, where they are a sign."""
+        ranges = any(sign.output is None for sign in self.signs)
+        return projection(self.observer, self.pieces) if ranges else ()
 
     def watch(self, samples: Samples, says: bool) -> Program:
         """The law at the end of a section that has corrected the estimate.
@@ -201,36 +246,38 @@ class Recovery:
         signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
         rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
         sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
-        beyond = [self._outside if sign.output is None else self._beyond(sign, samples) for sign in signs]
-        doubtful = any_of([*beyond, ca.logic_not(sym("state", "doubt_sum") <= 0), rejected])
-        shows = {sign: self._shows(sign, samples) for sign in signs}
+        beyond = [
+            self._outside if s.output is None else ca.fabs(samples[s.output].error) > SHARE * self._spans[s.output]
+            for s in signs
+        ]
+        suspect = any_of([*beyond, ca.logic_not(sym("state", "fault_checksum") <= 0), rejected])
         judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
-        judgement = Block(
-            "which signs show?", {Place("work", f"shows_{sign.name}"): value for sign, value in shows.items()}
-        )
-        counts = (statement for sign in signs for statement in self._counted(sign, samples))
-        over = Block("is it lost?", {Place("work", "lost"): any_of(sym("work", f"over_{sign.name}") for sign in signs)})
-        judged = (*self._checked, judgement, *counts, over, When(Place("work", "lost"), self._restart(signs, samples)))
-        remember = Block("remember what doubt and patience add up to", {Place("state", "doubt_sum"): self._sum})
+        moves: dict[Place, Graph] = {}
+        for sign in signs:
+            moves |= self._moves(sign, samples)
+        counts = (s.counted(sym("work", f"below_{s.name}")) for s in signs)
+        remember = Block("the checksum of fault counts and limits", {Place("state", "fault_checksum"): self._sum})
+        judged = (*self._checked, Block("which signs show?", moves), *counts, *self._guard(signs, samples), remember)
         return (
-            Block("is the estimate where it cannot be for long?", {**bit, Place("work", "doubtful"): doubtful}),
-            When(Place("work", "doubtful"), (judged_by, When(Place("work", "sampled"), (*judged, remember)))),
+            Block("is the estimate where it cannot be for long?", {**bit, Place("work", "suspect"): suspect}),
+            When(Place("work", "suspect"), (judged_by, When(Place("work", "sampled"), judged))),
         )
 
     @property
     def _checked(self) -> Program:
-        """Doubt and patience as after a reset, where they are out of their ranges or not what they were left at."""
-        same = ca.fabs(self._sum - sym("state", "doubt_sum")) < 0.5
+        """Fault counts and limits as after a reset, where they are out of their ranges or not what they were left
+        at."""
+        same = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
         counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
         sound = reduce(ca.logic_and, inside, same)
-        spoiled = Block("was doubt or patience spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
-        return (spoiled, When(Place("work", "spoiled"), self.calm))
+        spoiled = Block("was a fault count or limit spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
+        return (spoiled, When(Place("work", "spoiled"), self.cleared))
 
     @cached_property
-    def calm(self) -> Program:
-        """Doubt and patience as after a reset."""
-        return fresh("state", self.fields, part="clear_doubt")
+    def cleared(self) -> Program:
+        """Fault counts and limits as after a reset."""
+        return fresh("state", self.fields, part="clear_fault_counts")
 
     @cached_property
     def rest(self) -> Program:
@@ -241,38 +288,32 @@ class Recovery:
         groups = fresh_groups("state", pieces.fields, pieces.groups, self.observer.z)
         return (*fresh("state", fields, part="clear_rest"), *groups)
 
-    def _beyond(self, sign: Sign, samples: Samples) -> Graph:
-        """Whether the error of a sign's output is larger than its limit; not where the error is not a number."""
-        assert sign.output is not None
-        return ca.fabs(samples[sign.output].error) > SHARE * self._spans[sign.output]
-
-    def _shows(self, sign: Sign, samples: Samples) -> Graph:
-        """Whether a sign shows, where there is a sample to judge by."""
+    def _moves(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
+        """By how much the size of a count moves at these samples, at one of which the estimate is judged, and whether
+        it counts errors below 0 then."""
+        place = Place("work", f"moves_{sign.name}")
         if sign.output is None:
-            return outside(self.observer, MARGIN)
-        return ca.logic_not(ca.fabs(samples[sign.output].error) <= SHARE * self._spans[sign.output])
+            weight = self._weight(tuple(samples))
+            return {place: ca.if_else(outside(self.observer, MARGIN), weight, -weight)}
+        sample, count = samples[sign.output], sym("state", sign.count)
+        shows = ca.logic_or(ca.logic_not(sample.valid), ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output)))
+        moves = ca.if_else(shows, ca.if_else(count * sample.error < 0, -sign.change, 1), -1)
+        if len(samples) > 1:
+            shows = ca.logic_and(shows, self._plausible(sign.output, sample))
+            moves = ca.if_else(self._plausible(sign.output, sample), moves, 0)
+        return {place: moves, Place("work", f"below_{sign.name}"): ca.if_else(shows, sample.error < 0, count < 0)}
+
+    def _limit(self, j: int) -> Graph:
+        """The error of an output beyond which it shows the sign."""
+        least, noisier = SHARE * self._spans[j], noisier_than_best(self.observer, j)
+        variance = innovation_variance(self.observer, self.clock, self.pieces, j) if noisier > 1 else None
+        if variance is None:
+            return ca.SX(least)
+        return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
         """Whether the estimate is judged by a sample: a valid one, or one that is absurdly far from the prediction."""
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
-
-    def _counted(self, sign: Sign, samples: Samples) -> Program:
-        """A sign's count moved by these samples."""
-        if sign.output is None:
-            return sign.counted(self._weight(tuple(samples)))
-        if len(samples) == 1:
-            return sign.counted(1)
-        taken = Place("work", f"counts_{sign.name}")
-        return (
-            Block(
-                "is there a sample to judge by?",
-                {
-                    taken: self._plausible(sign.output, samples[sign.output]),
-                    Place("work", f"over_{sign.name}"): ca.SX(0),
-                },
-            ),
-            When(taken, sign.counted(1)),
-        )
 
     def _weight(self, judged: tuple[int, ...]) -> int:
         """The count p_j of a judgement by these outputs, so that all of them add up to p in a time dt."""
@@ -280,21 +321,38 @@ class Recovery:
             return len(self.judged)
         return self.clock.every[judged[0]] if self.clock.every else 1
 
-    def _restart(self, signs: list[Sign], samples: Samples) -> Program:
-        """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
-        shown = self._shown()
+    def _guard(self, signs: list[Sign], samples: Samples) -> Program:
+        """What acts where a count is at its limit."""
+        over = {sign: sym("work", f"over_{sign.name}") for sign in signs}
+        acts, lost = Place("work", "acts"), Place("work", "lost")
+        helpless = [
+            flag if sign.output is not None else ca.logic_and(flag, self._projected(sign))
+            for sign, flag in over.items()
+        ]
+        writes = {acts: any_of(over.values()), lost: any_of(helpless)}
         later = (When(Place("work", f"over_{sign.name}"), (sign.later,)) for sign in signs)
+        project = tuple(map(Call, self.inner)) or self._projection
         return (
-            *later,
-            *nearest(self.observer, self.clock, shown, {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}),
+            Block("does a guard act, and is it lost?", writes),
+            When(acts, (*later, When(lost, self._restart(samples), project))),
+        )
+
+    def _projected(self, sign: Sign) -> Graph:
+        """Whether a projection has not helped, by the limit of the sign, or would not: the estimate is far outside."""
+        return ca.logic_or(sym("state", sign.limit) > sign.wait, outside(self.observer, FAR))
+
+    def _restart(self, samples: Samples) -> Program:
+        """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
+        fitted = {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}
+        return (
+            *nearest(self.observer, self.clock, self._shown(), fitted),
             Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
             *self.rest,
         )
 
     def _shown(self) -> tuple[Field, ...]:
         """The fields that the estimate is read from."""
-        read = read_fields([self.observer.z])
-        return tuple(field for field in self.pieces.fields if field.name in read and field.kind == "real")
+        return estimate_fields(self.observer, self.pieces.fields)
 
     def _widest(self) -> float:
         """The largest ratio r, over the coordinates, of the widths of the outer box and the declared one."""

@@ -68,7 +68,7 @@ class Assembly:
     @cached_property
     def law(self) -> Recovery:
         """The law by which an estimate that is lost restarts."""
-        return Recovery(self.observer, self.clock, self.whole)
+        return Recovery(self.observer, self.clock, self.whole, max(1, len(self.correcting)))
 
     @cached_property
     def adapt(self) -> Program:
@@ -161,8 +161,8 @@ class Assembly:
 
     @cached_property
     def _fresh(self) -> Program:
-        """What makes doubt, and what is remembered beside the estimate, anew where the state is lost."""
-        return (*self.law.calm, *self.law.rest)
+        """What makes fault counts, and what is remembered beside the estimate, anew where the state is lost."""
+        return (*self.law.cleared, *self.law.rest)
 
     def _guarded(self, program: Program, before: Program = ()) -> Program:
         """A program, and what keeps the state that it leaves behind in its box, or makes it anew; `before`: one that
@@ -175,7 +175,7 @@ class Assembly:
     @property
     def inner(self) -> tuple[Section, ...]:
         """The sections that others call."""
-        return (*self.whole.inner, *self._keep)
+        return (*self.whole.inner, *self._keep, *self.law.inner)
 
     @cached_property
     def _keep(self) -> tuple[Section, ...]:

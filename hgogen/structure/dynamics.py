@@ -234,6 +234,19 @@ class Dynamics:
             if s.bounded and not (e.is_Symbol or (-e).is_Symbol)
         ]
 
+    def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
+        """Each state of the form's system with a range that is more than a z with a sign, before it is clamped: its
+        value, its gradient (1, n) at sat(z), and its range."""
+        rows = self._inverse.rows
+        raw, at = self._unranged(z, u), self.saturated(z)
+        slopes = jacobian(column(self._convert(rows, self._z, self._u)), self._z)
+        (slopes,) = ca.substitute([slopes], [self._z, self._u], [at, u])
+        return [
+            (raw[i], slopes[i, :], s.interval)
+            for i, (s, e) in enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
+            if s.bounded and not (e.is_Symbol or (-e).is_Symbol)
+        ]
+
     @property
     def recoverable(self) -> bool:
         """Whether the inverse is proved to be a number on the whole box of z."""

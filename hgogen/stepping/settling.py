@@ -1,4 +1,4 @@
-"""Patience: for how long an estimate may show that it is lost (stepping/recovery.py) before it restarts.
+"""Settling time T: for how long an estimate may show the sign of a fault (stepping/recovery.py) before a guard acts.
 
     T = max(2 ln(100 r)/mu, 2/lambda)
 
@@ -6,8 +6,8 @@ An observer that converges at the rate mu takes half of T to bring an error as w
 declared one, down to a hundredth of the declared one; the other half is for poles that coincide, and for a model that
 works against the gain. mu is the slowest rate of the linear error core, at the geometric mean of the ends between which
 a gain moves; of a Riccati observer the geometric mean of those of its closed loop at rest, the median over points of
-the box, as if y showed slow modes least. That need not be so: a filter that is slower restarts, and then waits for
-longer.
+the box, as if slow modes were the least observable. That need not be so: a filter that is slower restarts, and then
+waits for longer.
 A plant may do for a time what its model does not know, as a tank that overflows, and that takes as long as it is slow:
 lambda is the geometric mean of |eigenvalues| of its Jacobian, the median over points of the box.
 """
@@ -27,12 +27,12 @@ from hgogen.stepping.parallel import Parallel
 from hgogen.structure.jacobians import Singular, jacobians_on_box
 
 FINE = 100  # an error so many times smaller than the declared box has settled
-HIDDEN = 1e-6  # of the fastest rate: a mode so much slower is not seen, of rounding
+HIDDEN = 1e-6  # of the fastest rate: a slower mode is a rounding error
 POINTS = 6  # corners of the box, and as many points inside, at which a linearisation is judged
 SAMPLES = 10  # the inverse of a rate, where none is known
 
 
-def patience(observer: Observer, clock: Clock, r: float) -> float:
+def settling_time(observer: Observer, clock: Clock, r: float) -> float:
     """T of the module, in the model's unit; r is by how much the outer box is wider than the declared one."""
     plant = plant_rate(observer)
     return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
