@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +37,14 @@ from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, 
 from hgogen.trials import campaign as campaign_module
 from hgogen.trials import tally as tally_module
 from hgogen.trials import varied as varied_module
-from hgogen.trials.campaign import BadCampaign, Outcome, earlier, head, line, outcome
+from hgogen.trials.campaign import BadCampaign, Campaign, Outcome
 from hgogen.trials.metrics import Metrics, Response, metrics
+from hgogen.trials.results import earlier, head, line, outcome
 from hgogen.trials.spread import NoScheduler
 from hgogen.trials.tally import Spread, Tally
 from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
 
-NAN = float("nan")
+NAN, INF = float("nan"), float("inf")
 
 
 def plant() -> hg.System:
@@ -339,11 +341,20 @@ def test_without_the_package_of_the_cluster_the_extra_is_named(monkeypatch: pyte
 # --- results in a file ------------------------------------------------------------------------------------------
 
 
+@cache
+def campaign_of_three() -> Campaign:
+    return hg.campaign(step(), TRIAL, 3, "x1=20%")
+
+
 def test_an_outcome_is_read_as_it_was_written() -> None:
-    for one in hg.campaign(step(), TRIAL, 3, "x1=20%").run(jobs=1):
-        assert outcome(json.loads(line(one))) == one
-    lost = Outcome(3, {"a": 1.0}, None, "it escaped")
-    assert outcome(json.loads(line(lost))) == lost
+    each = campaign_of_three()
+    for one in each.run(jobs=1):
+        assert outcome(each, line(one)) == one
+    lost = Outcome(2, each.draws.named(2), None, "it escaped")
+    assert outcome(each, line(lost)) == lost
+    assert one.metrics
+    escaped = replace(one, metrics=replace(one.metrics, rms={"x1": INF, "x2": INF}))
+    assert outcome(each, line(escaped)) == escaped
 
 
 def test_a_file_of_another_campaign_is_refused() -> None:
@@ -412,12 +423,61 @@ def test_two_do_not_add_lines_to_one_file(tmp_path: Path) -> None:
         assert list(lines) == ["a\n", "b\n"]
 
 
-@pytest.mark.parametrize("damaged", ["{", "null", "[1]", '{"run": 3}', '{"run": 3, "metrics": {"responses": [3]}}'])
-def test_a_damaged_line_of_results_is_named(damaged: str) -> None:
-    campaign = hg.campaign(step(), TRIAL, 2)
-    lines = [head(campaign), line(Outcome(0, {}, None, "why")), damaged + "\n"]
-    with pytest.raises(BadCampaign, match=r"r\.jsonl, line 3 holds no outcome of a run.* remove this line"):
-        list(earlier(campaign, lines, "r.jsonl"))
+FORGED: dict[str, Any] = {
+    "run": (-1, 3, 10**30, True, 1.0, "1", None, [1]),
+    "varied": ({}, {"x1": 0.5}, [], None),
+    "failed": ("it escaped", None, 1),
+    "metrics": (None, 1, [], {}),
+    "metrics.seed": (0, None),
+    "metrics.engine": ("\x1b[2J", 1),
+    "metrics.clamped": (-1, 10**9, 0.5, None),
+    "metrics.rms": ({}, {"x1": 0.1}, {"x1": 0.1, "x3": 0.1}, [0.1, 0.1], 0.1),
+    "metrics.rms.x1": (-1.0, "0", None, 10**400, -INF),
+    "metrics.responses": ([], 1, [3], [{}], None, {}),
+    "metrics.responses.0": ([], {"time": 0.0}),
+    "metrics.responses.0.time": (0.5, NAN, None),
+    "metrics.responses.0.settled": (-1.0, 1e9, NAN, INF, "never", [1.0]),
+    "metrics.responses.0.peak": ("x", {}),
+    "metrics.responses.0.calm": (-1.0, NAN),
+    "metrics.responses.0.triggers": (-1, 0.5, 10**9),
+    "metrics.responses.0.loud": (-0.1, 1.1),
+    "of my own": (1,),
+}
+
+
+@cache
+def of_run_one() -> Outcome:
+    (one,) = campaign_of_three().run([1], jobs=1)
+    return one
+
+
+@pytest.mark.parametrize(("key", "value"), [(key, value) for key, values in FORGED.items() for value in values])
+def test_a_line_that_can_be_no_outcome_of_the_campaign_is_none(key: str, value: Any) -> None:
+    each = campaign_of_three()
+    row: Any = json.loads(line(of_run_one()))
+    *above, last = (int(word) if word.isdigit() else word for word in key.split("."))
+    inner = row
+    for word in above:
+        inner = inner[word]
+    inner[last] = value
+    assert outcome(each, json.dumps(row)) is None
+
+
+@pytest.mark.parametrize("text", ["", "{", "null", "[1]", '"a"', '{"run": 3}', "[" * 100_000, "1" * 5000, "\ufffd"])
+def test_a_line_that_is_no_outcome_is_none(text: str) -> None:
+    assert outcome(campaign_of_three(), text) is None
+
+
+@pytest.mark.parametrize("failed", ["", "\x1b[2Jall is well", 3, None])
+def test_a_failure_says_why_in_printable_text(failed: Any) -> None:
+    each = campaign_of_three()
+    assert outcome(each, line(Outcome(1, each.draws.named(1), None, failed))) is None
+
+
+def test_of_noise_alone_a_file_may_hold_more_runs() -> None:
+    many, few = (hg.campaign(step(), TRIAL, runs) for runs in (5, 2))
+    (one,) = many.run([4], jobs=1)
+    assert list(earlier(few, [head(many), line(one), "torn", line(one)], "file")) == [one, None, one]
 
 
 # --- what it says -----------------------------------------------------------------------------------------------
@@ -475,13 +535,16 @@ def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
     (file,) = (tmp_path / "a folder").iterdir()
     lines = file.read_text().splitlines(keepends=True)
     assert len(lines) == 7
-    marked = lines[2].replace('"failed": ""', '"failed": "as it was"')
-    file.write_text("".join([lines[0], marked, lines[3][:40]]))
+    marked = lines[2].replace('"clamped": 0', '"clamped": 1')
+    assert marked != lines[2]
+    forged = lines[4].replace('"rms"', '"r"')
+    file.write_text("".join([lines[0], marked, "torn\n", forged, lines[3][:40]]))
     again = hgogen(tmp_path, *words, *folder)
     assert json.loads(again.stdout)["campaigns"] == whole
+    assert "2 lines (3, 4) hold no outcome of this campaign: left out, their runs repeated" in again.stderr
     after = file.read_text().splitlines(keepends=True)
-    assert after[:2] == [lines[0], marked]
-    assert sorted(after[2:]) == sorted({*lines[1:]} - {lines[2]})
+    assert after[:4] == [lines[0], marked, "torn\n", forged]
+    assert sorted(after[4:]) == sorted({*lines[1:]} - {lines[2]})
     worst = whole[0]["quantiles"][0]
     alone = json.loads(hgogen(tmp_path, *words, "--repeat", str(worst["run"])).stdout)["campaigns"][0]
     assert alone["run"]["run"] == worst["run"]

@@ -18,11 +18,13 @@ from hgogen.commands.headed import headed
 from hgogen.commands.process import note
 from hgogen.target import lines_of
 from hgogen.trial import Trial
-from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign, earlier, head, line
+from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign
 from hgogen.trials.metrics import criterion
+from hgogen.trials.results import earlier, head, line
 from hgogen.trials.tally import Tally
 
 RUNS = 1000  # where nothing is said
+NAMED = 5  # lines that are left out
 
 
 def campaigns(
@@ -87,7 +89,20 @@ def _results(
         first = next(lines, None)
         if first is None:
             add(head(one))
-        yield earlier(one, lines if first is None else chain([first], lines), str(folder / file)), add
+        yield _valid(one, lines if first is None else chain([first], lines), str(folder / file)), add
+
+
+def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
+    """The outcomes of the lines of a file; says which lines are left out."""
+    dropped = list[int]()
+    for number, outcome in enumerate(earlier(one, lines, file), 2):
+        if outcome is None:
+            dropped.append(number)
+        else:
+            yield outcome
+    if dropped:
+        listed = ", ".join(map(str, dropped[:NAMED])) + (", .." if len(dropped) > NAMED else "")
+        note(f"{file}: {len(dropped)} lines ({listed}) hold no outcome of this campaign: left out, their runs repeated")
 
 
 def _row(name: str, one: Campaign, tally: Tally, asked: Runs) -> dict[str, Any]:

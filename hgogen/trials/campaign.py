@@ -5,8 +5,7 @@ same whoever computes it, and after whatever was computed before. Runs go out in
 comes back are numbers only.
 """
 
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -26,7 +25,7 @@ from hgogen.reading.given import count
 from hgogen.step import Step, demand_choice
 from hgogen.system import System
 from hgogen.trial import BadTrial, Plant, Trajectory, Trial, Truth, first_memory, tried
-from hgogen.trials.metrics import Metrics, Response, metrics
+from hgogen.trials.metrics import Metrics, metrics
 from hgogen.trials.spread import Workers
 from hgogen.trials.together import HELD, WORTH, Ahead, ahead, together
 from hgogen.trials.varied import Draws, hypercube, varied
@@ -53,13 +52,6 @@ class Outcome:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return asdict(self)
-
-
-def outcome(row: Mapping[str, Any]) -> Outcome:
-    """What `as_dict` gave."""
-    values = row["metrics"]
-    responses = tuple(Response(**one) for one in values["responses"]) if values else ()
-    return Outcome(**{**row, "metrics": values and Metrics(**{**values, "responses": responses})})
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,36 +201,3 @@ class Ready:
         if not self._together:
             return tried(step, trial, truth, self._memory, numbers, self.campaign.engine)
         return chain.from_iterable(together(step, self._memory, runs) for runs in ahead(step, trial, truth, numbers))
-
-
-# --- results in a file ----------------------------------------------------------------------------------------
-
-
-def head(each: Campaign) -> str:
-    """The first line of a file of results."""
-    return json.dumps({"campaign": each.digest, "trial": each.trial.name}) + "\n"
-
-
-def line(one: Outcome) -> str:
-    """The line of an outcome; infinite numbers stand as Python's JSON writes them."""
-    return json.dumps(one.as_dict()) + "\n"
-
-
-def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome]:
-    """The outcomes that the whole lines of a file of results hold, the first of which is its head, if there is one.
-
-    Raises: `BadCampaign` for the file, called `name`, of another campaign, or with a damaged line.
-    """
-    for number, one in enumerate(lines, 1):
-        if number > 1:
-            yield _read(one, f"{name}, line {number}")
-        elif one != head(each):
-            raise BadCampaign(name, "holds the results of another campaign, or none; give another folder, or remove it")
-
-
-def _read(text: str, place: str) -> Outcome:
-    try:
-        return outcome(json.loads(text))
-    except (ValueError, TypeError, KeyError):
-        reason = "holds no outcome of a run: it was damaged; remove this line, and its run is repeated"
-        raise BadCampaign(place, reason) from None
