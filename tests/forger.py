@@ -2,9 +2,11 @@
 
 import copy
 import json
+import math
 import random
 import re
 from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
 from typing import Any
 
 from hgogen.recheck.file import digest, model_digest
@@ -265,6 +267,24 @@ def renamed(draw: random.Random, content: Content, others: Sequence[Content]) ->
         for claim in claims:
             if isinstance(claim, dict) and isinstance(claim.get("id"), str):
                 claim["id"] = claim["id"].replace(f"{old}.", f"{new}.")
+
+
+def enlarged(one: Content, inputs: int, most: Callable[[list[Fraction]], Fraction]) -> Content:
+    """A bound of a norm that was shown with inputs, and the same bound in a norm that is s times as large.
+
+    P, S and lambda are all that the inequality is linear in, so that it holds of s P, s S and s lambda too, and
+    |e|_P <= 1 bounds every field by 1/sqrt(s) of what it did. It is a proof as long as sum(s lambda) <= alpha; s is
+    the largest with most(s lambda) <= alpha.
+    """
+    lambdas = [Fraction(each) for each in one["S"][-inputs:]]
+    s = Fraction(one["alpha"]) / most(lambdas)
+    root = Fraction(math.isqrt(s.numerator * 10**40 // s.denominator), 10**20)
+    return {
+        **one,
+        "P": [[str(s * Fraction(x)) for x in row] for row in one["P"]],
+        "S": [str(s * Fraction(x)) for x in one["S"]],
+        "bound": str(Fraction(one["bound"]) / root),
+    }
 
 
 def damaged(draw: random.Random, text: str) -> str:

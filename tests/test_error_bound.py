@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from forger import sealed
+from forger import enlarged, sealed
 from plants import MODELS, model, two_outputs
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
@@ -372,6 +372,17 @@ def test_a_forged_number_fails(observer: str, lie: str) -> None:
     (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
     LIES[lie](claim["evidence"])
     assert verdict(content) == "fails"
+
+
+@pytest.mark.parametrize(("most", "found_again"), [(sum, "verified"), (max, "fails")])
+def test_the_multipliers_of_all_inputs_of_a_share_are_within_alpha_together(most: Any, found_again: str) -> None:
+    """Each of them alone is not enough, in none of the shares of several inputs."""
+    content = copy.deepcopy(certified("high_gain"))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".error"))
+    noise = claim["evidence"]["shares"][0]
+    assert noise["inputs"] == "noise"
+    noise["bounds"][0] = enlarged(noise["bounds"][0], 2, most)
+    assert verdict(content) == found_again
 
 
 def test_what_is_verified_says_how_large_the_inputs_are() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from forger import sealed
+from forger import enlarged, sealed
 from plants import MODELS, model, two_outputs
 
 import hgogen as hg
@@ -200,6 +200,17 @@ def test_a_forged_bound_fails(observer: str, lie: str) -> None:
     one = claim["evidence"]["bounds"][0]
     one |= LIES[lie](one)
     assert verdict(content) == "fails"
+
+
+@pytest.mark.parametrize(("most", "found_again"), [(sum, "verified"), (max, "fails")])
+@pytest.mark.parametrize("observer", ["high_gain", "filtered"])
+def test_the_multipliers_of_all_inputs_are_within_alpha_together(observer: str, most: Any, found_again: str) -> None:
+    """Each of them alone is not enough: the bound would be 1/sqrt(2) of what is true."""
+    content = copy.deepcopy(certified(observer))
+    (claim,) = (each for each in content["claims"] if each["id"].endswith(".noise"))
+    one = claim["evidence"]["bounds"][0]
+    claim["evidence"]["bounds"][0] = enlarged(one, 2, most)
+    assert verdict(content) == found_again
 
 
 @pytest.mark.parametrize(("share", "found_again"), [(Fraction(1, 2), "verified"), (Fraction(1, 10**6), "fails")])
