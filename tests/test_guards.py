@@ -208,3 +208,21 @@ def test_a_predictor_is_asked_only_for_what_it_moves() -> None:
     run = made.run(u=np.zeros(200), y=np.ones(200), engine="python")
     assert np.isfinite(run.x).all()
     assert np.isfinite(made._kept.places[Place("predictor", "z")]).all()
+
+
+def test_without_a_sample_the_prediction_stands_in_for_both_ends_of_the_call() -> None:
+    """x' = 0, z' = 2 (y - z): y is on the line between two samples that were taken, constant at one after a
+    missing one, and z rests where there is none."""
+    x, y = hg.Signal("x", low=-4, high=4), hg.Signal("y", low=-4, high=4)
+    plant = hg.System("still", states=(x,), outputs=(y,), flow=[0 * x], output=[x])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=2, poles=[-1], initial={"x": 0.5})
+    step = hg.sample(observer, hg.methods.heun, dt=0.1)
+    z, before, first = 0.5, None, True
+    for sample in (1.0, 0.8, np.nan, np.nan, 1.2, 0.4, np.nan, 0.9):
+        now = z if np.isnan(sample) else sample
+        last = now if before is None or np.isnan(sample) else before
+        if not first:
+            rate = 2 * (last - z)
+            z += 0.1 / 2 * (rate + 2 * (now - z - 0.1 * rate))
+        first, before = False, None if np.isnan(sample) else sample
+        assert step(y=sample)["x"] == pytest.approx(z, abs=1e-12)

@@ -46,6 +46,24 @@ def test_an_interval_holds_the_values(name: str, low: Fraction, width: Fraction,
         assert number(interval.ends[1]) - number(interval.ends[0]) <= F(1, 2**60) * (1 + abs(exact))
 
 
+@settings(deadline=None, max_examples=100)
+@given(st.fractions(-3, 3), st.fractions(-3, 3), st.fractions(0, 1))
+def test_an_angle_lies_in_its_quadrant(y: Fraction, x: Fraction, width: Fraction) -> None:
+    """atan2 at the corners of a box, which has no value where the box touches the cut."""
+    side, ahead = between(y, y + width), between(x, x + width)
+    if x <= 0 and y <= 0 <= y + width:
+        with pytest.raises(Undefined):
+            intervals.function("atan2", (side, ahead))
+        return
+    angle = intervals.function("atan2", (side, ahead))
+    for corner in product((y, y + width), (x, x + width)):
+        with mpmath.workprec(300):
+            exact = number(mpmath.atan2(*(mpmath.mpf(each.numerator) / each.denominator for each in corner))._mpf_)
+        slack = F(1, 2**200)
+        assert number(angle.ends[0]) <= exact + slack
+        assert exact - slack <= number(angle.ends[1])
+
+
 SIDES = st.tuples(st.fractions(-3, 3), st.fractions(-3, 3)).map(sorted)
 
 

@@ -278,3 +278,29 @@ def test_the_iterated_filter_s_covariance_is_that_at_the_corrected_estimate() ->
     f = (1 + one[0] ** 2) * P[0]
     after = P - np.outer(f, f) / (r + (1 + one[0] ** 2) * f[0])
     assert both == pytest.approx(one + after[1] / (r + after[1, 1]) * (3.0 - one[1]), abs=1e-6)
+
+
+@pytest.mark.parametrize("passes", range(1, 7))
+@pytest.mark.parametrize("y", [10.0, 400.0, -2.0])
+def test_a_pass_that_overshoots_is_halved_and_the_next_that_does_not_is_whole_again(passes: int, y: float) -> None:
+    """Pass by pass, by the equations of the method of Gauss and Newton with halved steps; of an exponential output, of
+    which a whole step is 700 times too far."""
+    x, _ = corrected(passes, y, lambda q, w: sp.exp(3 * q) + w / 4)
+    S, z, r = np.linalg.cholesky(P0), np.array([0.1, 0.2]), 0.2
+    w, share, shares = np.zeros(2), 1.0, []
+
+    def error(w: np.ndarray) -> float:
+        q, v = z + S @ w
+        return float(y - np.exp(3 * q) - v / 4)
+
+    for _ in range(passes):
+        f = S.T @ np.array([3 * np.exp(3 * (z + S @ w)[0]), 0.25])
+        tried = w + share * (f * (error(w) + f @ w) / (r + f @ f) - w)
+        shares.append(share)
+        if tried @ tried + error(tried) ** 2 / r < w @ w + error(w) ** 2 / r:
+            w, share = tried, 1.0
+        else:
+            share /= 2
+    assert x == pytest.approx(z + S @ w, abs=1e-9)
+    if y == 400.0 and passes == 6:
+        assert min(shares) <= 0.25
