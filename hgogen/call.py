@@ -19,6 +19,7 @@ from hgogen.calling.readers import Kept
 from hgogen.calling.replay import Replay
 from hgogen.calling.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
 from hgogen.emit.pystep import Entry
+from hgogen.emit.saved import sealed
 from hgogen.emit.syntax import Real
 from hgogen.form import Form
 from hgogen.method import Method
@@ -223,16 +224,14 @@ class CallableStep(Step):
         return {name: tuple(map(float, self._kept.places[place].ravel())) for name, (place, _) in known}
 
     def save(self) -> bytes:
-        """The state as the bytes of the C struct."""
-        return bytes(self._kept.state)
+        """The state as NAME_save saves it: a digest of the program, the bytes of the C struct, a checksum."""
+        return sealed(self, self.real, bytes(self._kept.state))
 
     def restore(self, saved: bytes) -> None:
         """The state that `save` gave; the times of `run` begin at 0 again, as after `reset`.
 
-        Only the length is checked: at bytes of that length that no such step gave, the next call begins anew, and says
-        UNINITIALISED, as the C does.
-
-        Raises: `BadShape` for what is no bytes, or of another length than this step's state.
+        Raises: `BadShape` for what is no bytes; `NotSaved`, which leaves the state as it is, for what is damaged, or of
+        another program.
         """
         self._kept.state[:] = self._kept.saved(saved)
         self._clock[0] = 0

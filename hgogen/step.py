@@ -39,7 +39,7 @@ from hgogen.signal import Signal
 from hgogen.stepping import discretise
 from hgogen.stepping.guards import OR_LOWER, implausible, or_lower, readings
 from hgogen.stepping.keeping import limit_parameters
-from hgogen.stepping.ready import UNINITIALISED, mark
+from hgogen.stepping.ready import MARK, UNMADE
 from hgogen.stepping.recovery import Sign
 from hgogen.stepping.sections import Assembly, flat
 from hgogen.stepping.sensors import multiples
@@ -178,10 +178,10 @@ class Step:
         """What a call is given of the outputs: a sample of each, then the ages of those that may come late."""
         return (*self.outputs, *self.ages)
 
-    @cached_property
+    @property
     def mark(self) -> Field | None:
-        """The field of a stored state that tells it from other memory; None without guards."""
-        return mark(self.observer, self.state, self.groups) if self.guards == "all" else None
+        """The field of a stored state, and of parameters, that tells them from other memory; None without guards."""
+        return MARK if self.guards == "all" else None
 
     @property
     def stored(self) -> tuple[Field, ...]:
@@ -190,8 +190,8 @@ class Step:
 
     @property
     def raised(self) -> tuple[Bit, ...]:
-        """The bits that its program raises: all but the last, which is of a state that nothing has made."""
-        return tuple(bit for bit in self.bits if bit.place != UNINITIALISED.place)
+        """The bits that its program raises: all but the last, which are of memory that nothing has made."""
+        return self.bits[: -len(UNMADE)] if self.mark else self.bits
 
     @property
     def word(self) -> np.dtype:
@@ -368,7 +368,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, limit: float, t
 
 def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     """The status bits that some block raises, in a fixed order, of one place the last, a part's own words for it; then
-    that of a state that nothing has made.
+    those of memory that nothing has made.
 
     Raises: `BadStep` for more than a status has.
     """
@@ -378,7 +378,7 @@ def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     rates = step.observer.dynamics.holding.rates.values()
     bits = (*possible_bits(step.outputs, step.inputs, rates, beyond), *extra)
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
-    raisable += (UNINITIALISED,) if step.mark else ()
+    raisable += UNMADE if step.mark else ()
     _demand_room(step.name, [bit.place.name for bit in raisable])
     return in_capitals(raisable)
 

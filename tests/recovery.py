@@ -27,6 +27,7 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.calling.late import at_their_times
 from hgogen.emit import layout
+from hgogen.emit.saved import sealed
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.trial import BadTrial, Jump, Trial, Truth, noisy, sampled, simulate
@@ -328,7 +329,7 @@ class Outcome:
 
 def corrupted(step: CallableStep, how: Any, rng: np.random.Generator) -> bytes:
     """The step's state with numbers of the estimate, or all of them, drawn anew."""
-    memory = np.frombuffer(step.save(), layout.state_type(step)).copy()
+    memory = np.frombuffer(bytes(step._kept.state), layout.state_type(step)).copy()
     kind = how[0] if isinstance(how, tuple) else how
 
     def ends(box: tuple[float, float], size: float = 1e3) -> tuple[float, float]:
@@ -367,7 +368,7 @@ def corrupted(step: CallableStep, how: Any, rng: np.random.Generator) -> bytes:
 
     put(memory, step.state)
     groups(memory, step.groups)
-    return memory.tobytes()
+    return sealed(step, step.real, memory.tobytes())
 
 
 def judge(pair: Pair, fault: Fault, warm: bytes) -> Outcome | None:
@@ -479,7 +480,7 @@ def undisturbed(name: str, step: CallableStep, seeds: int = 1, jumps: bool = Fal
             for k in range(0, len(y), chunk):
                 status = step.run(u=u[k : k + chunk], y=y[k : k + chunk], engine="c").status
                 restarts += int((status & bits.get("RESTARTED_FROM_SAMPLE", 0) != 0).sum())
-                memory = np.frombuffer(step.save(), kind)
+                memory = np.frombuffer(bytes(step._kept.state), kind)
                 most = max([most, *(abs(float(memory[sign.count][0])) / sign.wait for sign in step.signs)])
     return most, restarts
 

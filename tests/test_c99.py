@@ -185,7 +185,7 @@ def test_what_is_said_of_a_function_stands_right_above_it(name: str) -> None:
     text = files(name)[f"{step(name).name}.c"]
     assert "_RARELY\n" in text
     assert re.findall(r"(?:_RARELY|\*/)\n\n(?:static )?\w+ \w+\(.*", text) == []
-    meaning = "/* memory that neither init nor reset has made a state becomes one, which the status says */\n"
+    meaning = "/* memory without its mark is not used: the state begins anew, which the status says */\n"
     assert f"{meaning}static " in text
 
 

@@ -16,6 +16,7 @@ from hgogen.calling import native
 from hgogen.emit import layout
 from hgogen.emit.csyntax import C
 from hgogen.emit.exact import machine
+from hgogen.emit.saved import mark
 from hgogen.emit.syntax import Real
 from hgogen.program import Place, lines_of
 
@@ -213,13 +214,13 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
     made, draw = step(name), np.random.default_rng(3)
     reader, compiled = machine(made, "float"), NativeStep(made, "float")
     kind, seen = layout.state_type(made, "float"), 0
-    for _ in range(12 if name in ("functions", "many_states", "wide") else 60):
+    for _ in range(12 if name in ("functions", "many_states", "wide", "wider") else 60):
         state = np.zeros(1, kind)
         random_state(made, state, draw)
         u, y = (random_samples(signals, draw).astype(np.float32) for signals in (made.inputs, made.samples))
         unpack_state(made, state, reader.memory)
         compiled.state[:] = state
-        compiled.state["ready"] = made.mark.initial
+        compiled.state["ready"] = mark(made, "float")
         for place, row in (
             ("input", zip(made.inputs, u[0], strict=True)),
             ("output", zip(made.samples, y[0], strict=True)),

@@ -22,6 +22,7 @@ from hgogen.calling.samples import BadShape
 from hgogen.commands.app import app
 from hgogen.emit.cost import cost
 from hgogen.emit.interface import entries, of_section
+from hgogen.emit.saved import mark, sealed
 from hgogen.emit.syntax import Real
 from hgogen.program import Call, Place, Program, walk
 from hgogen.reading.given import BadGain
@@ -273,9 +274,9 @@ def test_what_is_lost_of_the_memory_begins_anew() -> None:
         sample = step(0.1, [0.1, age])
         assert np.isfinite(sample.x).all()
         assert ("RESTARTED" in sample.flags) == (age > 0)
-    worn = np.full(len(step.save()) // 4, 0x7FF80000, np.uint32)
-    worn[0] = step.mark.initial[0]
-    step.restore(worn.tobytes())
+    worn = np.full(len(step._kept.state) // 4, 0x7FF80000, np.uint32)
+    worn[0] = mark(step, "double")
+    step.restore(sealed(step, "double", worn.tobytes()))
     after = step.run(np.zeros(30), np.column_stack([np.zeros(30), np.arange(30) % 6]))
     assert np.isfinite(after.x[1:]).all()
     assert any("RESTARTED" in step.flags(one) for one in after.status)
@@ -309,7 +310,7 @@ def test_a_sample_that_is_not_used_is_said_and_leaves_no_trace(y: float, age: fl
     other(0.3, [NAN, 0])
     assert step.flags(status) == (bit,)
     assert step.save() == other.save()
-    assert np.isfinite(np.frombuffer(step.save(), float)[:-8]).all()
+    assert np.isfinite(np.frombuffer(bytes(step._kept.state), float)[:-8]).all()
 
 
 def test_a_sample_from_before_the_start_or_a_reset_is_late() -> None:

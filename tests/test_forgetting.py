@@ -286,7 +286,7 @@ def test_with_a_rate_above_the_plants_no_direction_is_lost() -> None:
     step = neuron(2.0)
     step.reset()
     step.run(u=np.zeros(2000), y=np.zeros(2000), engine="python")
-    P = covariance(step, np.frombuffer(step.save(), layout.state_type(step)))[1:, 1:]
+    P = covariance(step, np.frombuffer(bytes(step._kept.state), layout.state_type(step)))[1:, 1:]
     A = EPS_NEURON * np.array([[-1.0, -1], [0, 0]])
     S = solve_continuous_lyapunov(A.T + np.eye(2), 2 * np.diag(1 / caps(step.observer)[1:]))
     assert np.linalg.inv(P) == pytest.approx(S, rel=2.0 * DT)
@@ -363,7 +363,7 @@ def test_an_unset_bit_means_that_the_samples_show_more(view: str, rate: float, m
     step.reset()
     for _ in range(round(8 / step.dt)):
         flags = step.flags(step(y=(0.0, 0.0)).status)
-        share = largest_share(step, np.frombuffer(step.save(), layout.state_type(step)))
+        share = largest_share(step, np.frombuffer(bytes(step._kept.state), layout.state_type(step)))
         limited.append("COVARIANCE_LIMITED" in flags)
         assert limited[-1] or share <= 0.5 * (1 + 1e-12)
     assert share == pytest.approx(1 + 2 * rate, rel=0.02)
@@ -380,7 +380,7 @@ def test_a_hidden_state_that_grows_has_room() -> None:
     assert step.tune(rho=1e-3) == 0
     for _ in range(500):
         step(y=0.0)
-    P = covariance(step, np.frombuffer(step.save(), layout.state_type(step)))
+    P = covariance(step, np.frombuffer(bytes(step._kept.state), layout.state_type(step)))
     assert P[1, 1] / caps(step.observer)[1] == pytest.approx(2001, rel=0.03)
 
 

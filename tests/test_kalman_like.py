@@ -341,7 +341,7 @@ def test_the_weighted_error_forgets_at_its_rate() -> None:
     values, priors = [], []
     for k in range(400):
         step(truth.u[k, 0], truth.y[k, 0])
-        state = np.frombuffer(step.save(), layout.state_type(step))
+        state = np.frombuffer(bytes(step._kept.state), layout.state_type(step))
         S = np.array(ca.DM(unpack(ca.SX(ca.DM(state["S"][0])), 3)))
         error, grown = state["z"][0] - truth.x[k], np.exp(0.01 * k)
         values.append(grown * (error @ S @ error))

@@ -180,9 +180,9 @@ class Readers:
         assert single.tobytes() == same.tobytes()  # the bound is one on this very computation
         error = np.vectorize(lambda number: rounding.rounded(number).error, otypes=[float])
         bound = pack_state(self.step, {place: error(array) for place, array in self.bounded.memory.items()})
-        self.step.restore(state.tobytes())
+        self.step._kept.state[:] = state.tobytes()
         self.step(u=u, y=y)
-        return single, np.frombuffer(self.step.save(), state.dtype), bound
+        return single, np.frombuffer(bytes(self.step._kept.state), state.dtype), bound
 
 
 def recorded(step: Any, u: np.ndarray, y: np.ndarray, at: np.ndarray) -> list[np.ndarray]:
@@ -191,7 +191,7 @@ def recorded(step: Any, u: np.ndarray, y: np.ndarray, at: np.ndarray) -> list[np
     step.reset()
     for begin, end in zip([0, *at], at, strict=False):
         step.run(u=u[begin:end], y=y[begin:end], engine="python")
-        states.append(np.frombuffer(step.save(), kinds[0]).astype(kinds[1]).astype(kinds[0]))
+        states.append(np.frombuffer(bytes(step._kept.state), kinds[0]).astype(kinds[1]).astype(kinds[0]))
     return states
 
 

@@ -1,10 +1,7 @@
 """Memory that was never made a state is told by every entry, and not used: in C, in Python, and in lanes."""
 
-import hashlib
 import re
-from dataclasses import replace
 from string import Template
-from types import SimpleNamespace
 from typing import Any
 
 import emitted
@@ -19,8 +16,9 @@ from hgogen.emit import layout
 from hgogen.emit.cfunction import Prototype, address, prototypes, structs
 from hgogen.emit.interface import entries
 from hgogen.emit.prefix import prefixed
-from hgogen.program import Field, Group, scalar
-from hgogen.stepping.ready import UNINITIALISED, mark
+from hgogen.emit.saved import mark
+from hgogen.stepping import ready
+from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
 from tests.sweep import by_turns
 
 NAMES = [*emitted.STEPS]
@@ -71,6 +69,7 @@ $samples
     for (unsigned how = 0u; how < 40u; ++how) {
         $state s;
         $state fresh;
+        $params none;
 $entries
         fill(&s, sizeof s, how);
         ${name}_reset(&s);
@@ -86,6 +85,15 @@ _ENTRY = Template("""
 fill(&s, sizeof s, how);
 fill(&fresh, sizeof fresh, how < 6u ? how : 0u);
 ${name}_reset(&fresh);
+fill(&none, sizeof none, how);
+if ($without != (unsigned long)(${upper}_NO_PARAMETERS | ${upper}_UNINITIALISED)
+    || (how < 6u && memcmp(&s, &fresh, sizeof s) != 0)) {
+    return differs("$entry without parameters", how);
+}
+if ($without != (unsigned long)${upper}_NO_PARAMETERS) {
+    return differs("$entry without parameters again", how);
+}
+fill(&s, sizeof s, how);
 for (unsigned k = 0u; k < 3u; ++k) {
     const unsigned long status = $mine;
     const unsigned long wanted = $its;
@@ -105,16 +113,23 @@ def asking(made: hg.Step) -> list[Prototype]:
     return [prototypes(made)[name] for name, each in known if each.public and each.status and "s" in each.written]
 
 
-def called(function: Prototype, state: str) -> str:
-    """A call on a state of this name."""
-    return function.call(lambda each: f"&{state}" if each.name == "s" else address(each))
+def called(function: Prototype, state: str, parameters: str = "p") -> str:
+    """A call on a state and parameters of these names."""
+    names = {"s": f"&{state}", "p": f"&{parameters}"}
+    return function.call(lambda each: names.get(each.name, address(each)))
 
 
 def garbage(made: hg.Step) -> str:
     """A program that calls each entry first on memory that is no state, and beside it on one that was reset."""
     values = {"name": made.name, "upper": made.name.upper()}
     bodies = [
-        _ENTRY.substitute(values, entry=each.name, mine=called(each, "s"), its=called(each, "fresh"))
+        _ENTRY.substitute(
+            values,
+            entry=each.name,
+            mine=called(each, "s"),
+            its=called(each, "fresh"),
+            without=called(each, "s", "none"),
+        )
         for each in asking(made)
     ]
     kinds = (("in", made.inputs), ("out", made.outputs), ("out", made.ages))
@@ -125,6 +140,7 @@ def garbage(made: hg.Step) -> str:
         values,
         fills=", ".join(FILLS),
         state=f"{made.name}_state",
+        params=f"{made.name}_params",
         locals="\n".join(f"    {each.local}" for each in structs(made) if each.name not in ("s", "x")),
         samples="\n".join(["    (void)at;", *samples]),
         entries="\n".join(bodies),
@@ -142,6 +158,33 @@ def test_every_entry_tells_memory_that_is_no_state_and_begins_as_after_a_reset(
     texts = {f"{made.name}.{end}": files(name)[f"{made.name}.{end}"] for end in "hc"} | {"main.c": garbage(made)}
     program = emitted.compiled(tool(compiler), texts, tmp_path, *SANITIZE)
     emitted.run([str(program)], tmp_path)
+
+
+_TUNED = Template("""
+#include <string.h>
+
+#include "$name.h"
+
+int main(void)
+{
+    static const ${name}_params constant = ${upper}_PARAMS_INIT;
+    ${name}_params p;
+    (void)memset(&p, 0, sizeof p);
+    if (${name}_tune(&p) != ${upper}_NO_PARAMETERS) {
+        return 1;
+    }
+    return ((${name}_tune(&p) == 0u) && (memcmp(&p, &constant, sizeof p) == 0)) ? 0 : 2;
+}
+""")
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_tune_makes_memory_that_is_none_nominal_parameters(compiler: str, tmp_path: Any) -> None:
+    """Those with which constant parameters begin, bit for bit."""
+    made = step("tunable")
+    texts = {f"{made.name}.{end}": files("tunable")[f"{made.name}.{end}"] for end in "hc"}
+    texts["main.c"] = _TUNED.substitute(name=made.name, upper=made.name.upper())
+    emitted.run([str(emitted.compiled(tool(compiler), texts, tmp_path, *SANITIZE))], tmp_path)
 
 
 _COPIES = Template("""
@@ -206,7 +249,7 @@ def test_copies_go_on_and_states_of_another_observer_do_not(compiler: str, tmp_p
 
 
 def test_a_mark_is_no_number_that_memory_is_likely_to_hold() -> None:
-    marks = [int(step(name).mark.initial[0]) for name in NAMES]
+    marks = [mark(step(name), real) for name in NAMES for real in ("float", "double")]
     assert len(set(marks)) == len(marks)
     for number in marks:
         high, low = divmod(number, 256)
@@ -214,42 +257,9 @@ def test_a_mark_is_no_number_that_memory_is_likely_to_hold() -> None:
         assert number <= 0xFFFF
 
 
-def test_the_mark_is_of_what_is_remembered_and_of_no_name_of_the_code() -> None:
-    made = step("pendulum")
-    assert prefixed(made, "other").mark == made.mark
-    assert made.made_again(dt=2e-3).mark == made.mark
-    longer = hg.Step(**{**vars_of(made), "state": (*made.state, scalar("more", 0.0))})
-    assert longer.mark != made.mark
-    other = hg.sample(hg.observers.low_power(made.observer.form, theta=5), dt=1e-3)
-    assert other.mark != made.mark
-
-
-def test_the_mark_is_of_names_of_elements_and_of_what_lies_in_groups() -> None:
-    observer = step("pendulum").observer
-
-    def marked(field: Field) -> tuple[float, ...]:
-        inner = Group("inner", 2, (field,))
-        return mark(observer, (), (Group("outer", 3, (), groups=(inner,)),)).initial
-
-    field = Field("at", (0.0, 0.0), labels=("a", "b"))
-    others = [replace(field, labels=("b", "a")), replace(field, initial=(0.0,) * 3), replace(field, name="on")]
-    assert len({marked(each) for each in (field, *others)}) == 4
-
-
-def vars_of(made: hg.Step) -> dict[str, Any]:
-    """The parts that a step is made of."""
-    return {name: getattr(made, name) for name in hg.Step.__dataclass_fields__}
-
-
-def test_marks_of_any_observer_have_two_bytes_that_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_marks_of_any_program_have_two_bytes_that_differ() -> None:
     """Over the digests that there may be, as far as they count."""
-    made = step("pendulum")
-
-    def marked(high: int, low: int) -> int:
-        monkeypatch.setattr(hashlib, "sha256", lambda _: SimpleNamespace(digest=lambda: bytes((high, low, 0))))
-        return int(mark(made.observer, made.state, made.groups).initial[0])
-
-    seen = {marked(high, low) for high in range(0, 256, 5) for low in range(256)}
+    seen = {ready.number(bytes((high, low))) for high in range(0, 256, 5) for low in range(256)}
     assert all(number >> 8 != number & 0xFF for number in seen)
     assert all(0 < byte < 0xFF for number in seen for byte in divmod(number, 256))
 
@@ -259,7 +269,7 @@ def test_marks_of_any_observer_have_two_bytes_that_differ(monkeypatch: pytest.Mo
 
 def garbage_of(made: hg.Step, how: int) -> bytes:
     """Memory of the size of a state that nothing made one: filled, or drawn."""
-    size = len(made.save())
+    size = len(made._kept.state)
     return bytes([how]) * size if how < 256 else np.random.default_rng(how).bytes(size)
 
 
@@ -279,14 +289,14 @@ def test_a_run_from_memory_that_is_no_state_is_one_from_a_reset(name: str, engin
     u, y = samples_of(made)
     bit = 1 << [each.name for each in made.bits].index("UNINITIALISED")
     made.reset()
-    wanted, left = made.run(u, y, engine=engine), made.save()
+    wanted, left = made.run(u, y, engine=engine), bytes(made._kept.state)
     assert not (wanted.status & bit).any()
     for how in HOW:
-        made.restore(garbage_of(made, how))
+        made._kept.state[:] = garbage_of(made, how)
         run = made.run(u, y, engine=engine)
         np.testing.assert_array_equal(run.x, wanted.x)
         assert run.status.tolist() == [wanted.status[0] | bit, *wanted.status[1:]]
-        assert values(made, made.save()) == values(made, left)
+        assert values(made, bytes(made._kept.state)) == values(made, left)
     made.reset()
 
 
@@ -301,35 +311,52 @@ def test_parts_of_a_step_tell_it_and_say_what_comes_before_a_predict(engine: Eng
     of = step("two")
     made = hg.sample(of.observer, of.method, of.dt, engine=engine)
     first = made.outputs[0].name
-    made.restore(bytes(len(made.save())))
+    made._kept.state[:] = bytes(len(made._kept.state))
     assert set(made.update(**{first: 0.1}).flags) == {"OUT_OF_ORDER", "UNINITIALISED"}
     assert made.update(**{first: 0.1}).flags == ("OUT_OF_ORDER",)
-    made.restore(b"\xff" * len(made.save()))
+    made._kept.state[:] = b"\xff" * len(made._kept.state)
     assert "UNINITIALISED" in made.predict(u=0.1).flags
     assert "UNINITIALISED" not in made.update(**{first: 0.1}).flags
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ["pendulum", "bank", "two"])
-def test_many_records_some_of_which_start_from_no_state(name: str, engine: Engine) -> None:
-    """In lanes or one by one, the bits are those of each alone."""
+def test_many_records_that_start_from_no_state(name: str, engine: Engine) -> None:
+    """In lanes or one by one, the bits are those of each alone; the memory of the step itself is left as it is."""
     made = step(name)
     u, y = samples_of(made)
+    for how in HOW:
+        made._kept.state[:] = start = garbage_of(made, how)
+        many = made.run_many(u, np.stack([y, 2 * y] * 5), engine=engine)
+        assert engine == "python" or many.engine == "lanes"
+        assert bytes(made._kept.state) == start
+        for k, each in enumerate((y, 2 * y)):
+            made._kept.state[:] = start
+            alone = made.run(u, each, engine=engine)
+            np.testing.assert_array_equal(many.x[k], alone.x)
+            assert many.status[k].tolist() == alone.status.tolist()
+            assert values(made, bytes(many.memory[k])) == values(made, bytes(made._kept.state))
+        made._kept.state[:] = start
+        assert bytes(made.run_many(u[:0], y[:0], engine=engine).memory[0]) == start
     made.reset()
-    made.run(u, y, engine=engine)
-    good = made.save()
-    starts = [good, *(garbage_of(made, how) for how in HOW), good, bytes(len(good))] * 3
-    many = made.run_many(u, y, starts=starts, engine=engine)
-    assert engine == "python" or many.engine == "lanes"
-    for k, start in enumerate(starts):
-        made.restore(start)
-        alone = made.run(u, y, engine=engine)
-        np.testing.assert_array_equal(many.x[k], alone.x)
-        assert many.status[k].tolist() == alone.status.tolist()
-        assert values(made, many.states[k]) == values(made, made.save())
-    nothing = made.run_many(u[:0], y[:0], starts=starts, engine=engine)
-    assert list(nothing.states) == starts
-    made.reset()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_without_parameters_no_sample_is_taken(engine: Engine) -> None:
+    """Zeros ran open loop for ever with a status of 0."""
+    of = step("two")
+    made = hg.sample(of.observer, of.method, of.dt, engine=engine)
+    u, y = samples_of(made)
+    start = (made(u[0], y[0]) and made.reset()) or made.save()
+    made(u[0], y[0])
+    whole = bytes(made._kept.whole)
+    parameters = made._kept.record["params"].view(np.uint8)
+    parameters[:] = 0
+    for _ in range(2):
+        assert made(u[1], y[1]).flags == (NO_PARAMETERS.name,)
+        assert values(made, made._kept.saved(made.save())) == values(made, made._kept.saved(start))
+    made._kept.whole[:] = whole
+    assert NO_PARAMETERS.name not in made(u[1], y[1]).flags
 
 
 # --- where there is no mark ---------------------------------------------------------------------------------
@@ -339,15 +366,15 @@ def test_where_a_state_cannot_be_without_values_there_is_no_mark() -> None:
     made = step("two")
     crate, graphs = hg.targets.rust(made, check=False)["two.rs"], hg.targets.casadi(made)
     assert "ready" not in re.findall(r"pub (\w+):", crate)
-    assert UNINITIALISED.name not in crate
+    assert not {UNINITIALISED.name, NO_PARAMETERS.name} & set(re.findall(r"\w+", crate))
     assert "ready" not in graphs.memory.names
-    assert UNINITIALISED.name not in graphs.bits
+    assert not {UNINITIALISED.name, NO_PARAMETERS.name} & set(graphs.bits)
 
 
 def test_without_guards_nothing_is_asked_and_nothing_is_remembered() -> None:
     plain = step("pendulum").made_again(guards="none")
     text = "".join(hg.targets.c99(plain, check=False).values())
     assert plain.mark is None
-    assert not re.search(f"ready|{UNINITIALISED.name}", text, re.IGNORECASE)
-    plain.restore(bytes(len(plain.save())))
+    assert not re.search(f"ready|{UNINITIALISED.name}|{NO_PARAMETERS.name}", text, re.IGNORECASE)
+    plain._kept.state[:] = bytes(len(plain._kept.state))
     assert plain(0.0, 0.1).status == 0

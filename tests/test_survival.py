@@ -70,7 +70,7 @@ def called(step: Any, u: np.ndarray, y: np.ndarray) -> Iterator[tuple[bool, np.n
     step.reset()
     for sample in zip(u, y, strict=True):
         flags = step(*sample).flags
-        yield "RESTARTED" in flags, np.frombuffer(step.save(), layout.state_type(step))
+        yield "RESTARTED" in flags, np.frombuffer(bytes(step._kept.state), layout.state_type(step))
 
 
 def compiled(step: Any, u: np.ndarray, y: np.ndarray, real: Any) -> Iterator[tuple[bool, np.ndarray]]:

@@ -12,6 +12,7 @@ from hgogen.call import CallableStep
 from hgogen.certificates.contraction import contraction
 from hgogen.certificates.start_set import _in_form, start_of
 from hgogen.emit import layout
+from hgogen.emit.saved import sealed
 from hgogen.guarantees.confined import reached
 from hgogen.guarantees.entering import Sizes, heads_of
 from hgogen.guarantees.inclusion import of_state
@@ -62,12 +63,12 @@ class Worst:
     def saved(self, z: Array) -> list[bytes]:
         """The states of programs before their first call that begin at estimates z (B, n)."""
         self.step.reset()
-        return self._with(np.frombuffer(self.step.save() * len(z), self._kind), self.fed * z[:, self.index])
+        return self._with(np.frombuffer(bytes(self.step._kept.state) * len(z), self._kind), self.fed * z[:, self.index])
 
     def between(self, fields: Array, u: Array, y: Array) -> list[bytes]:
         """Those between two calls, at fields (B, N) in units of the states, that were given u (B, m) and y (B, p)."""
         self.step.reset()
-        states = np.frombuffer(self.step.save() * len(fields), self._kind).copy()
+        states = np.frombuffer(bytes(self.step._kept.state) * len(fields), self._kind).copy()
         for name, values in {"u": u, "y": y, "y_valid": np.ones_like(y)}.items():
             if values.shape[1]:
                 states[name] = values.reshape(states[name].shape)
@@ -79,7 +80,7 @@ class Worst:
         for field in self._fields:
             values = np.array([next(rows) for _ in range(field.size)])
             states[field.name] = values[0] if field.size == 1 else values.T
-        return [state.tobytes() for state in states]
+        return [sealed(self.step, self.step.real, state.tobytes()) for state in states]
 
     def fields_of(self, memory: Array) -> Array:
         """The fields (B, N) in states as bytes (B, size), in units of the states."""

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import Literal
 
@@ -24,6 +24,7 @@ from hgogen.calling.samples import Engine
 from hgogen.emit import layout
 from hgogen.emit.lanewriter import NoLanes
 from hgogen.emit.pygraph import DTYPE
+from hgogen.emit.saved import mark, sealed
 from hgogen.emit.syntax import Real
 from hgogen.reading.door import switches
 from hgogen.reading.given import BadGain, count
@@ -42,7 +43,8 @@ Each = Callable[[int, int], object]  # is told how many records are done, and of
 class Batch:
     """What many records give: estimates `x` (B, N, n) of the states `names`, `status` (B, N), `traces` (B, N) by name
     where they were asked for; `engine`: "lanes" where they ran in lanes, else what took them one by one; `memory`
-    (B, bytes) of the states at their ends; `tuned` (B): what `tune` says of each one's parameters, 0 for ok."""
+    (B, bytes) of the states at their ends, which `seal` makes what is saved; `tuned` (B): what `tune` says of each
+    one's parameters, 0 for ok."""
 
     x: Array
     names: tuple[str, ...]
@@ -51,11 +53,12 @@ class Batch:
     engine: Literal["lanes", "c", "python"]
     memory: Array = field(repr=False)
     tuned: Array
+    seal: Callable[[bytes], bytes] = field(repr=False)
 
     @property
     def states(self) -> tuple[bytes, ...]:
         """The state that each record leaves, as `save` gives it: the `starts` of what comes after."""
-        return tuple(map(bytes, self.memory))
+        return tuple(map(self.seal, map(bytes, self.memory)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +93,7 @@ class Many:
             "lanes" if lanes else engine,
             results.states,
             np.array([asked.limited.get(k, 0) for k in range(number)], self.step.word),
+            partial(sealed, self.step, self.real),
         )
 
     def _alone(self, u: Array, y: Array, memory: Memories, results: "_Results", engine: Engine) -> Iterator[int]:
@@ -172,10 +176,10 @@ class _Lanes:
     def _begun(self, records: Array, samples: int) -> Array:
         """The numbers of the records (B, bytes) whose first call, where there is a sample, begins anew, for they lack
         the mark, the first of a state; now they have it."""
-        mark, fresh = self.step.mark, np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
-        if mark is None or not samples:
+        fresh = np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
+        if not (self.step.mark and samples):
             return np.array([], int)
-        missing = records.view(np.uint32)[:, 0] != mark.initial[0]
+        missing = records.view(np.uint32)[:, 0] != mark(self.step, self.real)
         records[missing, : len(fresh)] = fresh
         return np.flatnonzero(missing)
 

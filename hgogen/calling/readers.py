@@ -21,8 +21,8 @@ from hgogen.calling.samples import BadShape, Engine
 from hgogen.emit import layout, pystep
 from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
+from hgogen.emit.saved import opened
 from hgogen.emit.syntax import Real
-from hgogen.program import Field, Place
 from hgogen.reading.given import among
 from hgogen.step import Step
 
@@ -34,30 +34,25 @@ class Kept:
     """
 
     def __init__(self, step: Step, real: Real) -> None:
-        self._step, self.real, self.record = step, real, np.zeros(1, layout.kept_type(step, real))
+        self._step, self.real, self.record = step, real, layout.made(step, real)
         self.places = layout.places(step, self.record)
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
         self.state = self.whole[: layout.state_type(step, real).itemsize]
         shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.samples)
         self.signals, self.shown = np.split(self.record.view(DTYPE[real])[-signals - shown :], [signals])
-        for kind, fields in (("plant", step.plant), ("gain", step.gains)):
-            self._fill(kind, fields)
-        self._new = layout.fresh(step, real)
-        self.reset()
+        self._new = bytes(self.state)
 
     def reset(self) -> None:
         """The state as before the first call."""
         self.state[:] = self._new
 
     def saved(self, state: Any) -> bytes:
-        """A state that was saved, as its bytes. Raises: `BadShape` for what is no bytes, or of another length."""
+        """A state that was saved, as its bytes. Raises: `BadShape` for what is no bytes; `NotSaved` for what is
+        damaged, or of another program."""
         if not isinstance(state, bytes | bytearray | memoryview):
             raise BadShape(f"a saved state that is a {type(state).__name__}", "is no bytes; give what save() gave")
-        size, saved = len(self.state), bytes(state)
-        if len(saved) != size:
-            raise BadShape(f"a saved state of {len(saved)} bytes", f"is not of this step, whose state has {size}")
-        return saved
+        return opened(self._step, self.real, bytes(state), len(self.state))
 
     def ready(self, engine: Engine | None, own: Engine | None) -> Engine:
         """What takes a record, and has tuned what is in the memory: the engine that is asked for, else the step's own,
@@ -101,10 +96,6 @@ class Kept:
             status[k] = step()
             rows[k] = self.shown
         return rows[:, :n], rows[:, n:], status
-
-    def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
-        for field in fields:
-            self.places[Place(kind, field.name)][:] = field.initial
 
     @cached_property
     def _library(self) -> ctypes.CDLL:

@@ -62,9 +62,15 @@ def inside(step: Step, section: Section) -> Prototype:
 
 
 def readied(step: Step) -> Prototype:
-    """What makes memory a state that is none yet."""
-    meaning = "memory that neither init nor reset has made a state becomes one, which the status says"
-    return Prototype(status_type(step), f"{step.name}_ready", structs(step)[:1], meaning, public=False)
+    """What makes memory a state that is none yet, and looks for parameters."""
+    s, p = (replace(each, constant=each.name == "p") for each in structs(step)[:2])
+    meaning = "memory without its mark is not used: the state begins anew, which the status says"
+    return Prototype(status_type(step), f"{step.name}_ready", (s, p), meaning, public=False)
+
+
+def nominal(step: Step) -> Prototype:
+    """What makes memory nominal parameters, which are not tuned yet."""
+    return Prototype("void", f"{step.name}_nominal", structs(step)[1:2], "nominal parameters", public=False)
 
 
 def status_type(step: Step) -> str:

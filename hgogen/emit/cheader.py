@@ -5,7 +5,8 @@ comments are Doxygen's, too."""
 
 from collections.abc import Iterable
 
-from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
+from hgogen.emit import csaved
+from hgogen.emit.cfunction import Prototype, address, prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.cstruct import typedefs
@@ -25,6 +26,7 @@ from hgogen.emit.manual import (
     state,
     title,
 )
+from hgogen.emit.saved import ADDED, layout, mark
 from hgogen.emit.structs import structs as of_memory
 from hgogen.emit.syntax import Real
 from hgogen.program import Section
@@ -42,13 +44,17 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     first, *others = map(spoken, title(step, command))
     lines = [*_block([f"@file {step.name}.h", f"@brief {first}", "", *others])]
     lines += [f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
-    lines += ["#include <stdint.h>", ""] if status_type(step) != "unsigned" or step.timed else []
+    lines += ["#include <stddef.h>"]
+    lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.timed else []
+    lines += [""]
     lines += [*_status(step), *_constants(step, real), *_mathematics(step), ""]
-    for struct in typedefs(step.name, of_memory(step, C, real, step.stored), _NONE, lambda text: text or _NO_RANGE):
+    for struct in typedefs(step.name, of_memory(step, C, real, marked=True), _NONE, lambda text: text or _NO_RANGE):
         lines += [*struct, ""]
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
         lines += [*_function(entry), f"{prototype(step, entry)};", ""]
+    for each in csaved.prototypes(step):
+        lines += [*_saving(each), f"{each};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
 
 
@@ -62,6 +68,17 @@ def _function(entry: Entry) -> list[str]:
     parameters = [f"@param[{direction(entry, name)}] {name} {MEANINGS[name]}" for name in entry.parameters]
     returned = ["@return 0, or an or of the status bits"] if entry.status else []
     return _block([f"@brief {spoken(entry.meaning)}", *parameters, *returned])
+
+
+def _saving(function: Prototype) -> list[str]:
+    """What a function does that saves a state, or restores it."""
+    means = {"s": MEANINGS["s"], **csaved.MEANINGS}
+    written = {function.parameters[0 if function.returns != "void" else 1].name}
+    parameters = [
+        f"@param[{'out' if p.name in written else 'in'}] {p.name} {means[p.name]}" for p in function.parameters
+    ]
+    returned = [f"@return {csaved.RETURNS}"] if function.returns != "void" else []
+    return _block([f"@brief {spoken(function.meaning)}", *parameters, *returned])
 
 
 def _mathematics(step: Step) -> list[str]:
@@ -153,14 +170,22 @@ def _status(step: Step) -> list[str]:
     return [*lines, "/** @} */", ""]
 
 
+_DIGEST = "a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state"
+_MARK = "what init and reset leave in `ready` of a state, and init in that of parameters"
+_CONSTANT = "what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark"
+
+
 def _constants(step: Step, real: Real) -> list[str]:
     """What firmware compares: the period of its timer, and of a state that it restores who wrote it."""
     period = f"the period that is compiled in, in {plural(step.time)}"
     rows = [("DT", C.literal(step.dt, real), period)]
-    rows += [("VERSION", f'"{version()}"', "the version of hgogen that a restored state is of")]
+    rows += [("VERSION", f'"{version()}"', "the version of hgogen that made this file")]
     digest = model_digest(step.observer)
-    rows += [("MODEL", f'"{digest}"', "the model that a restored state is of")] if digest else []
+    rows += [("MODEL", f'"{digest}"', "the model, as in its certificate")] if digest else []
+    rows += [("LAYOUT", f'"{layout(step, real).hex()}"', _DIGEST)]
     if step.mark:
-        rows += [("READY", f"0x{int(step.mark.initial[0]):04X}u", "what init and reset leave in `ready` of a state")]
+        rows += [("READY", f"0x{mark(step, real):04X}u", _MARK)]
+    rows += [("SAVED", f"(sizeof({step.name}_state) + {ADDED}u)", "how many bytes a saved state has")]
     defined = ((f"#define {step.name.upper()}_{name:7} {value}", said) for name, value, said in rows)
-    return [text for line, said in defined for text in (documented(said), line, "")]
+    lines = [text for line, said in defined for text in (documented(said), line, "")]
+    return [*lines, documented(_CONSTANT), *csaved.initialiser(step, real), ""]

@@ -12,11 +12,13 @@ def typedefs(prefix: str, structs: Mapping[str, Struct], none: str, said: Callab
     none; `said`: what is said beside a member, of its text."""
     inside = structs["parameters"].members
     for kind, each in structs.items():
-        if kind in {member.kind for member in inside}:
+        if kind in {member.kind for member in inside if member.kind}:
             continue
         inner = _members(each.members, said)
         if kind == "parameters":
-            inner = [line for member in inside for line in _nested(structs[member.kind], said)] or [none]
+            inner = _members((member for member in inside if not member.kind), said)
+            inner += [line for member in inside if member.kind for line in _nested(structs[member.kind], said)]
+            inner = inner or [none]
         about = list(filter(None, [documented(said(each.said))]))
         yield [*about, "typedef struct {", *indented(inner), f"}} {C.struct(prefix, kind)};"]
 
@@ -30,5 +32,6 @@ def _nested(struct: Struct, said: Callable[[str], str]) -> list[str]:
 
 def _members(members: Iterable[Member], said: Callable[[str], str]) -> list[str]:
     """Their lines, with the comments in one column."""
+    members = tuple(members)
     width = max((len(member.declared) for member in members), default=0)
     return [f"{member.declared:{width}} {beside(said(member.said))}".rstrip() for member in members]

@@ -71,7 +71,7 @@ def of_section(step: Step, section: Section) -> Entry:
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
     public = step.apart and section.name not in {each.name for each in step.inner}  # a call may hold another
     meaning = f"part of a step: {section.meaning}"
-    inner = f"run_{section.name}" if public and step.mark and section in step.sections[1:] else ""
+    inner = f"run_{section.name}" if public and step.mark and section in step.sections else ""
     return Entry(section.name, _parameters(step, used), ("s",), meaning, public=public, inner=inner)
 
 

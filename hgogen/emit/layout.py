@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from hgogen.emit.saved import mark
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Place, lines_of
 from hgogen.signal import Signal
@@ -24,9 +25,8 @@ def state_type(step: Step, real: Real = "double") -> np.dtype:
 
 def params_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_params."""
-    kinds: list[tuple[str, np.dtype]] = [
-        (kind, np.dtype(_members(fields, real), align=True)) for kind, fields in _parameters(step) if fields
-    ]
+    kinds: list[tuple[str, np.dtype]] = [(step.mark.name, np.dtype(np.uint32))] if step.mark else []
+    kinds += [(kind, np.dtype(_members(fields, real), align=True)) for kind, fields in _parameters(step) if fields]
     return np.dtype(kinds or [("none", np.dtype(np.uint8))], align=True)
 
 
@@ -64,6 +64,20 @@ def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
     return views
 
 
+def made(step: Step, real: Real = "double") -> np.ndarray:
+    """A record (1) of `kept_type` with the state as before the first call and nominal parameters, which are not tuned
+    yet."""
+    record = np.zeros(1, kept_type(step, real))
+    record["state"] = np.frombuffer(fresh(step, real), state_type(step, real))
+    views = places(step, record)
+    for kind, fields in (("plant", step.plant), ("gain", step.gains)):
+        for field in fields:
+            views[Place(kind, field.name)][:] = field.initial
+    if step.mark:
+        record["params"][step.mark.name] = mark(step, real)
+    return record
+
+
 def fresh(step: Step, real: Real = "double") -> bytes:
     """The bytes of a state as before the first call."""
     state = np.zeros(1, state_type(step, real))
@@ -72,13 +86,15 @@ def fresh(step: Step, real: Real = "double") -> bytes:
     for struct, fields in members:
         for field in fields:
             views[Place(struct, field.name)][:] = field.initial
+    if step.mark:
+        state[step.mark.name] = mark(step, real)
     return state.tobytes()
 
 
 def _stored(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
     """The places of a state, and that of its mark."""
-    mark = {Place("state", step.mark.name): _flat(state, step.mark)} if step.mark else {}
-    return mark | state_places(step, state)
+    marked = {Place("state", step.mark.name): _flat(state, step.mark)} if step.mark else {}
+    return marked | state_places(step, state)
 
 
 def _flat(record: np.ndarray, field: Field) -> np.ndarray:

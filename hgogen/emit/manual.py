@@ -18,7 +18,7 @@ from hgogen.recheck.file import SHOWN
 from hgogen.step import Step
 from hgogen.stepping.delays import MEMORY
 from hgogen.stepping.members import read_fields
-from hgogen.stepping.ready import UNINITIALISED
+from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
 from hgogen.stepping.sensors import OLDEST
 
 FAULTS = (
@@ -35,8 +35,12 @@ UNGUARDED = (
 MARKED = (
     "It begins with a mark, s.{mark}, that init and reset leave there. Memory without it (zeros, what a stack held, a "
     "page that was erased, a state of another program) is not used: the call that meets it begins as after a reset, "
-    "and says {bit}. Only estimate, which has no status, does not ask: call it after a step. The mark is no checksum "
-    "of the rest, and parameters have none: init makes them."
+    "and says {bit}. Parameters have a mark, p.{mark}, from init or PARAMS_INIT. A call that meets parameters without "
+    "it takes no sample, leaves the state as after a reset, and says {none}; tune makes them nominal, and says it too. "
+    "Only estimate, which has no status, does not ask: call it after a step. Parameters that nothing changes may be "
+    "constant, and lie in flash: begin them with PARAMS_INIT, and call reset in place of init. The mark is no "
+    "checksum: what is kept while the power is off goes through save and restore, which have one. What is saved are "
+    "the bytes of the struct, for machines that have the same types in the same order of bytes."
 )
 _JUDGED = (
     "Whether dt is short enough was judged with gains and parameters at their nominal values, which proves nothing: "
@@ -140,7 +144,8 @@ def state(step: Step, made: str, before: str, quoted: str = "{}") -> str:
     written."""
     own = " and ".join(quoted.format(name) for name in _own(step))
     sentences = (
-        "The state may be copied, saved and restored, by the same version of this file.",
+        "The state may be copied. What save gives of it is restored by the same program, and refused where the model, "
+        "the observer, a default gain, dt, the precision or a bit is another.",
         made,
         f"To start from an estimate of yours write {own}, in the coordinates that the struct names, {before}, which "
         "takes the estimate as it stands; what else a step remembers of it starts there too.",
@@ -155,7 +160,7 @@ def result(step: Step, bits: str) -> str:
 
 def marked(step: Step) -> str:
     """How memory is told from a state that init or reset has made; "" without guards."""
-    return MARKED.format(mark=step.mark.name, bit=UNINITIALISED.name) if step.mark else ""
+    return MARKED.format(mark=step.mark.name, bit=UNINITIALISED.name, none=NO_PARAMETERS.name) if step.mark else ""
 
 
 def remembered(step: Step) -> str:

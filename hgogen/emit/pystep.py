@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from hgogen.discretisation.kernels import KERNELS
-from hgogen.emit import layout, pygraph
+from hgogen.emit import layout, pygraph, saved
 from hgogen.emit.kinds import Kinds
 from hgogen.emit.node import Node, boolean
 from hgogen.emit.printer import Operand
@@ -36,7 +36,7 @@ from hgogen.program import (
     walk,
 )
 from hgogen.step import Step
-from hgogen.stepping.ready import UNINITIALISED
+from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
 
 Entry = Callable[[], int]
 
@@ -48,6 +48,13 @@ def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
     return _Writer(step, record, real).entries()
 
 
+def tuned(step: Step, real: Real) -> np.ndarray:
+    """The nominal parameters, tuned, as `init` leaves them: a record (1) of `params_type`."""
+    record = layout.made(step, real)
+    _Writer(step, record, real).tune()()
+    return record["params"]
+
+
 class _Writer:
     """Writes the functions of a step."""
 
@@ -55,6 +62,7 @@ class _Writer:
         self.step, self.real, self.kinds, self.graphs = step, real, Kinds(step), pygraph.Writer(real)
         self.size = {"D": DTYPE[real]().itemsize, "I": 4}
         self.places = layout.places(step, record)
+        self.parameters = record["params"].ctypes.data - record.ctypes.data
         self.groups = {line[-1].name: line for line in lines_of(step.groups)}
         self.numbers = {name: number for number, name in enumerate(self.groups)}
         self.bits = {bit.place: 1 << k for k, bit in enumerate(step.bits)}
@@ -70,6 +78,12 @@ class _Writer:
         self.work: dict[Place, int] = {}
         self.filled: set[Place] = set()
         self.sections: dict[str, int] = {}
+
+    def tune(self) -> Entry:
+        """What limits the parameters and derives others, alone."""
+        pygraph.defined(self._function("tune", self.step.tuning), self.names, "tune", "the tuning of a step in Python")
+        tune: Entry = np.errstate(all="ignore")(self.names["tune"])
+        return tune
 
     def entries(self) -> dict[str, Entry]:
         step, text = self.step, list[str]()
@@ -92,13 +106,18 @@ class _Writer:
         return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of its numbers
 
     def _ready(self) -> list[str]:
-        """What makes memory a state that is none yet."""
+        """What makes memory a state that is none yet, and ends a call without parameters."""
         mark = self.step.mark
         if not mark:
             return []
         self.names["fresh"] = fresh = layout.fresh(self.step, self.real)
-        test = f"if {self._text(Place('state', mark.name), 0)} != {mark.initial[0]:.0f}:"
-        return [test, f"    B[:{len(fresh)}] = fresh", f"    status = {self.bits[UNINITIALISED.place]}"]
+        begins, ready = f"    B[:{len(fresh)}] = fresh", saved.mark(self.step, self.real)
+        state, parameters = (f"I[{at // self.size['I']}]" for at in (0, self.parameters))
+        unmade = [f"    status |= {self.bits[bit.place]}" for bit in (UNINITIALISED, NO_PARAMETERS)]
+        return [
+            *(f"if {state} != {ready}:", begins, unmade[0]),
+            *(f"if {parameters} != {ready}:", begins, unmade[1], "    shown()", "    return status"),
+        ]
 
     def _traces(self) -> list[str]:
         traces = self.step.observer.traces

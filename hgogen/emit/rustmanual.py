@@ -15,8 +15,8 @@ _TIMED = (
     "sample is early."
 )
 _MADE = (
-    "It comes from `State::new`, or from you member by member: none of it can be without a value, so no call asks "
-    "whether it was made."
+    "It comes from `State::new`, from `State::restored`, or from you member by member: none of it can be without a "
+    "value, so no call asks whether it was made."
 )
 _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C of the same model; no fused operation."
 

@@ -8,6 +8,7 @@ from hgogen.emit.manual import remembered
 from hgogen.emit.syntax import Number, Real, Syntax
 from hgogen.program import Field, Group, lines_of
 from hgogen.step import Step
+from hgogen.stepping.ready import OF_PARAMETERS
 
 SIGNALS = {
     "input": "the input now",
@@ -39,9 +40,9 @@ class Struct:
     members: tuple[Member, ...]
 
 
-def structs(step: Step, syntax: Syntax, real: Real, state: Iterable[Field]) -> dict[str, Struct]:
-    """All that there are by kind, each after those that are in it; `state`: the fields of what a step remembers."""
-    return {each.kind: each for each in _Structs(step, syntax, real).every(state)}
+def structs(step: Step, syntax: Syntax, real: Real, *, marked: bool) -> dict[str, Struct]:
+    """All that there are by kind, each after those that are in it; `marked`: with the mark, where the step has one."""
+    return {each.kind: each for each in _Structs(step, syntax, real).every(marked)}
 
 
 @dataclass(frozen=True)
@@ -50,20 +51,21 @@ class _Structs:
     syntax: Syntax
     real: Real
 
-    def every(self, state: Iterable[Field]) -> Iterator[Struct]:
+    def every(self, marked: bool) -> Iterator[Struct]:
         """All that there are."""
-        step = self.step
+        step, marks = self.step, [self.step.mark] if marked and self.step.mark else []
         for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
             if signals:
                 yield Struct(kind, SIGNALS[kind], self.named(of_signal(step, signal) for signal in signals))
         for kind, fields in parameters(step):
             ours = self.in_time(fields)
             yield Struct(kind, MEANINGS[kind], self.named(ours) if kind == "plant" else tuple(map(self.member, ours)))
+        mark = (self.member(replace(each, meaning=OF_PARAMETERS)) for each in marks)
         inner = (self.inner(kind, MEANINGS[kind]) for kind, _ in parameters(step))
-        yield Struct("parameters", "parameters: change plant or gain, then call tune", tuple(inner))
+        yield Struct("parameters", "parameters: change plant or gain, then call tune", (*mark, *inner))
         for *_, group in lines_of(step.groups):
             yield Struct(group.name, group.meaning, self.memory(group.fields, group.groups))
-        yield Struct("state", remembered(step), self.memory(state, step.groups))
+        yield Struct("state", remembered(step), self.memory((*marks, *step.state), step.groups))
 
     def memory(self, fields: Iterable[Field], groups: Iterable[Group]) -> tuple[Member, ...]:
         """Fields, and arrays of structs after them."""

@@ -9,14 +9,15 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from hgogen.emit.ccheck import check as self_check
-from hgogen.emit.cfunction import Prototype, inside, own, prototypes, readied
+from hgogen.emit.cfunction import Prototype, inside, nominal, own, prototypes, readied
 from hgogen.emit.cheader import header
 from hgogen.emit.cmath import functions, includes
 from hgogen.emit.cnames import demand_file
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
+from hgogen.emit.csaved import saving
 from hgogen.emit.csyntax import C
 from hgogen.emit.cvector import vectors
-from hgogen.emit.interface import of_section
+from hgogen.emit.interface import entries, of_section
 from hgogen.emit.looping import LEAST, NEVER
 from hgogen.emit.naming import demand_distinct
 from hgogen.emit.portable import kernels, tables
@@ -28,7 +29,7 @@ from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Field, Group, Place
 from hgogen.reading.door import demand_switch
 from hgogen.step import Step, demand_step
-from hgogen.stepping.ready import UNINITIALISED
+from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
 from hgogen.target import Sources
 
 
@@ -94,41 +95,54 @@ def _source(step: Step, real: Real) -> list[str]:
 
 
 def _functions(writer: SharingWriter) -> Iterator[Code]:
-    """Each function: parts that sections share, the sections, what a caller has. The first section asks for the mark of
-    a state, and with it the step that begins with it; another asks where a caller calls it by itself."""
+    """Each function: parts that sections share, the sections, what a caller has, which first asks for the marks of the
+    state and of the parameters."""
     step, declared = writer.step, prototypes(writer.step)
-    first, *others = step.sections
-    begun = readied(step).call(own) if step.mark else "0u"
-    if step.mark:
-        yield _readied(step, step.mark)
     rarely = code(f"{step.name.upper()}_RARELY")
+    if step.mark:
+        yield rarely + _readied(step, step.mark)
     for part in writer.parts:
         yield rarely + _function(part.prototype, part.body)
-    if others:
-        for section in (*step.inner, first, *others):
-            body = writer.function(section.program)
-            yield _function(inside(step, section), body, begun if section is first else "0u")
-    asking = {section.name for section in (*others, *step.timed)} | (set() if others else {"step"})
+    if len(step.sections) > 1:
+        for section in (*step.inner, *step.sections):
+            yield _function(inside(step, section), writer.function(section.program))
+    yield rarely + _function(nominal(step), _nominal(step, writer.real))
     for name, body in _bodies(writer).items():
-        text = _function(declared[name], body, begun if name in asking else "0u")
+        asks = step.mark is not None and name in _asking(step)
+        text = _asked(step, declared[name], body) if asks else _function(declared[name], body)
         yield rarely + text if name == "reset" else text
+    yield saving(step, writer.real)
+
+
+def _asking(step: Step) -> set[str]:
+    """The functions that ask for the marks: the public ones that change the state."""
+    known = entries(step).values()
+    return {each.name for each in known if each.public and each.status and "s" in each.written}
+
+
+def _asked(step: Step, prototype: Prototype, body: Code) -> Code:
+    """A function that asks for the marks, and does nothing without parameters."""
+    upper, test = step.name.upper(), "({}->ready != {}_READY)"
+    missing = braced(
+        f"if ({' || '.join(test.format(name, upper) for name in 'sp')}) {{",
+        code(f"status = {readied(step).call(own)};", parameters="sp"),
+    )
+    return _function(prototype, missing + braced(f"if ((status & {upper}_{NO_PARAMETERS.name}) == 0u) {{", body))
 
 
 def _readied(step: Step, mark: Field) -> Code:
-    """The function that begins anew where the mark is missing, and says so."""
+    """The function that begins anew where a mark is missing, and says so."""
     upper, reset = step.name.upper(), prototypes(step)["reset"].call(own)
-    lines = (
-        f"if (s->{mark.name} != {upper}_READY) {{",
-        f"    {reset};",
-        f"    status = {upper}_{UNINITIALISED.name};",
-        "}",
-    )
-    return _function(readied(step), code(*lines, parameters="s"))
+    lines = [
+        (f"if ({name}->{mark.name} != {upper}_READY) {{", f"    {reset};", f"    status |= {upper}_{bit.name};", "}")
+        for name, bit in (("s", UNINITIALISED), ("p", NO_PARAMETERS))
+    ]
+    return _function(readied(step), code(*lines[0], *lines[1], parameters="sp"))
 
 
 def _bodies(writer: SharingWriter) -> dict[str, Code]:
     """The statements of each function that a caller has."""
-    step, real = writer.step, writer.real
+    step = writer.step
     bodies = {section.name: called(C, step, section) for section in step.sections if of_section(step, section).inner}
     if len(step.sections) > 1:
         bodies["step"] = joined(called(C, step, section) for section in step.sections)
@@ -136,8 +150,8 @@ def _bodies(writer: SharingWriter) -> dict[str, Code]:
         bodies["step"] = writer.function(step.sections[0].program)
     bodies |= {section.name: writer.function(section.program) for section in step.timed}
     bodies["estimate"] = writer.function(step.estimate)
-    bodies["tune"] = writer.function(step.tuning)
-    return bodies | {"reset": _reset(writer), "init": _init(step, real)}
+    bodies["tune"] = _made(step) + writer.function(step.tuning)
+    return bodies | {"reset": _reset(writer), "init": _init(step)}
 
 
 def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
@@ -207,9 +221,24 @@ def _fresh(start: str, writer: SharingWriter, groups: Iterable[Group], k: str = 
     return lines
 
 
-def _init(step: Step, real: Real) -> Code:
+def _nominal(step: Step, real: Real) -> Code:
     plant = (replace(item, name=C.name(item.name)) for item in step.plant)
     kinds = (("plant", plant), ("gain", step.gains))
+    marked = (f"p->{step.mark.name} = {step.name.upper()}_READY;",) if step.mark else ()
     lines = joined(_assign(f"p->{kind}.", f, real, _least(step, f)) for kind, fields in kinds for f in fields)
-    calls = [prototypes(step)[name].call(own) for name in ("tune", "reset")]
-    return lines + code(f"(void){calls[0]};", f"{calls[1]};", parameters="ps")
+    return code(*marked) + lines + code(parameters="p" if marked or lines.lines else "")
+
+
+def _made(step: Step) -> Code:
+    """What makes memory parameters that is none yet, and says so."""
+    if not step.mark:
+        return Code()
+    upper, made = step.name.upper(), nominal(step).call(own)
+    test = f"if (p->{step.mark.name} != {upper}_READY) {{"
+    return braced(test, code(f"{made};", f"status = {upper}_{NO_PARAMETERS.name};", parameters="p"))
+
+
+def _init(step: Step) -> Code:
+    known = prototypes(step)
+    calls = [nominal(step).call(own), f"(void){known['tune'].call(own)}", known["reset"].call(own)]
+    return code(*(f"{call};" for call in calls), parameters="ps")

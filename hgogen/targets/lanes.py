@@ -89,7 +89,7 @@ _STRUCTS = {"s": "state", "p": "params", "in": "input", "out": "output", "x": "p
 def _structs(writer: LaneWriter) -> list[str]:
     """The structs of the scalar C, of lanes."""
     p, none = writer.prefix, f"{writer.syntax.types[writer.real]} none;"
-    known = {"input": Struct("input", "", ())} | structs(writer.step, writer.syntax, writer.real, writer.step.stored)
+    known = {"input": Struct("input", "", ())} | structs(writer.step, writer.syntax, writer.real, marked=True)
     lines = [line for each in typedefs(p, known, none, lambda _: "") for line in each]
     return [*lines, "typedef struct {", f"    {p}_state s;", f"    {p}_params p;", f"}} {own(p)}_kept;", ""]
 

@@ -7,6 +7,7 @@ in C, so the same bits. Its documentation is the manual. It compiles with Rust 1
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from hgogen.emit import rustsaved
 from hgogen.emit.code import Code, code, indented, joined, spaced
 from hgogen.emit.functions import functions
 from hgogen.emit.interface import Entry, entries
@@ -79,7 +80,7 @@ def _recipe(name: str) -> Recipe:
 
 
 def _source(step: Step, real: Real, command: str) -> list[str]:
-    writer, memory = Writer(RUST, step, real), structs(step, RUST, real, step.state)
+    writer, memory = Writer(RUST, step, real), structs(step, RUST, real, marked=False)
     state, parameters = _methods(writer, memory)
     shared = routines(writer, state.uses.routines)
     used = (state + parameters + shared).uses
@@ -90,6 +91,7 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         *_ATTRIBUTES,
         "",
         *status(step),
+        *rustsaved.constants(step, real),
         *declared(step, memory),
         "impl Parameters {",
         *parameters.indented().lines,
@@ -99,6 +101,8 @@ def _source(step: Step, real: Real, command: str) -> list[str]:
         *state.indented().lines,
         "}",
         *(["", *private.lines[:-1]] if private.lines else []),  # each of them ends with an empty line
+        "",
+        *rustsaved.FUNCTIONS,
     ]
 
 
@@ -114,6 +118,7 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     of_state = [_made("State", "the state as before the first call", initial(memory, "state"))]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
+    of_state += [code(*rustsaved.save(step)), code(*rustsaved.restored(step, writer.real))]
     of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.estimate)))
     tuned = code("let mut p = Parameters {", *indented(initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")

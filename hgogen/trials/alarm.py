@@ -16,6 +16,7 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
 from hgogen.emit import layout
+from hgogen.emit.saved import sealed
 from hgogen.signal import resting
 from hgogen.trial import Trial, noisy, simulate
 from hgogen.trials.metrics import Summary
@@ -71,9 +72,9 @@ def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
     form = step.observer.form
     values: dict[Any, Any] = {s: trial.start[s.name] for s in form.system.states} | form.system.nominal
     values |= {u: resting(u) for u in form.system.inputs}
-    state = np.frombuffer(step.save(), layout.state_type(step, step.real)).copy()
+    state = np.frombuffer(layout.fresh(step, step.real), layout.state_type(step, step.real)).copy()
     state["z"] = z = [float(expression.subs(values)) for expression in form.to_form]
     state["theta"] = max(field.high[0] for field in step.state if field.name == "theta")
     if any(group.name == "predictor" for group in step.groups):
         state["predictor"]["z"] = z
-    return state.tobytes()
+    return sealed(step, step.real, state.tobytes())

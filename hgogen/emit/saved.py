@@ -1,0 +1,83 @@
+"""A saved state: a digest of the program that it is of, its bytes, and a checksum of both.
+
+    LAYOUT    8 bytes     the digest
+    state     any         the memory of the state as it lies there
+    checksum  4 bytes     CRC-32 (IEEE 802.3) of all bytes before it, the lowest byte first
+
+The digest is of what must be the same for a state to mean the same: the model, the form and the observer, their
+parameters as they are generated, the method, dt, the precision, and the fields of the memory in their order. The name
+that a caller gives the code is none of it, nor is where an estimate begins.
+"""
+
+import hashlib
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+
+from hgogen.emit.pygraph import DTYPE
+from hgogen.emit.syntax import Real
+from hgogen.errors import BadArgument
+from hgogen.program import Field, Group
+from hgogen.reading.release import version
+from hgogen.step import Step
+from hgogen.stepping import ready
+
+DIGEST, CHECKSUM = 8, 4  # bytes
+ADDED = DIGEST + CHECKSUM  # bytes of a saved state beside those of the state
+POLYNOMIAL = 0xEDB88320
+
+
+class NotSaved(BadArgument):
+    """Bytes that are no saved state of a step."""
+
+
+@lru_cache(maxsize=8)  # what is made of a step asks several times
+def layout(step: Step, real: Real, language: str = "c") -> bytes:
+    """Return the digest (8) of a step in a precision; `language`: whose memory it is, C's or another's."""
+    observer, form = step.observer, step.observer.form
+    system = form.system.declared
+    lines = [version(), language, real, system.name, form.kind, observer.name, step.rule]
+    lines += [f"dt {step.dt!r}, {step.periods}, {step.between}, {step.guards}, {step.prefer}", str(observer.delays)]
+    lines += [f"{kind} {text}" for kind, each in (("'", system.flow), ("=", system.output)) for text in map(str, each)]
+    lines += map(str, form.to_form)
+    for fields in (step.plant, step.gains):
+        lines += (f"{field.name} {[DTYPE[real](value) for value in field.initial]}" for field in fields)
+    lines += [*_listed(step.derived, ()), *_listed(step.state, step.groups)]
+    return hashlib.sha256("\n".join(lines).encode()).digest()[:DIGEST]
+
+
+def mark(step: Step, real: Real) -> int:
+    """Return the number that marks memory of a step in a precision."""
+    return ready.number(layout(step, real))
+
+
+def sealed(step: Step, real: Real, state: bytes) -> bytes:
+    """Return a state's bytes as what is saved of it."""
+    body = layout(step, real) + state
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
+    """Return the bytes (size) of the state that was saved.
+
+    Raises: `NotSaved` for what is damaged, or of another program.
+    """
+    what = f"a saved state of {len(saved)} bytes"
+    if len(saved) != size + ADDED:
+        raise NotSaved(what, f"is not of this step, of which {size + ADDED} are saved; give what save() gave")
+    body, state = saved[:-CHECKSUM], saved[DIGEST:-CHECKSUM]
+    if struct.pack("<I", zlib.crc32(body)) != saved[-CHECKSUM:]:
+        raise NotSaved(what, "is damaged: its checksum differs; save again")
+    marked = not step.mark or state[:4] == struct.pack("=I", mark(step, real))
+    if saved[:DIGEST] != layout(step, real) or not marked:
+        raise NotSaved(what, "is of another model, observer, gains, dt or precision; restore it where it was saved")
+    return state
+
+
+def _listed(fields: Iterable[Field], groups: Iterable[Group]) -> Iterator[str]:
+    """Yield the layout of memory in words."""
+    yield from (f"{field.kind} {field.name}[{field.size}]: {', '.join(field.labels)}" for field in fields)
+    for group in groups:
+        yield f"{group.name}[{group.count}]"
+        yield from _listed(group.fields, group.groups)
