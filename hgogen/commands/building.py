@@ -133,7 +133,7 @@ def build_(
     JSON keys: model, plant, form, coordinates, flow, outputs, gains, dt, checks, refuted, theorem, notes (as in
     `check`), c_names (by signal, where the language, C or another, has another name), compiler, self_check (what it
     printed), trials (trial, criterion, seeds, engine, times, settled, worst, peak, calm, triggered, loud,
-    latched, alarm_ratio, rms, clamped, left), comparison (trial, seed, until, before, after, settled, dt,
+    latched, alarm_ratio, rms, clamped, left, acted), comparison (trial, seed, until, before, after, settled, dt,
     agreed), files.
     """
     _demand_language(target)
@@ -266,19 +266,19 @@ def simulate_(
     the model has bounds.
 
     JSON keys: model, gains (as in `check`), trials (trial, criterion: what settled means, seeds, engine, times of the
-    events, settled and worst time to settle after each, peak of theta as [smallest, largest], calm: time until
-    theta < 1.05, triggered: share of seeds, loud: share of the last fifth before the next event with theta > 1.5,
-    latched: seeds in which theta does not come back, alarm_ratio: innovation at the largest theta over its threshold,
-    rms by state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that
-    leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, bounds: of a model
-    that has them a list of state, unit, bound: what is proved of its error, after: how long after an event, worst: the
-    largest error of the first seed there, null where the trial ends before; none where no time is proved from which on
-    they hold, falling: of an observer with a covariance, else null, shown on the trial without noise: trial, ratio: the
-    largest e' S e of a call over that of the call before, time, calls of which it is, eigenvalues of scaled S as
-    [least, largest]; each: the same by seed, without left, bounds and falling), files; of a campaign model, gains,
-    campaigns (trial, observer, engine, criterion, runs, failed: those without a truth, varied: name, what, low, high,
-    quantiles: name, low 5 %, middle 50 %, high 95 %, worst, run: the one that had it; with --repeat its run: varied,
-    metrics, failed).
+    events, settled and worst time to settle after each, peak of theta as [smallest, largest], calm: time until theta <
+    1.05, triggered: share of seeds, loud: share of the last fifth before the next event with theta > 1.5, latched:
+    seeds in which theta does not come back, alarm_ratio: innovation at the largest theta over its threshold, rms by
+    state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that leave their
+    declared ranges, a list of signal, low, high, time: the first, value there, farthest, acted: times of the restarts
+    from the sample and of the projections onto the ranges, of so many runs, bounds: of a model that has them a list of
+    state, unit, bound: what is proved of its error, after: how long after an event, worst: the largest error of the
+    first seed there, null where the trial ends before; none where no time is proved from which on they hold, falling:
+    of an observer with a covariance, else null, shown on the trial without noise: trial, ratio: the largest e' S e of a
+    call over that of the call before, time, calls of which it is, eigenvalues of scaled S as [least, largest]; each:
+    the same by seed, without left, acted, bounds and falling), files; of a campaign model, gains, campaigns (trial,
+    observer, engine, criterion, runs, failed: those without a truth, varied: name, what, low, high, quantiles: name,
+    low 5 %, middle 50 %, high 95 %, worst, run: the one that had it; with --repeat its run: varied, metrics, failed).
     """
     loaded = load(model).set(setting)
     step = loaded.step(observer)

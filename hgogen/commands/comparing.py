@@ -36,6 +36,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.trials.comparison import Measured, measured
+from hgogen.trials.interventions import notes as guards
 from hgogen.trials.leaving import Left, left, notes
 from hgogen.trials.metrics import criterion
 
@@ -68,12 +69,12 @@ def compare_(
     are at most, beside it what is proved of each error, or why nothing is.
 
     JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, estimate and
-    start: the states that all observers and that the plant begin with, left: as in `simulate`,
-    observers: a list of name, observer, method,
-    settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
-    in float, proved: the bounds by state, worst: by state the largest error of all seeds from when on these hold, null
-    where the trial ends before, unproved: what is not known of them, and why), refused (why, by observer), files; of a
-    campaign, with --vary or --runs, model, dt, engine, campaigns (as in `simulate`), refused.
+    start: the states that all observers and that the plant begin with, left: as in `simulate`, observers: a list of
+    name, observer, method, settled after each event, rms and peak by state, clamped, acted as in `simulate`,
+    operations, functions, state and params in bytes of the C in float, proved: the bounds by state, worst: by state the
+    largest error of all seeds from when on these hold, null where the trial ends before, unproved: what is not known of
+    them, and why), refused (why, by observer), files; of a campaign, with --vary or --runs, model, dt, engine,
+    campaigns (as in `simulate`), refused.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -109,6 +110,8 @@ def compare_(
             tried.append((one, [measured(name, step, one, *asked_of, bound) for name, step, bound in each]))
             _note_no_error(loaded.plant, one)
             note(*notes(one.name, _left(loaded.plant, tried[-1][1]), unit))
+            for row in tried[-1][1]:
+                note(*guards(one.name, row.name, row.acted, bool(one.jumps), unit))
     paths = folder.write(rendered({f"{one.name}_errors": drawings.errors(each, unit) for one, each in tried}))
     shown = [
         tables.compared(

@@ -39,6 +39,7 @@ from hgogen.reading.measured import COMMAND, Record, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
+from hgogen.trials.interventions import interventions
 from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rejected, rms
 from hgogen.trials.rejected import MostlyRejected, clamped, rejections
@@ -94,20 +95,19 @@ def run_(
     The estimate starts from --initial, by default with what the first samples show of the states, the others where the
     observer does.
 
-    JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers,
-    covered, absent, malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift,
-    unit of time, notes), status (samples by status bit), initial (states that the first samples or --initial
-    give), predictions (output, ahead: samples or null for open
-    loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), hidden
-    (RMS error of the estimate by state, where --truth gives it), innovations (by output: count, rms; nis, the mean of
-    e^2/s, with the ends of its 95 % band, outside, the share beyond 2 sigma, null without a covariance; whiteness:
-    test, statistic, limit, lags, white), nees (states, count, alike: how many errors tell as much as one, nees, band;
-    null without truth or covariance), rejected (outputs most of whose samples the observer rejects, for which the exit
-    status is 1: output, count, share, values: the middle nine in ten, range, map: what makes it fit, mends), better
-    (another shift or sign of one signal with which predictions err clearly less, or null: signal, shift in samples,
-    sign, error over that of copying, present), real, from_double (with --real float, by state: the largest difference
-    from the same run in double, its time t, its share of scale, the width of the range or the peak; status: samples
-    whose status differs), notes, files.
+    JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers, covered, absent,
+    malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift, unit of time, notes),
+    status (samples by status bit), acted (as in `simulate`), initial (states that the first samples or --initial give),
+    predictions (output, ahead: samples or null for open loop, model, copying, count: samples compared, rejected:
+    samples that the observer rejected, which are not), hidden (RMS error of the estimate by state, where --truth gives
+    it), innovations (by output: count, rms; nis, the mean of e^2/s, with the ends of its 95 % band, outside, the share
+    beyond 2 sigma, null without a covariance; whiteness: test, statistic, limit, lags, white), nees (states, count,
+    alike: how many errors tell as much as one, nees, band; null without truth or covariance), rejected (outputs most of
+    whose samples the observer rejects, for which the exit status is 1: output, count, share, values: the middle nine in
+    ten, range, map: what makes it fit, mends), better (another shift or sign of one signal with which predictions err
+    clearly less, or null: signal, shift in samples, sign, error over that of copying, present), real, from_double (with
+    --real float, by state: the largest difference from the same run in double, its time t, its share of scale, the
+    width of the range or the peak; status: samples whose status differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
     loaded = _timed(load(model).set(setting), data, time, period)
@@ -143,6 +143,9 @@ def run_(
         *sure.sentences(),
         *coarse(single, step.time),
     ]
+    acted = interventions(step, done.status, record.t)
+    if acted:
+        notes.append(f"the law of recovery acted: {acted.sentence(step.time)}")
     notes += too_far(ahead, [one.ahead for one in errors])
     if other:
         notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
@@ -156,6 +159,7 @@ def run_(
         "engine": engine,
         "record": record.report.as_dict(),
         "status": status,
+        "acted": acted.as_dict(),
         "initial": begins,
         "predictions": [one.as_dict() for one in errors],
         "hidden": hidden,

@@ -12,6 +12,8 @@ from hgogen.model import Model
 from hgogen.trial import Trajectory, Trial, demand_trial, try_out
 from hgogen.trials import alarm
 from hgogen.trials.agreement import Agreement, agreement
+from hgogen.trials.interventions import Interventions, interventions
+from hgogen.trials.interventions import notes as guards
 from hgogen.trials.leaving import Left, left, notes
 from hgogen.trials.metrics import Metrics, Summary, metrics, summary
 from hgogen.trials.proposed import proposed_trial
@@ -40,32 +42,36 @@ def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A trial over its seeds: the first seed's trajectory, every seed's metrics, and where the plant itself leaves its
-    ranges."""
+    """A trial over its seeds: the first seed's trajectory, every seed's metrics, where the plant itself leaves its
+    ranges, and when guards acted on the estimate."""
 
     trial: Trial
     first: Trajectory
     each: tuple[Metrics, ...]
     left: tuple[Left, ...]
+    acted: Interventions
 
 
 def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
     """The step over a trial; `tick` is called after each seed."""
     first: Trajectory | None = None
     each: list[Metrics] = []
+    acted = Interventions(runs=0)
     for trajectory in try_out(step, trial, engine, seeds):
         first = first or trajectory
         each.append(metrics(step, trajectory))
+        acted += interventions(step, trajectory.status, trajectory.truth.t)
         tick()
     assert first is not None  # a trial without seeds has been refused
-    return Tried(trial, first, tuple(each), left(step.observer.form.system, first))
+    return Tried(trial, first, tuple(each), left(step.observer.form.system, first), acted)
 
 
 def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
     """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
     ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
     summed = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
-    for sentence in (*departures(done, step.time), *alarm.complaints(summed)):
+    guarded = (guards(one.trial.name, step.observer.name, one.acted, bool(one.trial.jumps), step.time) for one in done)
+    for sentence in (*departures(done, step.time), *chain.from_iterable(guarded), *alarm.complaints(summed)):
         say(sentence)
     return summed
 
@@ -76,9 +82,12 @@ def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
 
 
 def as_dicts(summaries: Iterable[Summary], done: Iterable[Tried]) -> list[dict[str, Any]]:
-    """The trials for JSON: the summary of each, and where the plant leaves its ranges."""
+    """The trials for JSON: the summary of each, where the plant leaves its ranges, and when guards acted."""
     pairs = zip(summaries, done, strict=True)
-    return [{**one.as_dict(), "left": [each.as_dict() for each in tried.left]} for one, tried in pairs]
+    return [
+        {**one.as_dict(), "left": [each.as_dict() for each in tried.left], "acted": tried.acted.as_dict()}
+        for one, tried in pairs
+    ]
 
 
 def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:

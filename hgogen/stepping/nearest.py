@@ -38,7 +38,7 @@ def nearest(
     u = sym("state", "u", len(observer.form.system.inputs))
     x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
     h = observer.dynamics.output(observer.z, u)
-    limits, V = ends(observer, shown, x), weights(shown)
+    limits, V = _ends(observer, shown, x), weights(shown)
     g = observer.dynamics.output_jacobian(observer.z, u) @ ca.jacobian(observer.z, x)
     slopes = {j: g[j, :].T for j in samples}
     spans = [high - low for low, high in readings(observer.form)]
@@ -50,13 +50,13 @@ def nearest(
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
             moved = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
-            fitted = column(_number(moved[i], end, x[i]) for i, end in enumerate(limits))
+            fitted = column(number(moved[i], end, x[i]) for i, end in enumerate(limits))
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
             blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", placed(shown, value)))
     return tuple(blocks)
 
 
-def _number(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
+def number(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
     """A value clamped to a range, another where it is lost; of a plausible sample none is, which an analyser sees."""
     return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
 
@@ -75,7 +75,7 @@ def weights(shown: tuple[Field, ...]) -> Graph:
     return weights * weights  # infinite without a word where NumPy warns
 
 
-def ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
+def _ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
     """The declared range of each x_i that is a state z_k, else its outer box."""
     limits = [end for field in shown for end in field.box]
     for k, end in enumerate(observer.dynamics.box):

@@ -20,8 +20,8 @@ component's error grows by that, since |min(max(z_k, l), h) - x_k| <= |z_k - x_k
 matrix may: of S = [1 -.99; -.99 1] and e = (1, 1) it is .02, and 1 with e_1 = 0. The same P stands for a covariance
 that is kept in columns (more than 7 states).
 
-A projection that would leave the outer box, or has no finite value, is replaced by the clamp. Source: Simon, "Optimal
-State Estimation" (2006), 7.5.
+A value that would leave its outer box is clamped to that, and one that is no number stays as it was. Source: Simon,
+"Optimal State Estimation" (2006), 7.5.
 """
 
 from collections.abc import Iterator
@@ -33,8 +33,8 @@ from hgogen.observer import Observer
 from hgogen.part import Pieces
 from hgogen.program import INF, Block, Field, Place, Program, column, sym
 from hgogen.stepping.members import read_fields
-from hgogen.stepping.nearest import ends, placed, weights
-from hgogen.structure.dynamics import clamp, inside
+from hgogen.stepping.nearest import number, placed, weights
+from hgogen.structure.dynamics import clamp
 
 
 def estimate_fields(observer: Observer, fields: tuple[Field, ...]) -> tuple[Field, ...]:
@@ -49,19 +49,35 @@ def projection(observer: Observer, pieces: Pieces) -> Program:
         return pieces.project
     fields = estimate_fields(observer, pieces.fields)
     x = ca.vertcat(*(sym("state", field.name, field.size) for field in fields))
-    known = pieces.covariance is not None and pieces.covariance.shape[0] == x.numel()
-    P = pieces.covariance if known else ca.diag(ca.SX(weights(fields)))
-    moved = x
-    for value, slope, (low, high) in _ranges(observer, x):
-        now, a = ca.substitute([value, slope], [x], [moved])
-        across = P @ a
-        moved = moved - across * ((now - clamp(now, low, high)) / ca.dot(a, across))
-    outer = [end for field in fields for end in field.box]
-    usable = inside(moved, outer)
-    nearest = column(clamp(x[i], *end) for i, end in enumerate(ends(observer, fields, x)))
-    value = column(clamp(ca.if_else(usable, moved[i], nearest[i]), *outer[i]) for i in range(x.numel()))
+    value = _clamped(observer, x) if pieces.covariance is None else None
+    if value is None:
+        value = _projected(observer, pieces, fields, x)
     raised = {Place("status", "PROJECTED_ONTO_RANGES"): ca.SX(1)}
     return (Block("the estimate back onto its declared ranges", {**placed(fields, value), **raised}),)
+
+
+def _clamped(observer: Observer, x: Graph) -> Graph | None:
+    """The fields x, each clamped to its range; None where a range is not that of a field alone."""
+    value = ca.SX(x)
+    for g, _, end in _ranges(observer, x):
+        same = [i for i in range(x.numel()) if ca.is_equal(ca.SX(g), x[i])]
+        if not same:
+            return None
+        value[same[0]] = clamp(value[same[0]], *end)
+    return value
+
+
+def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x: Graph) -> Graph:
+    """The fields x projected onto one range after the other."""
+    known = pieces.covariance is not None and pieces.covariance.shape[0] == x.numel()
+    P: Graph = pieces.covariance if known else ca.diag(ca.SX(weights(fields)))
+    moved = x
+    for g, slope, end in _ranges(observer, x):
+        now, a = ca.substitute([g, slope], [x], [moved])
+        across = P @ a
+        moved = moved - across * ((now - clamp(now, *end)) / ca.dot(a, across))
+    outer = (end for field in fields for end in field.box)
+    return column(number(moved[i], end, x[i]) for i, end in enumerate(outer))
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:

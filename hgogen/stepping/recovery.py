@@ -123,23 +123,30 @@ class Sign:
             scalar(self.limit, self.wait, low=self.wait, high=self.most, meaning="fault count at which a guard acts"),
         )
 
-    def counted(self, below: Graph) -> Block:
-        """The count moved by `work.moves_NAME`, of errors `below` 0 or not; `work.over_NAME` says whether it is at its
-        limit. Count and limit are in their ranges, which was asked."""
+    @property
+    def counted(self) -> Block:
+        """The count moved by `work.moves_NAME`, with the sign of `work.side_NAME`; `work.over_NAME` says whether it is
+        at its limit. Count and limit are in their ranges, which was asked."""
         moves, limit = sym("work", f"moves_{self.name}"), sym("state", self.limit)
-        size = ca.fmin(ca.fmax(ca.fabs(sym("state", self.count)) + moves, 0), self.most)
+        size = ca.fmax(self.size + moves, 0)
         return Block(
             f"count of {self.name}",
             {
-                Place("state", self.count): self._signed(below, size),
+                Place("state", self.count): self._signed(sym("work", f"side_{self.name}"), size),
                 Place("state", self.limit): ca.if_else(size <= 0, self.wait, limit),
                 Place("work", f"over_{self.name}"): ca.logic_and(moves > 0, size >= limit),
             },
         )
 
-    def _signed(self, below: Graph, size: Graph) -> Graph:
-        """A count of that size, of errors below 0 or not."""
-        return size if self.output is None else ca.if_else(below, -size, size)
+    @property
+    def size(self) -> Graph:
+        """|c|; SX."""
+        count = sym("state", self.count)
+        return count if self.output is None else ca.fabs(count)
+
+    def _signed(self, side: Graph, size: Graph) -> Graph:
+        """A count of that size, of errors on a side of 0."""
+        return size if self.output is None else ca.if_else(side < 0, -size, size)
 
     @property
     def longest(self) -> float:
@@ -151,7 +158,7 @@ class Sign:
         """A guard next acts at twice the count."""
         count, limit = sym("state", self.count), sym("state", self.limit)
         least = ca.fmin(limit, self.most / 2)  # which the size of the count has reached
-        doubled = {self.count: self._signed(count < 0, least), self.limit: ca.fmin(2 * limit, self.most)}
+        doubled = {self.count: self._signed(count, least), self.limit: ca.fmin(2 * limit, self.most)}
         return Block("the fault limit doubles", {Place("state", name): value for name, value in doubled.items()})
 
 
@@ -219,7 +226,7 @@ class Recovery:
     @property
     def _sum(self) -> Graph:
         """The sum of the sizes of all fault counts, and of the limits beyond the first; SX."""
-        return sum(ca.fabs(sym("state", s.count)) + (sym("state", s.limit) - s.wait) for s in self.signs)
+        return sum(s.size + (sym("state", s.limit) - s.wait) for s in self.signs)
 
     @cached_property
     def inner(self) -> tuple[Section, ...]:
@@ -255,7 +262,7 @@ class Recovery:
         moves: dict[Place, Graph] = {}
         for sign in signs:
             moves |= self._moves(sign, samples)
-        counts = (s.counted(sym("work", f"below_{s.name}")) for s in signs)
+        counts = (sign.counted for sign in signs)
         remember = Block("the checksum of fault counts and limits", {Place("state", "fault_checksum"): self._sum})
         judged = (*self._checked, Block("which signs show?", moves), *counts, *self._guard(signs, samples), remember)
         return (
@@ -290,7 +297,7 @@ class Recovery:
 
     def _moves(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
         """By how much the size of a count moves at these samples, at one of which the estimate is judged, and whether
-        it counts errors below 0 then."""
+        what has the sign of the count then."""
         place = Place("work", f"moves_{sign.name}")
         if sign.output is None:
             weight = self._weight(tuple(samples))
@@ -301,7 +308,7 @@ class Recovery:
         if len(samples) > 1:
             shows = ca.logic_and(shows, self._plausible(sign.output, sample))
             moves = ca.if_else(self._plausible(sign.output, sample), moves, 0)
-        return {place: moves, Place("work", f"below_{sign.name}"): ca.if_else(shows, sample.error < 0, count < 0)}
+        return {place: moves, Place("work", f"side_{sign.name}"): ca.if_else(shows, sample.error, count)}
 
     def _limit(self, j: int) -> Graph:
         """The error of an output beyond which it shows the sign."""

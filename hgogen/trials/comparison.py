@@ -23,6 +23,7 @@ from hgogen.certificates.error_bound import ErrorBound
 from hgogen.emit.cost import Cost, cost
 from hgogen.signal import Signal
 from hgogen.trial import Trajectory, Trial, try_out
+from hgogen.trials.interventions import Interventions, interventions
 from hgogen.trials.metrics import median, metrics, ranges
 from hgogen.trials.within import largest
 
@@ -32,9 +33,10 @@ class Measured:
     """What an observer does on a trial; `name` is that of its tuning.
 
     `settled` is the time (s) to settle after each event, None where it never does; `rms` and `peak` are by state;
-    `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed. By
-    state that has a bound, `proved` is the bound and `worst` the largest error from when on it holds, None where no
-    trial lasts so long; `unproved` says what is not known of them, and why.
+    `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed;
+    `acted`: when guards acted on the estimate, over all seeds. By state that has a bound, `proved` is the bound and
+    `worst` the largest error from when on it holds, None where no trial lasts so long; `unproved` says what is not
+    known of them, and why.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Measured:
     clamped: int
     cost: Cost
     first: Trajectory
+    acted: Interventions
     proved: Mapping[str, float] = field(default_factory=dict)
     worst: Mapping[str, float | None] = field(default_factory=dict)
     unproved: str = ""
@@ -54,7 +57,7 @@ class Measured:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         values = {key: value for key, value in vars(self).items() if key not in ("states", "first", "cost")}
-        return {**values, "settled": list(self.settled), **asdict(self.cost)}
+        return {**values, "settled": list(self.settled), "acted": self.acted.as_dict(), **asdict(self.cost)}
 
 
 def measured(
@@ -85,6 +88,7 @@ def measured(
         clamped=sum(m.clamped for m in per_seed),
         cost=cost(step),
         first=each[0],
+        acted=sum((interventions(step, one.status, one.truth.t) for one in each), Interventions(runs=0)),
         proved=known.bounds if known else {},
         worst=largest(step.states, each, known) if known else {},
         unproved=str(known.missing) if known else "",

@@ -1,0 +1,37 @@
+"""Restarts and projections of a run are counted and named with their times; undisturbed, they are a warning."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hgogen.trials.interventions import Interventions, interventions, notes
+
+STEP: Any = SimpleNamespace(
+    bits=tuple(SimpleNamespace(name=n) for n in ("MISSING_Y", "PROJECTED_ONTO_RANGES", "RESTARTED_FROM_SAMPLE"))
+)
+
+
+def test_the_times_are_those_at_which_a_bit_was_raised() -> None:
+    status = np.array([0, 2, 4, 1, 6, 0])
+    each = interventions(STEP, status, np.arange(6) / 10)
+    assert each == Interventions(restarts=(0.2, 0.4), projections=(0.1, 0.4))
+    assert each.as_dict() == {"restarts": [0.2, 0.4], "projections": [0.1, 0.4], "runs": 1}
+    plain: Any = SimpleNamespace(bits=())
+    assert not interventions(plain, status, np.arange(6.0))
+
+
+def test_a_sentence_names_the_first_times_of_all_runs() -> None:
+    each = Interventions((5.0, 7.0), ()) + Interventions((1.0, 6.0), (2.5,))
+    restarts = "4 restarts from the sample (t = 1, 5, 6, .. min)"
+    assert each.sentence("min") == f"{restarts}, 1 projection onto the ranges (t = 2.5 min) in 2 runs"
+    assert Interventions((3.0,)).sentence("s") == "1 restart from the sample (t = 3 s)"
+
+
+@pytest.mark.parametrize(("disturbed", "warned"), [(True, False), (False, True)])
+def test_they_are_a_warning_where_nothing_disturbs_the_plant(disturbed: bool, warned: bool) -> None:
+    (sentence,) = notes("swing", "ukf", Interventions((3.0,)), disturbed, "s")
+    assert sentence.startswith("warning: nothing disturbs trial swing") == warned
+    assert "1 restart from the sample (t = 3 s)" in sentence
+    assert not list(notes("swing", "ukf", Interventions(), disturbed, "s"))
