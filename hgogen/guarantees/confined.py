@@ -14,11 +14,11 @@ import numpy as np
 
 from hgogen.algebra.definite import fraction, root
 from hgogen.guarantees.contracting import Steps
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, extent, floats, inverse_root
-from hgogen.guarantees.semidefinite import holding, shortest
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, confirmed, even, extent, floats
+from hgogen.guarantees.semidefinite import Solution, holding, settled, shortest
 
 _WHAT = "a bound of the errors from a start"
-_NOTHING, _PASSES = Fraction(0), 1
+_NOTHING = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array
     form, W = steps.at(h).contraction(_NOTHING), steps.coordinates
     if W is None:
         return None
-    asked = form.floats, floats(corners), floats(np.array(list(rows.values()))), W
-    exactly = confirmed((form,), lambda margin: _sought(*asked, margin))
+    asked = form.floats, floats(corners), floats(np.array(list(rows.values())))
+    exactly = confirmed((form,), lambda margin: settled(lambda W: _sought(*asked, W, margin), W))
     return Confined(Weights.of(*exactly), reached(exactly[0], corners, rows)) if exactly else None
 
 
@@ -50,19 +50,9 @@ def reached(P: Array, corners: Array, rows: Mapping[int, Array]) -> dict[int, Fr
     return {place: root(extent(P, c) * begins) for place, c in rows.items()}
 
 
-def _sought(
-    of: Quadratic, corners: Array, rows: Array, W: Array, margin: float, passes: int = _PASSES
-) -> tuple[Array, Array] | None:
+def _sought(of: Quadratic, corners: Array, rows: Array, W: Array, margin: float) -> Solution | None:
     """P and S in floats with |e|_P <= 1 at the corners and a small largest c P^-1 c', sought in coordinates x, e = W x,
-    with corners and rows near 1; then in those of that P, in which a solver comes nearer to the least."""
-    seen = Seen((of,), W, even(of, W))
-    begins, reads = corners @ np.linalg.inv(W).T, rows @ W
-    far, steep = (np.linalg.norm(each, axis=1).max() for each in (begins, reads))
-    candidate = shortest(seen.forms, reads / steep, holding(of, begins / far), margin, _WHAT)
-    if candidate is None:
-        return None
-    again = None
-    if passes and np.linalg.eigvalsh(candidate[0]).min() > 0:
-        again = _sought(of, corners, rows, W @ inverse_root(candidate[0]), margin, passes - 1)
-    P, S = seen.back(*candidate)
-    return again or (P / far**2, S / far**2)
+    with corners near 1."""
+    begins = corners @ np.linalg.inv(W).T
+    far = float(np.linalg.norm(begins, axis=1).max())
+    return shortest(Seen((of,), W, even(of, W)), rows @ W, holding(of, begins / far), margin, 1 / far, _WHAT)

@@ -145,7 +145,7 @@ class _Search:
             for i, j in at:
                 H[i, j] = comb(n, i + 1) * (1 if speed == _SPEEDS[0] else speed ** (j + 1))
             filters.append((-speed * np.eye(m) + np.eye(m, k=-1), np.eye(m)[0], H))
-        return min(filters, key=lambda each: self._worth(self._numbers(each)))
+        return min(filters, key=lambda each: self._worth(self._numbers(each))[0])
 
     def proved(self, filter_: Filter) -> InputBound | None:
         """A proof of the rate, with a bound of what noise does."""
@@ -156,12 +156,13 @@ class _Search:
         """Filters of few digits, the best first: about the last, as far as floats tell, none is better."""
         from scipy.optimize import minimize  # which the solver needs as well
 
-        known = list[tuple[float, np.ndarray]]()
+        known, W = list[tuple[float, np.ndarray]](), list[Array]()  # with the coordinates of the best P
 
         def worth(numbers: np.ndarray) -> float:
-            value = self._worth(numbers)
+            value, coordinates = self._worth(numbers, *W)
             if value < min((other for other, _ in known), default=_LARGE):
                 known.append((value, numbers.copy()))
+                W[:] = [] if coordinates is None else [coordinates]
             return value
 
         start = self._numbers(filter_)
@@ -171,14 +172,19 @@ class _Search:
         for _, numbers in known[: -_PROOFS - 1 : -1]:
             yield self._filter(np.array([float(f"{x:.{_DIGITS}g}") for x in numbers]))
 
-    def _worth(self, numbers: np.ndarray) -> float:
-        """The logarithm of the bound in floats; a large number where there is none."""
-        asked = self._asked(self._filter(numbers))
-        known = asked and bound_in_floats(*asked)
-        return float(np.log(known)) if known else _LARGE
+    def _worth(self, numbers: np.ndarray, *coordinates: Array) -> tuple[float, Array | None]:
+        """The logarithm of the bound in floats, sought from these coordinates of its P or else from its own, and those
+        in which its P is the unit matrix; a large number where there is none."""
+        for W in (*coordinates, None):
+            asked = self._asked(self._filter(numbers), W)
+            known = asked and bound_in_floats(*asked)
+            if known:
+                return float(np.log(known[0])), known[1]
+        return _LARGE, None
 
-    def _asked(self, filter_: Filter) -> tuple[Bounded, Array, int, Array, Fraction] | None:
-        """What a bound is asked of; None of a filter with which nothing decays."""
+    def _asked(self, filter_: Filter, W: Array | None = None) -> tuple[Bounded, Array, int, Array, Fraction] | None:
+        """What a bound is asked of, in coordinates W or those of a P with which all decays; None of a filter with which
+        nothing does."""
         error = injected(self.chain, *filter_)
         if isinstance(error, Nothing):
             raise BadGain(_NAME, f"has no bound here: {error}")
@@ -188,11 +194,12 @@ class _Search:
         if np.linalg.eigvals(floats(error.N)).real.max() >= 0:
             return None
         e = error.at(self.theta)
-        weights = sought((flowing(e, number(Fraction(0))),), "an injection's filter")
-        if weights is None:
-            return None
-        W, c = inverse_root(weights[0]), of_state(scales, self.state)
-        return lambda alpha: driven(e, number(alpha)), W, 1, c, 2 * self.rate
+        if W is None:
+            weights = sought((flowing(e, number(Fraction(0))),), "an injection's filter")
+            if weights is None:
+                return None
+            W = inverse_root(weights[0])
+        return lambda alpha: driven(e, number(alpha)), W, 1, of_state(scales, self.state), 2 * self.rate
 
     def _numbers(self, filter_: Filter) -> np.ndarray:
         """The diagonal of F and the one above it, and H."""

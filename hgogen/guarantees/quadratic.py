@@ -136,7 +136,7 @@ class Seen:
     W: Array
     g: Array
 
-    @property
+    @cached_property
     def forms(self) -> list[Quadratic]:
         """The forms of x."""
         n, size = self.of[0].pairs[0][0].shape

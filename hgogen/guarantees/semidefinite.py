@@ -8,7 +8,8 @@ F is linear in P and S (`quadratic`), c P^-1 c' <= t. The programs are written d
 s = b with s in cones, without a language for models, which would take longer than the solver.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import pairwise
@@ -19,11 +20,13 @@ import numpy as np
 from hgogen.algebra.threads import one_thread
 from hgogen.guarantees.lmi import cones
 from hgogen.guarantees.merged import Group, merged
-from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even, pace
+from hgogen.guarantees.quadratic import Array, Quadratic, Seen, even, inverse_root, pace
 
 _LEAST = 1e-4  # eigenvalue of P over the mean of all: a P close to singular is none that rationals prove
 _CLOSE = 1e-6  # how well a margin is found
 CLOSER = 1e-8
+_SOLVES = 6  # of a program in coordinates of its own solution, at most
+_GAIN, _ROUND = 0.01, 4  # what ends them: a gain, and a condition number of P, that are smaller
 _USABLE = ("Solved", "AlmostSolved")  # what the solver says of its solution
 
 Limits = tuple[Array, Array]  # A and b of A (P, S) <= b, P by its entries as `_short` has them
@@ -39,6 +42,40 @@ class Margin:
     S: Array
     margin: float
     prices: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a program finds in coordinates x of e = W x: the weights `P` (n, n) and `S` (k) of e, the `value` that it
+    makes small, infinite where the forms are not negative by these weights, and the P of x, `near` the unit matrix."""
+
+    P: Array
+    S: Array
+    value: float
+    near: Array
+
+
+def settled(solve: Callable[[Array], Solution | None], W: Array) -> tuple[Array, Array] | None:
+    """The weights P and S of the least value that a program finds in coordinates e = W x, then in those in which the P
+    that it found is the unit matrix, until it finds one near that, or gains less than a hundredth; None where it finds
+    none.
+
+    A solver takes for nothing what is small in its coordinates. Where these are far from those of the solution it ends
+    anywhere up to several times the least value, as it happens to round; in those of its own solution at the least.
+    """
+    best: Solution | None = None
+    for _ in range(_SOLVES):
+        solution = solve(W)
+        if solution is None:
+            break
+        before = math.inf if best is None else best.value
+        best = solution if best is None or solution.value < before else best
+        sizes = np.linalg.eigvalsh(solution.near)
+        close = sizes[0] > 0 and sizes[-1] < _ROUND * sizes[0]
+        if sizes[0] <= 0 or (solution.value < math.inf and (close or solution.value >= (1 - _GAIN) * before)):
+            break
+        W = W @ inverse_root(solution.near)
+    return None if best is None else (best.P, best.S)
 
 
 def sought(forms: Sequence[Quadratic], what: str, W: Array | None = None) -> tuple[Array, Array] | None:
@@ -101,14 +138,13 @@ def margin(forms: Sequence[Quadratic], what: str, priced: bool = False) -> Margi
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def shortest(
-    forms: Sequence[Quadratic], rows: Array, limits: Limits, by: float, what: str
-) -> tuple[Array, Array] | None:
-    """P and S of forms of floats that are negative `by` that, with a small largest c P^-1 c' of the `rows` c (r, n);
-    None where the solver leaves no numbers.
+def shortest(view: Seen, reads: Array, limits: Limits, by: float, unit: float, what: str) -> Solution | None:
+    """P and S of forms of x that are negative `by` that, within `limits` of x / `unit`, with a small largest
+    c P^-1 c' of what rows read of x, `reads` (r, n); None where the solver leaves no numbers.
 
     Raises: `NoSolver` of `what` needs it.
     """
+    forms, rows = view.forms, reads / np.linalg.norm(reads, axis=1).max()
     n, k = rows.shape[1], len(forms[0].Q)
     (first, groups), rest = _few(forms[0]) if len(forms) == 1 else (forms[0], ()), forms[1:]
     sizes, small = (n * (n + 1) // 2, k, len(groups)), -by * np.eye(first.size)
@@ -124,7 +160,17 @@ def shortest(
     of_forms = [definite(_entries(form, groups), 0 * small[None], small) for form in (first, *rest)]
     all_rows = [*of_forms, *of_groups, *of_rows, others, _signs(sizes)]
     solution = solved(np.append(np.zeros(sum(sizes)), 1.0), all_rows, CLOSER, what)
-    return solution and _parts(solution[0], n, k)[:2]
+    if solution is None:
+        return None
+    P, S, _ = _parts(solution[0], n, k)
+    holds = all(map(_positive, (P, *(-form.value(P, S) for form in forms))))
+    value = np.einsum("ij,ji->i", reads, np.linalg.solve(P, reads.T)).max() / unit**2 if holds else math.inf
+    known = view.back(P, S)
+    return Solution(known[0] * unit**2, known[1] * unit**2, float(value), P)
+
+
+def _positive(M: Array) -> bool:
+    return bool(np.linalg.eigvalsh(M).min() > 0)
 
 
 def _few(form: Quadratic) -> tuple[Quadratic, tuple[Group, ...]]:

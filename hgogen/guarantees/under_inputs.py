@@ -27,13 +27,12 @@ from hgogen.guarantees.quadratic import (
     floats,
     inverse_root,
 )
-from hgogen.guarantees.semidefinite import shortest, together
+from hgogen.guarantees.semidefinite import Solution, settled, shortest, together
 from hgogen.guarantees.stagewise import Inputs
 
 _WHAT = "a bound of what inputs do"
 _SHARES = tuple(Fraction(k, 100) for k in (5, 10, 20, 30, 40, 50, 60, 70, 80, 87, 93))  # of the rate, for alpha
 _FIRST = 6  # of them, that is tried first: about half of the rate where one mode decays, more where they are many
-_SMALL, _PASSES = 1e-3, 2  # (c x)^2 that is sought in other coordinates, and how often
 _LARGE = 1e30  # in the place of a bound, where none is proved
 _MARGIN = 1e-6
 _SHARE = Fraction(999_999, 1_000_000)  # of alpha for the lambda, so that they are below it when they are rounded
@@ -102,13 +101,13 @@ def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> I
     return InputBound(alpha, Weights.of(*exactly), root(extent(exactly[0], c)))
 
 
-def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> float | None:
-    """The same bound in floats, which prove nothing."""
+def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
+    """The same bound in floats, which prove nothing, and coordinates (N, N) in which its P is the unit matrix."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):
         return None
-    return float(np.sqrt(row[0] @ np.linalg.solve(weights[0], row[0])))
+    return float(np.sqrt(row[0] @ np.linalg.solve(weights[0], row[0]))), inverse_root(weights[0])
 
 
 def _promised(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> float:
@@ -120,26 +119,17 @@ def _promised(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> 
 
 
 def weights_in_floats(
-    forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float, passes: int = _PASSES
+    forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
 ) -> tuple[Array, Array] | None:
-    """P and S in floats with a small largest c P^-1 c' of the `rows` c (r, n), sought in coordinates x of e = W x, the
-    inputs in a unit in which x is near 1; where one is far less, which a solver takes for 0, in those of that P once
-    more.
+    """P and S in floats with a small largest c P^-1 c' of the `rows` c (r, n), sought from coordinates x of e = W x on.
 
     Raises: `NoSolver`.
     """
+    return settled(lambda W: _weights(forms, rows, alpha, W, q, margin), W)
+
+
+def _weights(forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float) -> Solution | None:
+    """The same in the coordinates of W, with the inputs in a unit in which x is near 1."""
     unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
-    g = np.append(even(forms[0], W)[:-q], [unit] * q)
-    view, seen = Seen(forms, W, g), rows @ W
-    most = together(forms[0], q, float(_SHARE) * alpha)
-    long = float(np.linalg.norm(seen, axis=1).max())
-    seen = seen / long
-    candidate = shortest(view.forms, seen, most, margin, _WHAT)
-    if candidate is None:
-        return None
-    if passes and np.einsum("ij,ji->i", seen, np.linalg.solve(candidate[0], seen.T)).max() < _SMALL:
-        again = weights_in_floats(forms, rows, alpha, W @ inverse_root(candidate[0]), q, margin, passes - 1)
-        if again is not None:
-            return again
-    P, S = view.back(*candidate)  # of inputs of that unit
-    return P * unit**2, S * unit**2
+    view = Seen(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
+    return shortest(view, rows @ W, together(forms[0], q, float(_SHARE) * alpha), margin, unit, _WHAT)
