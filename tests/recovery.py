@@ -45,7 +45,8 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong: `value` as its kind says, for `length` settling times, and at least 5 samples.
+    """What goes wrong: `value` as its kind says, for `length` settling times, and at least 5 samples, of an estimate
+    that has settled, or from the `first` sample on.
 
     silent   no sample                          random   samples uniform over the ranges, widened by `value` widths
     stuck    samples at the share `value` of the range       spikes   every `value`-th sample is off by .9 of a width
@@ -59,6 +60,7 @@ class Fault:
     kind: Kind
     value: Any = None
     length: float = 0.0
+    first: bool = False
 
 
 DESIGN = (
@@ -161,11 +163,19 @@ HELD_OUT = (
     Fault("memory 11", "state", ("all", 11)),
     Fault("memory 12", "state", ("all", 12)),
 )
-FAULTS = (*DESIGN, *HELD_OUT)
+AT_START = (
+    Fault("random 1 at start", "random", 1.0, 1, first=True),
+    Fault("stuck low at start", "stuck", 0.0, 1, first=True),
+    Fault("spikes 2 at start", "spikes", 2, 1, first=True),
+    Fault("random in range at start", "random", 0.0, 1, first=True),
+    Fault("stuck high long at start", "stuck", 1.0, 3, first=True),
+    Fault("random long at start", "random", 1.0, 4, first=True),
+)
+FAULTS = (*DESIGN, *HELD_OUT, *AT_START)
 
 
 def half(fault: Fault) -> str:
-    return "design" if fault in DESIGN else "held out"
+    return "design" if fault in (*DESIGN, *AT_START[:3]) else "held out"
 
 
 # --- a pair -------------------------------------------------------------------------------------------------
@@ -373,7 +383,7 @@ def corrupted(step: CallableStep, how: Any, rng: np.random.Generator) -> bytes:
 
 def judge(pair: Pair, fault: Fault, warm: bytes) -> Outcome | None:
     """The fault laid on; None where it cannot be (no input, no jump in the ranges)."""
-    step, begin = pair.step, pair.begin
+    step, begin = pair.step, 0 if fault.first else pair.begin
     rng = np.random.default_rng([FAULTS.index(fault), 7])
     count = max(5, round(fault.length * pair.settling)) if fault.length else 0
     truth, u, y = pair.truth, pair.u, pair.y
@@ -393,7 +403,9 @@ def judge(pair: Pair, fault: Fault, warm: bytes) -> Outcome | None:
         error = step.run(u=u, y=y, engine="c").x - truth.x[begin:last]
         band = np.maximum(band, BAND * np.abs(error[round(0.9 * len(error)) :]).max(axis=0))
     _disturb(pair, fault, u[:count], y[:count], rng)
-    step.restore(warm)
+    step.reset()
+    if not fault.first:
+        step.restore(warm)
     if fault.kind == "state":
         step.restore(corrupted(step, fault.value, rng))
     if fault.kind == "gains":

@@ -20,8 +20,7 @@ component's error grows by that, since |min(max(z_k, l), h) - x_k| <= |z_k - x_k
 matrix may: of S = [1 -.99; -.99 1] and e = (1, 1) it is .02, and 1 with e_1 = 0. The same P stands for a covariance
 that is kept in columns (more than 7 states).
 
-A value that would leave its outer box is clamped to that, and one that is no number stays as it was. Source: Simon,
-"Optimal State Estimation" (2006), 7.5.
+A value that would leave its outer box is clamped to that. Source: Simon, "Optimal State Estimation" (2006), 7.5.
 """
 
 from collections.abc import Iterator
@@ -33,7 +32,7 @@ from hgogen.observer import Observer
 from hgogen.part import Pieces
 from hgogen.program import INF, Block, Field, Place, Program, column, sym
 from hgogen.stepping.members import read_fields
-from hgogen.stepping.nearest import number, placed, weights
+from hgogen.stepping.nearest import placed, weights
 from hgogen.structure.dynamics import clamp
 
 
@@ -77,7 +76,7 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
         across = P @ a
         moved = moved - across * ((now - clamp(now, *end)) / ca.dot(a, across))
     outer = (end for field in fields for end in field.box)
-    return column(number(moved[i], end, x[i]) for i, end in enumerate(outer))
+    return column(clamp(moved[i], *end) for i, end in enumerate(outer))
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:

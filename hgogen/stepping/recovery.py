@@ -51,6 +51,7 @@ range of a state, nor an output without a range a sign y_j. An observer without 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from itertools import chain
 from math import ceil
 
 import casadi as ca
@@ -125,8 +126,8 @@ class Sign:
 
     @property
     def counted(self) -> Block:
-        """The count moved by `work.moves_NAME`, with the sign of `work.side_NAME`; `work.over_NAME` says whether it is
-        at its limit. Count and limit are in their ranges, which was asked."""
+        """The count moved by `work.moves_NAME`, with the sign of `work.side_NAME`. Count and limit are in their ranges,
+        which was asked."""
         moves, limit = sym("work", f"moves_{self.name}"), sym("state", self.limit)
         size = ca.fmax(self.size + moves, 0)
         return Block(
@@ -134,9 +135,13 @@ class Sign:
             {
                 Place("state", self.count): self._signed(sym("work", f"side_{self.name}"), size),
                 Place("state", self.limit): ca.if_else(size <= 0, self.wait, limit),
-                Place("work", f"over_{self.name}"): ca.logic_and(moves > 0, size >= limit),
             },
         )
+
+    @property
+    def over(self) -> Graph:
+        """Whether the count is at its limit, as it is only where it has just moved there; SX."""
+        return self.size >= sym("state", self.limit)
 
     @property
     def size(self) -> Graph:
@@ -230,10 +235,32 @@ class Recovery:
 
     @cached_property
     def inner(self) -> tuple[Section, ...]:
-        """The section that projects the estimate onto its ranges, where several ask for it."""
+        """The sections that several call: one that counts the range, one that projects the estimate onto it."""
+        return (*self._counting, *self._projecting)
+
+    @cached_property
+    def _counting(self) -> tuple[Section, ...]:
+        """What counts the range at any sample that is not the only one of a call, where every output has one."""
+        if self.sections < 2 or self.clock.every or not self.signs:
+            return ()
+        return (Section("count_range", "check the fault counts, and count the range", self._counted_range(1)),)
+
+    @cached_property
+    def _projecting(self) -> tuple[Section, ...]:
+        """What projects the estimate, where several ask for it."""
         if self.sections < 2 or not self._projection:
             return ()
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
+
+    def _counted_range(self, weight: int) -> Program:
+        """The check of fault counts and limits, and the count of range moved by a weight."""
+        moves = ca.if_else(outside(self.observer, MARGIN), weight, -weight)
+        ranges = [sign for sign in self.signs if sign.output is None]
+        counts = (
+            (Block("is the estimate out of a range?", {Place("work", f"moves_{sign.name}"): moves}), sign.counted)
+            for sign in ranges
+        )
+        return (*self._checked, *chain.from_iterable(counts))
 
     @cached_property
     def _projection(self) -> Program:
@@ -259,12 +286,12 @@ class Recovery:
         ]
         suspect = any_of([*beyond, ca.logic_not(sym("state", "fault_checksum") <= 0), rejected])
         judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
-        moves: dict[Place, Graph] = {}
-        for sign in signs:
-            moves |= self._moves(sign, samples)
-        counts = (sign.counted for sign in signs)
+        ranges = tuple(map(Call, self._counting)) or self._counted_range(self._weight(tuple(samples)))
+        outputs = [sign for sign in signs if sign.output is not None]
+        moves = {place: value for sign in outputs for place, value in self._moves(sign, samples).items()}
+        counts = (Block("which signs show?", moves), *(sign.counted for sign in outputs)) if outputs else ()
         remember = Block("the checksum of fault counts and limits", {Place("state", "fault_checksum"): self._sum})
-        judged = (*self._checked, Block("which signs show?", moves), *counts, *self._guard(signs, samples), remember)
+        judged = (*ranges, *counts, *self._guard(signs, samples), remember)
         return (
             Block("is the estimate where it cannot be for long?", {**bit, Place("work", "suspect"): suspect}),
             When(Place("work", "suspect"), (judged_by, When(Place("work", "sampled"), judged))),
@@ -298,17 +325,17 @@ class Recovery:
     def _moves(self, sign: Sign, samples: Samples) -> dict[Place, Graph]:
         """By how much the size of a count moves at these samples, at one of which the estimate is judged, and whether
         what has the sign of the count then."""
-        place = Place("work", f"moves_{sign.name}")
-        if sign.output is None:
-            weight = self._weight(tuple(samples))
-            return {place: ca.if_else(outside(self.observer, MARGIN), weight, -weight)}
+        assert sign.output is not None
         sample, count = samples[sign.output], sym("state", sign.count)
-        shows = ca.logic_or(ca.logic_not(sample.valid), ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output)))
+        shows = ca.logic_not(ca.fabs(sample.error) <= self._limit(sign.output))  # or is no number
         moves = ca.if_else(shows, ca.if_else(count * sample.error < 0, -sign.change, 1), -1)
         if len(samples) > 1:
             shows = ca.logic_and(shows, self._plausible(sign.output, sample))
             moves = ca.if_else(self._plausible(sign.output, sample), moves, 0)
-        return {place: moves, Place("work", f"side_{sign.name}"): ca.if_else(shows, sample.error, count)}
+        return {
+            Place("work", f"moves_{sign.name}"): moves,
+            Place("work", f"side_{sign.name}"): ca.if_else(shows, sample.error, count),
+        }
 
     def _limit(self, j: int) -> Graph:
         """The error of an output beyond which it shows the sign."""
@@ -330,21 +357,27 @@ class Recovery:
 
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
         """What acts where a count is at its limit."""
-        over = {sign: sym("work", f"over_{sign.name}") for sign in signs}
         acts, lost = Place("work", "acts"), Place("work", "lost")
+        over = {sign: Place("work", f"over_{sign.name}") for sign in signs}
         helpless = [
-            flag if sign.output is not None else ca.logic_and(flag, self._projected(sign))
-            for sign, flag in over.items()
+            sign.over if sign.output is not None else ca.logic_and(sign.over, self._strayed(sign)) for sign in signs
         ]
-        writes = {acts: any_of(over.values()), lost: any_of(helpless)}
-        later = (When(Place("work", f"over_{sign.name}"), (sign.later,)) for sign in signs)
-        project = tuple(map(Call, self.inner)) or self._projection
+        writes = {place: sign.over for sign, place in over.items()}
+        later = (When(place, (sign.later,)) for sign, place in over.items())
+        project = tuple(map(Call, self._projecting)) or self._projection
         return (
-            Block("does a guard act, and is it lost?", writes),
-            When(acts, (*later, When(lost, self._restart(samples), project))),
+            Block("does a guard act?", {acts: any_of(sign.over for sign in signs)}),
+            When(
+                acts,
+                (
+                    Block("by which sign, and is the estimate lost?", {**writes, lost: any_of(helpless)}),
+                    *later,
+                    When(lost, self._restart(samples), project),
+                ),
+            ),
         )
 
-    def _projected(self, sign: Sign) -> Graph:
+    def _strayed(self, sign: Sign) -> Graph:
         """Whether a projection has not helped, by the limit of the sign, or would not: the estimate is far outside."""
         return ca.logic_or(sym("state", sign.limit) > sign.wait, outside(self.observer, FAR))
 
