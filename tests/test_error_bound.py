@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 import sympy as sp
 from forger import enlarged, sealed
+from hypothesis import given
+from hypothesis import strategies as st
 from plants import MODELS, model, two_outputs
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
@@ -29,6 +31,7 @@ from hgogen.model import MissingPart, load
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
+from hgogen.recheck.rules.driven import _root
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 from hgogen.trials.figures import errors
@@ -383,6 +386,13 @@ def test_the_multipliers_of_all_inputs_of_a_share_are_within_alpha_together(most
     assert noise["inputs"] == "noise"
     noise["bounds"][0] = enlarged(noise["bounds"][0], 2, most)
     assert verdict(content) == found_again
+
+
+@given(st.fractions(0, 10**6))
+def test_a_root_of_the_verifier_is_at_least_the_root_and_hardly_above(value: Fraction) -> None:
+    root = _root(value)
+    assert value < root**2
+    assert root**2 <= value + Fraction(3 * 10**3, 2**199)
 
 
 def test_what_is_verified_says_how_large_the_inputs_are() -> None:

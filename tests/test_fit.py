@@ -719,6 +719,7 @@ def test_a_python_model_has_the_values_wherever_it_reads_the_plant() -> None:
         ("[]", 'has no table "parameters"'),
         ('{"parameters": {"k": "1"}}', "gives 'k' the value '1'; give a finite number"),
         ('{"parameters": {"k": NaN}}', "give a finite number"),
+        (f'{{"parameters": {{"k": 1{"0" * 400}}}}}', "give a finite number"),
         ('{"parameters": {"k": true}}', "give a finite number"),
     ],
 )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import swing
 import sympy as sp
+from forger import sealed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import lambda_tracking as oracle
@@ -22,6 +23,7 @@ from hgogen.guarantees.lmi import lyapunov
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
+from hgogen.recheck.verification import recheck
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, try_out
 
@@ -335,3 +337,15 @@ def test_phi_is_not_proved_bounded_of_a_plant_without_a_value(place: str, low: f
     made = hg.observers.lambda_tracking(form, **gains)
     (verdict,) = (check.verdict for check in made.checks if check.id == "lambda_tracking.phi")
     assert (verdict is Verdict.PROVED) is (low > 0)
+
+
+def test_with_a_model_the_last_row_of_a_certificates_form_is_examined() -> None:
+    """An observer without one reads no b, which its file then has as 0: that is said, and is no fault of the form."""
+    for modelled in (False, True):
+        observer = tracking(model=modelled)
+        content = hg.certificate(observer.form, observer.checks, observer.name)
+        known = recheck(sealed(content))
+        assert "form" not in {row.id for row in known.failed}
+        assert any("has no model of it" in said for said in known.unexamined) is not modelled
+        content["form"]["b"][-1] += " + 1"
+        assert "form" in {row.id for row in recheck(sealed(content)).failed}

@@ -182,6 +182,7 @@ def test_the_bounds_are_verified_again(observer: str) -> None:
 LIES: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     "bound": lambda one: {"bound": str(Fraction(one["bound"]) * Fraction(9, 10))},
     "state": lambda one: {"state": "2"},
+    "a state between two": lambda one: {"state": "3/2"},
     "output": lambda one: {"output": "2"},
     "alpha": lambda one: {"alpha": str(Fraction(one["alpha"]) * 2)},
     "more alpha than time": lambda one: {"alpha": "5000"},

@@ -208,6 +208,38 @@ def test_no_command_waits_for_a_pipe(here: Path, command: tuple[str, ...]) -> No
     assert "is a pipe" in err
 
 
+def test_what_a_file_says_does_nothing_to_the_terminal(here: Path) -> None:
+    """A name of a column that clears the screen, and one that reverses what is read, are written out."""
+    Path("log.csv").write_text("a\x1b[2J,b\u202e\n1,2\n")
+    _, err = hgogen("run", PENDULUM, "--data", "log.csv", "--time", "t", status=2)
+    assert r"one of a\x1b[2J, b\u202e" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("flow", ["1e308*10*x", "exp(exp(exp(exp(x))))"])
+def test_a_flow_beyond_the_range_of_a_double_is_a_sentence(here: Path, flow: str) -> None:
+    states, outputs = {"x": {"flow": flow, "low": -1, "high": 1}}, {"y": {"equation": "x"}}
+    Path("steep.json").write_text(json.dumps({"name": "steep", "states": states, "outputs": outputs}))
+    hgogen("check", "steep.json")
+
+
+@pytest.mark.parametrize(
+    ("tuning", "said"),
+    [
+        ({"a": 1}, "tuning.a"),
+        ({"a": {"kind": "b"}}, "tuning.a"),
+        ({"high_gain": {"theta": 1, "accept": 1}}, "accept"),
+        ({"high_gain": {"theta": 1, "accept": [1]}}, "high_gain"),
+    ],
+)
+def test_a_tuning_that_is_none_is_named(here: Path, tuning: Any, said: str) -> None:
+    states, outputs = {"x": {"flow": "-x", "low": -1, "high": 1}}, {"y": {"equation": "x"}}
+    Path("odd.json").write_text(json.dumps({"name": "odd", "states": states, "outputs": outputs, "tuning": tuning}))
+    result = CliRunner().invoke(cli.app, ["check", "odd.json"])
+    assert isinstance(result.exception, SystemExit | None)
+    assert said in result.output
+
+
 def test_what_is_read_is_limited(here: Path) -> None:
     Path("log").write_bytes(b"1" * 101)
     with pytest.raises(Unread, match="is larger than 100 bytes"):

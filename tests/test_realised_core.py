@@ -243,3 +243,55 @@ def test_a_core_is_realised_with_its_saturations_open(method: str) -> None:
             )
         seen.append((ends[0] - ends[1]) / (2 * eps))
     np.testing.assert_allclose(np.array(seen).T, wanted, atol=2e-6)
+
+
+# --- what the verifier allows for a polynomial beside phi_2 ---------------------------------------------------------
+
+
+def one_state(rest: int, read: int) -> stages.Parts:
+    """M = 1 + rest, L = 1, G = 1, H = read, of a sample that enters by 1 as L takes it."""
+    M, L, G, H, B, none = ([[Fraction(value)]] for value in (1 + rest, 1, 1, read, 1, 0))
+    return stages.Parts(M, G, H, L, False, B, none, none)
+
+
+def within_width(width: Fraction, by: int = 0) -> Any:
+    """phi_2 = 1/2 + by width and phi_1 = 1 + X phi_2, which are known to the width where they are not moved."""
+
+    def weights(X: stages.Matrix) -> stages.Weights:
+        phi_2 = Fraction(1, 2) + by * width
+        return [[1 + X[0][0] * phi_2]], [[phi_2]], Fraction(0) if by else width
+
+    return weights
+
+
+@pytest.mark.parametrize("width", [Fraction(1, 100), Fraction(1), Fraction(1000)])
+def test_what_a_polynomial_may_be_beside_moves_a_step_by_no_more_and_no_less(width: Fraction) -> None:
+    """Of one state all that is added has one sign, so that the width is met at its end: D, and the last X."""
+    parts, (e, p_0, p_1, v_0, v_1) = one_state(3, 2), ([row] for row in stages.unit(5))
+    known, moved = (
+        stages._realised(within_width(width, by), parts, Fraction(1, 10), e, [p_0, p_1], [v_0, v_1]) for by in (0, 1)
+    )
+    off_D, off_X = known.off
+    beside_D, beside_X = (
+        stages.sizes(stages.minus(a, b)) for a, b in ((moved.D, known.D), (moved.stages[1], known.stages[1]))
+    )
+    assert all(x <= most for x, most in zip(beside_D[0], off_D[0], strict=True))
+    assert all(x <= most for x, most in zip(beside_X[0], off_X[0], strict=True))
+    assert (beside_D[0][0], beside_X[0][0]) == (off_D[0][0], off_X[0][0])
+
+
+@pytest.mark.parametrize("by", [1, -1])
+@pytest.mark.parametrize("width", [Fraction(1, 100), Fraction(1), Fraction(1000)])
+@pytest.mark.parametrize("read", [1, 100])
+@pytest.mark.parametrize(("P", "S"), [("1", "1"), ("1/1000000", "1000")])
+def test_the_inequality_holds_whatever_a_polynomial_is_within_its_width(
+    by: int, width: Fraction, read: int, P: str, S: str
+) -> None:
+    """Where the norm weighs most, and where the slopes do."""
+    parts, nodes, h = one_state(-3, read), [Fraction(0), Fraction(1)], Fraction(1, 10)
+    evidence = {"P": [[P]], "S": [S, S]}
+    allowed, moved = (
+        stages.form_of(parts, stages.Method(nodes, 0, partial(stages._realised, within_width(width, k))), h, evidence)
+        for k in (0, by)
+    )
+    stages.demand_nonnegative({"what is allowed beside it": stages.minus(allowed, moved)})

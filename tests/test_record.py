@@ -534,11 +534,50 @@ def test_a_gap_that_a_period_closes_is_said(tmp_path: Path, stamps: list[object]
 
 @pytest.mark.parametrize(
     "stamps",
-    [np.arange(100) / 10, np.cumsum(np.random.default_rng(0).exponential(size=100)), [5] * 100, ["a"] * 100],
-    ids=["no gap", "no clock", "one time", "text"],
+    [
+        np.arange(100) / 10,
+        np.cumsum(np.random.default_rng(0).exponential(size=100)),
+        np.cumsum([0.1, 0.1, 0.1, 0.1, 0.3] * 20),
+        [5] * 100,
+        ["a"] * 100,
+    ],
+    ids=["no gap", "no clock", "a clock in four steps of five", "one time", "text"],
 )
 def test_no_gap_no_word(tmp_path: Path, stamps: list[object]):
     assert clocked(tmp_path, list(stamps), period=0.1).report.notes == ()
+
+
+def test_a_header_that_ends_with_a_delimiter_has_no_column_more(tmp_path: Path) -> None:
+    assert table(log(tmp_path, "t,y,\n0,1\n1,2\n")).notes == ()
+    (short,) = table(log(tmp_path, "t,y,\n0,1\n1\n")).notes
+    assert short.startswith("1 rows have fewer cells")
+
+
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="the zone of a process cannot be set here")
+def test_dates_without_a_zone_know_no_summer_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two hours about that which the clocks of the machine leave out."""
+    monkeypatch.setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3")
+    time.tzset()
+    try:
+        dates = [(datetime(2026, 3, 29, 1, 30) + timedelta(minutes=k)).isoformat() for k in range(120)]
+        rows = "\n".join(f"{date},{k % 7}" for k, date in enumerate(dates))
+        record = read(log(tmp_path, f"time,y\n{rows}\n"), {"y": "y"}, dt=60.0, time="time")
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    assert (record.report.gaps, record.report.samples, record.report.out_of_order) == (0, 120, 0)
+
+
+@pytest.mark.parametrize(("lost", "read_at_all"), [(49, True), (50, False)])
+def test_half_of_the_times_are_too_few(tmp_path: Path, lost: int, read_at_all: bool) -> None:
+    stamps = ["" if k % 2 and k < 2 * lost else f"{k / 10}" for k in range(100)]
+    rows = "\n".join(f"{stamp},{k % 7}" for k, stamp in enumerate(stamps))
+    path = log(tmp_path, f"time,y\n{rows}\n")
+    if read_at_all:
+        assert read(path, {"y": "y"}, dt=0.1, time="time").report.untimed == lost
+        return
+    with pytest.raises(BadRecord, match=f"0 cells that are no numbers and {lost} empty ones; it must hold seconds"):
+        read(path, {"y": "y"}, dt=0.1, time="time")
 
 
 @pytest.mark.parametrize(("stamps", "unit", "dt"), [(PAUSED, "s", 0.1), (DATES, "s", 0.1), (DATES, "min", 0.1 / 60)])

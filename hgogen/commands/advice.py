@@ -160,10 +160,11 @@ class _Tuned:
         return f"load({json.dumps(self.model.path)}).step({json.dumps(name) if name else ''})"
 
     def _step(self, name: str, kind: str, table: Any) -> CallableStep | None:
-        if isinstance(table, Mapping) and table.get("accept"):
-            self.accepting[kind] = tuple(table["accept"])
+        accepted = table.get("accept") if isinstance(table, Mapping) else None
+        if isinstance(accepted, list | tuple) and accepted:
+            self.accepting[kind] = tuple(map(str, accepted))
             return None
-        if not self.deep and (_rule(kind).costly or self._on_a_slow_form(table)):
+        if not self.deep and kind in observers.__all__ and (_rule(kind).costly or self._on_a_slow_form(table)):
             self.slow.append(kind)
             return None
         own = self.claims.step if not self.claims.tuning else None

@@ -34,7 +34,12 @@ class _Results(io.FileIO):
 def note(*sentences: str) -> None:
     """Say something on the standard error stream, each sentence in a line of its own."""
     for sentence in sentences:
-        print(f"hgogen: {sentence}", file=sys.stderr)
+        print(f"hgogen: {printable(sentence)}", file=sys.stderr)
+
+
+def printable(text: str) -> str:
+    """A text in which what a terminal obeys and does not show, as of a file of somebody else, is written out."""
+    return "".join(c if c.isprintable() or c in "\n\t\xa0" else repr(c)[1:-1] for c in text)
 
 
 def listen() -> None:

@@ -1,6 +1,7 @@
 """What the errors of fields bring into the rates of others through the slopes of b, and where the fields lie."""
 
 import math
+import sys
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -20,6 +21,7 @@ from hgogen.structure.polytope import span
 from hgogen.structure.scaling import exponents
 
 _BOXES = 2_000  # for the range of one slope
+_STEEPEST = sys.float_info.max / 4  # an end of a range, which is then widened
 _LOOSE = 1e-9  # what a range with 0 is wider by, over its width, so that a weaker arithmetic reaches it
 
 
@@ -83,6 +85,10 @@ def slopes_of(form: Form, layout: Layout, scale: tuple[sp.Expr, ...], endless: b
         known = span(slope, form, _BOXES)
         if not (known and known.defined and (known.finite or endless)) or known.low == -math.inf == -known.high:
             return because("db_{i}/d{z} = {slope} has no finite range on the box", i=i + 1, z=z, slope=slope)
+        if any(_STEEPEST < abs(end) < math.inf for end in (known.low, known.high)):
+            return because(
+                "db_{i}/d{z} = {slope} is beyond the range of a double on the box", i=i + 1, z=z, slope=slope
+            )
         onto = tuple(Fraction(int(fed and index == i)) for fed, index in zip(layout.fed, layout.index, strict=True))
         low, high, way = _ends(known)
         reads, degree = of_field(layout.picks[j], len(onto)), powers[i] - powers[j]

@@ -1,8 +1,8 @@
 """Values of a model's parameters from a file, in the place of those that the model says: {"parameters": {"k": 0.1}}."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
+from sys import float_info
 from types import FunctionType
 from typing import Any
 
@@ -33,7 +33,7 @@ def read(path: Path, plant: System) -> dict[str, float]:
     if not isinstance(values, dict):
         raise BadParameters(str(path), 'has no table "parameters"; write {"parameters": {"NAME": value}}')
     for name, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= float_info.max:
             raise BadParameters(str(path), f"gives {name[:60]!r} the value {value!r:.60}; give a finite number")
     demand_plant(path, content, plant)
     return {name: float(value) for name, value in values.items()}

@@ -66,7 +66,9 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
             middle = {name: tuple(np.sqrt(firsts[name] * most)) for name, most in part.frozen.items()}
             line = core(replace(part, frozen=middle), clock.outputs)
             matrix = part.core if line is None else numbers(line.M, nominal(observer))
-            decays = np.zeros(0) if matrix is None else -np.linalg.eigvals(matrix).real.ravel()
+            if matrix is None or not np.isfinite(matrix).all():
+                return None
+            decays = -np.linalg.eigvals(matrix).real.ravel()
             return min(decays[decays > 0].tolist(), default=None)
         case Riccati():
             decays = closed_loop_rates(*part.linearised(POINTS), *part.nominal, part.theta.late, part.scaling)
