@@ -13,6 +13,7 @@ import sympy as sp
 
 from hgogen.algebra.lookup import Lookup
 from hgogen.algebra.plain import plain
+from hgogen.algebra.removable import resolved, with_limits
 from hgogen.algebra.tabulated import Table
 from hgogen.errors import HgogenError
 
@@ -95,14 +96,15 @@ def leaves(value: Graph, low: float, high: float) -> Graph:
 
 
 def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
-    """The expressions as SX graphs, one scalar each; a subexpression is built once.
+    """The expressions as SX graphs, one scalar each, without removable singularities; a subexpression is built once.
 
     Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded).
 
     Raises: `NoGraph`.
     """
     memo: dict[sp.Basic, Graph] = {}
-    return [sx(_convert(each, each, symbols, memo)) for each in map(plain, expressions)]
+    rows = (with_limits(resolved(plain(each))) for each in expressions)
+    return [sx(_convert(each, each, symbols, memo)) for each in rows]
 
 
 def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph], memo: dict[sp.Basic, Graph]) -> Graph:

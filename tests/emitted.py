@@ -232,6 +232,16 @@ def held() -> hg.Step:
     return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 2, R=[1] * 2, accept=accept), dt=0.01)
 
 
+def removable() -> hg.Step:
+    """Quotients and logarithms with a limit where they are not defined, in the flow, its Jacobian and an output."""
+    a, u, y = signals("a u y", -3, 3)
+    b = hg.Signal("b", low=0, high=3)
+    flow = [sp.sinc(a) - a + (1 - sp.cos(u)) / u**2, a * (sp.exp(u) - 1) / u - b]
+    plant = hg.System("removable", states=(a, b), inputs=(u,), outputs=(y,), flow=flow, output=[a + b * sp.log(b) / 9])
+    observer = hg.observers.ukf(hg.forms.original(plant), Q=[1] * 2, R=1, accept=("original.lipschitz",))
+    return hg.sample(observer, dt=0.01)
+
+
 STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
     "pendulum": lambda: shipped("pendulum"),
@@ -260,6 +270,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "chained_in_x": lambda: chained(original=True),
     "two_injections": two_injections,
     "held": held,
+    "removable": removable,
 }
 
 

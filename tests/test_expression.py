@@ -45,6 +45,7 @@ MEANINGS = [
     ("abs(x) + Abs(x)", 2 * sp.Abs(x)),
     ("min(x, y, 1) + Min(1, y, x)", 2 * sp.Min(1, x, y)),
     ("Heaviside(x) + sign(y)", sp.Heaviside(x) + sp.sign(y)),
+    ("sinc(2*x) + sinc(0)", sp.sin(2 * x) / (2 * x) + 1),
     ("Piecewise((x, x < 1), (2, True))", sp.Piecewise((x, x < 1), (2, True))),
     ("Piecewise((x, (x <= 1) & (y > 2)), (y, (x < y) | (y >= 4)), (2, True),)",
      sp.Piecewise((x, (x <= 1) & (y > 2)), (y, (x < y) | (y >= 4)), (2, True))),

@@ -27,7 +27,7 @@ ORDERED = (  # by name, as to make all steps takes seconds
         "coupled",
         "for_flash",
     ),
-    *("tunable", "sin", "x", "functions", "tables", "wide", "held"),
+    *("tunable", "sin", "x", "functions", "tables", "wide", "held", "removable"),
 )
 
 

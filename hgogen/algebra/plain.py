@@ -18,6 +18,7 @@ _MEANING: dict[type, Callable[..., sp.Basic]] = {
     sp.coth: lambda x: sp.cosh(x) / sp.sinh(x),
     sp.sech: lambda x: 1 / sp.cosh(x),
     sp.csch: lambda x: 1 / sp.sinh(x),
+    sp.sinc: lambda x: sp.sin(x) / x,
     sp.ITE: lambda c, a, b: (c & a) | (~c & b),
     sp.Xor: lambda *args: reduce(lambda a, b: (a & ~b) | (~a & b), args),
     sp.Implies: lambda a, b: ~a | b,
@@ -26,8 +27,8 @@ _MEANING: dict[type, Callable[..., sp.Basic]] = {
 
 
 def plain(expression: sp.Expr) -> sp.Expr:
-    """The function written without cot, sec, csc, coth, sech, csch, its conditions with And, Or and Not alone, and with
-    |e| in the place of e sign(e) where e is real."""
+    """The function written without cot, sec, csc, coth, sech, csch, sinc, its conditions with And, Or and Not alone,
+    and with |e| in the place of e sign(e) where e is real."""
     if expression.has(*_MEANING):
         expression = expression.replace(lambda e: type(e) in _MEANING, lambda e: _MEANING[type(e)](*e.args))
     return expression.replace(_is_size, lambda e: unbent(signed(e))) if expression.has(sp.sign) else expression

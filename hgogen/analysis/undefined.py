@@ -17,6 +17,7 @@ from math import inf
 import sympy as sp
 
 from hgogen.algebra.kinks import slope
+from hgogen.algebra.removable import Resolved, bounded_logs, resolved
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import bound, problem_of
@@ -70,7 +71,8 @@ class Gap:
 def undefined_values(plant: System) -> tuple[Check, ...]:
     """Return the checks `singular.NAME` of the rows that are not proved to have a finite value on the whole box: the
     rate of state NAME, or the output NAME."""
-    rows = ((signal, Sentence.of("{row}", row=text), (row,), _HELD) for signal, text, row in _rows(plant))
+    named = ((signal, Sentence.of("{row}", row=text), row) for signal, text, row in _rows(plant))
+    rows = ((signal, text, (bounded_logs(row),), _HELD) for signal, text, row in named)
     return tuple(check for row in rows if (check := _check(plant, *row)))
 
 
@@ -79,7 +81,7 @@ def undefined_slopes(plant: System) -> tuple[Check, ...]:
     """Return the checks `singular.NAME` of the rows whose values are proved, and whose derivatives by the states are
     not."""
     known = {check.id.fact for check in undefined_values(plant)}
-    rows = ((signal, text, row) for signal, text, row in _rows(plant) if signal.name not in known)
+    rows = ((signal, text, resolved(row)) for signal, text, row in _rows(plant) if signal.name not in known)
     slopes = (
         (signal, Sentence.of(_SLOPES, row=text), [slope(row, x) for x in plant.states if row.has(x)], _FLAT)
         for signal, text, row in rows
@@ -131,7 +133,7 @@ def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
     loose = [s for s in (*plant.states, *plant.inputs) if not s.bounded]
     known = {**around, **{s: (Fraction(str(resting(s))),) * 2 for s in loose}}
     by_condition: dict[Condition, Gap] = {}
-    for part in doubtful(expressions, around):
+    for part in _doubtful(map(resolved, expressions), around):
         condition = _condition(part)
         if condition in by_condition or _holds(condition, around):
             continue
@@ -141,6 +143,15 @@ def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
         at = {s: Fraction(resting(s)) for s in loose if s in part.free_symbols} | (point or {})
         by_condition[condition] = Gap(condition, verdict, at if point is not None else {})
     return tuple(by_condition[condition] for condition in minimal(by_condition))
+
+
+def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
+    """The parts that are not proved to be finite; a quotient without its singularity is, where all that it reads is."""
+    rows = list(expressions)
+    quotients = {node: sp.Piecewise(*node.args, evaluate=False) for row in rows for node in row.atoms(Resolved)}
+    yield from (p for p in doubtful((row.xreplace(quotients) for row in rows), around) if p not in quotients.values())
+    if quotients:
+        yield from _doubtful((part for node in quotients for part in node.reads), around)
 
 
 def _condition(part: sp.Expr) -> Condition:

@@ -22,6 +22,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra.cells import Cells
+from hgogen.algebra.plain import plain
 from hgogen.algebra.tabulated import applied
 from hgogen.errors import nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
@@ -43,6 +44,7 @@ _ONE = "exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh
 _FUNCTIONS: dict[str, tuple[Callable[..., sp.Expr], int, int]] = {
     **{name: (getattr(sp, name), 1, 1) for name in _ONE.split()},
     "abs": (sp.Abs, 1, 1),
+    "sinc": (lambda e: plain(sp.sinc(e)), 1, 1),
     "atan2": (sp.atan2, 2, 2),
     **{name: (getattr(sp, name.capitalize()), 1, ARGUMENTS) for name in ("Min", "min", "Max", "max")},
 }

@@ -1,0 +1,376 @@
+"""Removable singularities, as programs compute them: sin(x)/x is 1 at x = 0, and within some ulp of its limit nearby.
+
+A quotient g(x) = N(x)/x^m of a power series N = sum_k a_k x^k with a_0 = .. = a_(m-1) = 0 is
+
+    g(x) = x^j (q_0 + q_1 x + .. + q_n x^n) + R    for |x| < r,    q_k = a_(m+j+k),  q_0 != 0,
+    g(x) as it is written, or with sines of a/2, if that has fewer terms, for |x| >= r.
+
+The a_k are exact. N is made of numbers, x and functions by sums, products and powers. With the absolute values of
+numbers, and for each function the one with its absolute coefficients, it is a majorant M: what the terms up to n leave
+of M(r) is a bound of R, and n is the least for which that is at most 2^-57 of q_0 x^j. r is the one of a few numbers at
+which both forms and their derivatives lose the least to cancellation, the forms at most a factor of 4.
+
+x^p log x at x = 0 is its limit 0, down to the smallest number of a float, below which the logarithm stays where it is.
+max(e, 0)^p with p < 1 is e^p where e > 0, and 0 elsewhere, so that it has the slope 0 where e < 0.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from math import comb, factorial, fsum, inf
+
+import sympy as sp
+from flint import arb, ctx, fmpq, fmpq_poly
+
+LEAST = sp.Rational(1, 2**126)  # the smallest number of a float with all its digits
+_RADII = tuple(map(sp.Rational, ("1/4", "1/2", "3/4", "1", "3/2", "2", "5/2", "3")))
+_ORDER, _BITS, _DIGITS = 56, 57, 400  # of the series; the accuracy of what is left out, and of its bound, bits
+_LOSS = 4  # by which terms may be larger than their sum
+_OPERATIONS = 200  # of a sum that is looked at
+_X = sp.Dummy("x", real=True)
+_ROOT = sp.Dummy("r", positive=True)
+
+
+def _odd(k: int) -> int:
+    return k % 2
+
+
+@cache
+def _tangent() -> list[fmpq]:
+    """The coefficients of tan = sin/cos."""
+    sine, cosine = (fmpq_poly([_COEFFICIENTS[f](k) for k in range(_ORDER)]) for f in (sp.sin, sp.cos))
+    rest, quotient = sine, []
+    for k in range(_ORDER):
+        quotient.append(rest[k])
+        rest = rest - fmpq_poly([0] * k + [rest[k]]) * cosine
+    return quotient
+
+
+_COEFFICIENTS: dict[type, Callable[[int], fmpq]] = {
+    sp.exp: lambda k: fmpq(1, factorial(k)),
+    sp.sin: lambda k: fmpq(_odd(k) * (-1) ** (k // 2), factorial(k)),
+    sp.cos: lambda k: fmpq((1 - _odd(k)) * (-1) ** (k // 2), factorial(k)),
+    sp.sinh: lambda k: fmpq(_odd(k), factorial(k)),
+    sp.cosh: lambda k: fmpq(1 - _odd(k), factorial(k)),
+    sp.atan: lambda k: fmpq(_odd(k) * (-1) ** (k // 2), k or 1),
+    sp.asin: lambda k: fmpq(_odd(k) * comb(k - _odd(k), k // 2), 2 ** (k - _odd(k)) * (k or 1)),
+    sp.log: lambda k: fmpq((-1) ** (k + 1) if k else 0, k or 1),  # of 1 + x
+}
+_COEFFICIENTS[sp.tan] = lambda k: _tangent()[k]
+_COEFFICIENTS[sp.tanh] = lambda k: _tangent()[k] * (-1) ** (k // 2)
+_MAJORANTS: dict[type, Callable[[arb], arb]] = {  # the functions of the absolute coefficients, where they converge
+    sp.exp: lambda x: x.exp(),
+    sp.sin: lambda x: x.sinh(),
+    sp.cos: lambda x: x.cosh(),
+    sp.sinh: lambda x: x.sinh(),
+    sp.cosh: lambda x: x.cosh(),
+    sp.atan: lambda x: x.atanh(),
+    sp.asin: lambda x: x.asin(),
+    sp.log: lambda x: -(1 - x).log(),
+    sp.tan: lambda x: x.tan() if x < 1.5 else arb("nan"),
+    sp.tanh: lambda x: x.tan() if x < 1.5 else arb("nan"),
+}
+
+
+class _NoSeries(Exception):
+    """What has no power series with rational coefficients at 0 here."""
+
+
+class Resolved(sp.Piecewise):  # type: ignore[misc]
+    """A quotient, or a derivative of one: of a polynomial where its base is small, as it is written elsewhere."""
+
+    @property
+    def reads(self) -> Iterator[sp.Expr]:
+        """The expressions on whose values its own rests: what the polynomial reads, and the parts of the other form,
+        but for those that divide by its base."""
+        (within, inside), (beyond, _) = self.args
+        base = inside.lhs.args[0] if isinstance(inside.lhs, sp.Abs) else inside.lhs
+        yield within
+        for part in beyond.atoms(sp.Pow, sp.Function):
+            if not (part.is_Pow and part.exp.is_Rational and part.base in (base, -base, *sp.Mul.make_args(base))):
+                yield part
+
+
+@dataclass(frozen=True)
+class _Term:
+    """The number times h/x^power."""
+
+    number: sp.Rational
+    power: int
+    h: sp.Expr
+
+    @property
+    def whole(self) -> sp.Expr:
+        """It as an expression of `_X`."""
+        return self.number * self.h / _X**self.power
+
+
+@dataclass(frozen=True)
+class _Regular:
+    """A quotient without its singularity: the coefficients of its polynomial, the radius within which that is taken,
+    and what is taken beyond."""
+
+    coefficients: tuple[sp.Rational, ...]
+    radius: sp.Rational
+    beyond: sp.Expr
+
+    def at(self, base: sp.Expr) -> sp.Expr:
+        """The quotient of `base`; an even polynomial of a root is one of what is under it."""
+        even = not any(self.coefficients[1::2])
+        if even and base.is_Pow and base.exp == sp.S.Half:
+            within, inside = _horner(self.coefficients[::2], base.base), base.base < self.radius**2
+        else:
+            first = next(k for k, c in enumerate(self.coefficients) if c)
+            step = 2 if not any(self.coefficients[first + 1 :: 2]) else 1
+            inner = _horner(self.coefficients[first::step], base**step)
+            within, inside = base**first * inner, sp.StrictLessThan(sp.Abs(base), self.radius)
+        return Resolved((within, inside), (self.beyond.xreplace({_X: base}), True), evaluate=False)
+
+
+def _horner(coefficients: Sequence[sp.Rational], x: sp.Expr) -> sp.Expr:
+    """c_0 + x (c_1 + x (..))."""
+    total: sp.Expr = sp.S.Zero
+    for c in reversed(coefficients):
+        total = c + x * total
+    return total
+
+
+@lru_cache(maxsize=1024)  # the same rows are asked for at each stage of a step
+def resolved(expression: sp.Expr) -> sp.Expr:
+    """The expression without removable singularities of quotients, and with max(e, 0)^p as the module says."""
+    if not any(_is_ramp(node) or _divides(node) for node in expression.atoms(sp.Pow)):
+        return expression
+    if isinstance(expression, sp.Pow) and _is_ramp(expression):
+        (e,) = (each for each in expression.base.args if each != 0)
+        return sp.Piecewise((resolved(e) ** expression.exp, e > 0), (0, True), evaluate=False)
+    if isinstance(expression, (sp.Add, sp.Mul)) and expression.count_ops() <= _OPERATIONS:
+        for base in _bases(expression):
+            without = _without(expression, base)
+            if without is not None:
+                return resolved(without)
+    if isinstance(expression, sp.Piecewise) or not expression.args:
+        return expression
+    args = [resolved(each) if isinstance(each, sp.Expr) else each for each in expression.args]
+    return expression if args == list(expression.args) else expression.func(*args)
+
+
+def with_limits(expression: sp.Expr) -> sp.Expr:
+    """The expression with e^p log e, p > 0, by its limit at e = 0; it has no value where e < 0."""
+    return _logs(expression, lambda product, e: _limited(product, e))
+
+
+def bounded_logs(expression: sp.Expr) -> sp.Expr:
+    """The expression with e^p log e, p > 0, as e^p sqrt(e), which has a finite value at the same e."""
+    return _logs(expression, lambda product, e: product.xreplace({sp.log(e): sp.sqrt(e)}))
+
+
+def _logs(expression: sp.Expr, put: Callable[[sp.Mul, sp.Expr], sp.Expr]) -> sp.Expr:
+    products = expression.atoms(sp.Mul) if expression.has(sp.log) else ()
+    vanishing = {product: e for product in products if (e := _vanishing(product)) is not None}
+    return expression.xreplace({product: put(product, e) for product, e in vanishing.items()})
+
+
+def _vanishing(product: sp.Mul) -> sp.Expr | None:
+    """e where e^p log e, p > 0, stands in a product."""
+    powers = product.as_powers_dict()
+    for factor in powers:
+        e = factor.args[0] if isinstance(factor, sp.log) and powers[factor] == 1 else None
+        if e is not None and e.free_symbols and powers.get(e, sp.S.Zero).is_positive:
+            return sp.sympify(e)
+    return None
+
+
+def _limited(product: sp.Mul, e: sp.Expr) -> sp.Expr:
+    low = product.xreplace({sp.log(e): sp.log(LEAST)})
+    return sp.Piecewise((product, e > LEAST), (low, e >= 0), evaluate=False)
+
+
+def _is_ramp(node: sp.Pow) -> bool:
+    """Whether it is max(e, 0)^p, 0 < p < 1."""
+    base, p = node.base, node.exp
+    return bool(
+        isinstance(base, sp.Max) and len(base.args) == 2 and sp.S.Zero in base.args and p.is_Rational and 0 < p < 1
+    )
+
+
+def _divides(node: sp.Pow) -> bool:
+    return bool(node.exp.is_Rational and node.exp.is_negative and node.base.free_symbols)
+
+
+def _bases(expression: sp.Expr) -> list[sp.Expr]:
+    """What terms are divided by: e, or sqrt(e) where the root stands in one of them."""
+    roots = {node.base for node in expression.atoms(sp.Pow) if node.exp.is_Rational and node.exp.q == 2}
+    bases = dict[sp.Expr, None]()
+    for term in sp.Add.make_args(expression):
+        for factor in sp.Mul.make_args(term):
+            if isinstance(factor, sp.Pow) and _divides(factor) and factor.exp.q in (1, 2):
+                bases[sp.sqrt(factor.base) if factor.base in roots else factor.base] = None
+    return sorted(bases, key=sp.default_sort_key)
+
+
+def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
+    """The expression without removable singularities at base = 0; None where it has none."""
+    terms_left, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
+    for term in sp.Add.make_args(expression):
+        coefficient, f = _in_x(term, base).as_independent(_X, as_Add=False)
+        rational, others = coefficient.as_coeff_Mul(rational=True)
+        power = -f.as_powers_dict().get(_X, sp.S.Zero)
+        if power.is_Integer and power > 0 and rational.is_Rational:
+            groups.setdefault(others, []).append(_Term(rational, int(power), f * _X**power))
+        else:
+            terms_left.append(term)
+    quotients = {others: _scaled(terms) for others, terms in groups.items()}
+    regular = {others: _regular(terms) for others, (terms, _) in quotients.items()}
+    if not any(regular.values()):
+        return None
+    for others, each in regular.items():
+        terms, c = quotients[others]
+        scaled, others = c * base, others * c ** terms[0].power
+        back = each.at(scaled) if each else sp.Add(*(t.whole for t in terms)).xreplace({_X: scaled})
+        terms_left.append(others * back)
+    return sp.Add(*terms_left)
+
+
+def _scaled(terms: Sequence[_Term]) -> tuple[tuple[_Term, ...], sp.Expr]:
+    """The terms in c x for x, and c, where functions read c x with a symbol in c, and all terms have one power."""
+    arguments = [f.args[0] for term in terms for f in term.h.atoms(sp.Function) if f.free_symbols - {_X}]
+    c = arguments[0].coeff(_X) if arguments else sp.S.One
+    put = [_Term(t.number, t.power, t.h.xreplace({c * _X: _X, -c * _X: -_X})) for t in terms]
+    alone = c != 0 and not any(t.h.free_symbols - {_X} for t in put) and len({t.power for t in put}) == 1
+    return (tuple(put), c) if alone and not c.has(_X) else (tuple(terms), sp.S.One)
+
+
+def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
+    """A term with `_X` for the base."""
+    if base.is_Pow and base.exp == sp.S.Half:
+        return term.xreplace({base.base: _ROOT**2}).xreplace({_ROOT: _X})
+    return term.xreplace({base: _X, -base: -_X})
+
+
+@lru_cache(maxsize=256)
+def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
+    """The sum of the terms without its singularity at 0; None where that is none, or no radius does."""
+    if any(term.h.free_symbols - {_X} for term in terms) or not any(term.h.atoms(sp.Function) for term in terms):
+        return None
+    m = max(term.power for term in terms)
+    try:
+        N = sum((_shifted(_series(term.h) * _fraction(term.number), m - term.power) for term in terms), fmpq_poly([]))
+    except _NoSeries:
+        return None
+    a = [N[k] for k in range(_ORDER)]
+    if any(a[:m]) or not any(a):
+        return None
+    whole = sp.expand_mul(sp.Add(*(t.whole for t in terms)))
+    beyond = min((whole, _halved(whole)), key=lambda e: len(sp.Add.make_args(e)))
+    each: list[tuple[float, _Regular]] = []
+    for radius in _RADII:
+        with ctx.workprec(_DIGITS):
+            count = _enough(terms, a[m:], m, radius)
+        coefficients = tuple(sp.Rational(int(c.p), int(c.q)) for c in a[m : m + count])
+        forms = (_polynomial(coefficients), beyond)
+        if count and max(_loss(form, radius) for form in forms) <= _LOSS:
+            loss = max(_loss(form.diff(_X), radius) for form in forms)
+            each.append((loss, _Regular(coefficients, radius, beyond)))
+    return min(each, key=lambda pair: pair[0])[1] if each else None
+
+
+def _polynomial(coefficients: Sequence[sp.Rational]) -> sp.Expr:
+    return sp.Add(*(c * _X**k for k, c in enumerate(coefficients)))
+
+
+def _halved(whole: sp.Expr) -> sp.Expr:
+    """The sum with cos a as 1 - 2 sin(a/2)^2, cosh a as 1 + 2 sinh(a/2)^2, exp a as 1 + 2 exp(a/2) sinh(a/2)."""
+    put = whole.replace(sp.cos, lambda a: 1 - 2 * sp.sin(a / 2) ** 2)
+    put = put.replace(sp.exp, lambda a: 1 + 2 * sp.exp(a / 2) * sp.sinh(a / 2))
+    return sp.expand_mul(put.replace(sp.cosh, lambda a: 1 + 2 * sp.sinh(a / 2) ** 2))
+
+
+def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Rational) -> int:
+    """How many coefficients q_0, q_1, .. leave at most 2^-57 of the first that is not 0; 0 where that is not shown."""
+    r = arb(_fraction(radius))
+    try:
+        whole = sum((abs(_fraction(t.number)) * _majorant(t.h, r) * r ** (m - t.power) for t in terms), arb(0))
+        sizes = sum((_shifted(_sizes(t.h) * abs(_fraction(t.number)), m - t.power) for t in terms), fmpq_poly([]))
+    except _NoSeries:
+        return 0
+    first = next(k for k, c in enumerate(q) if c)
+    least = arb(abs(q[first])) * r**first / 2**_BITS
+    left = whole - sum((arb(sizes[k]) * r**k for k in range(m)), arb(0))
+    for k in range(_ORDER - m):
+        left = left - arb(sizes[m + k]) * r ** (m + k)
+        if k >= first and left / r**m <= least:
+            return k + 1
+    return 0
+
+
+def _loss(whole: sp.Expr, radius: sp.Rational) -> float:
+    """How much larger the terms are than their sum, at the worse of both ends."""
+    terms = sp.lambdify(_X, sp.Add.make_args(sp.expand_mul(whole)), "math")
+    sizes = [(sum(map(abs, each)), abs(fsum(each))) for each in map(terms, (float(radius), -float(radius)))]
+    return max(size / total if total else inf for size, total in sizes)
+
+
+def _fraction(value: sp.Rational) -> fmpq:
+    return fmpq(int(value.p), int(value.q))
+
+
+def _shifted(series: fmpq_poly, k: int) -> fmpq_poly:
+    return _cut(fmpq_poly([0] * k + [1]) * series)
+
+
+def _cut(series: fmpq_poly) -> fmpq_poly:
+    return fmpq_poly(series.coeffs()[:_ORDER])
+
+
+def _series(e: sp.Expr) -> fmpq_poly:
+    """The power series in `_X`. Raises: `_NoSeries`."""
+    return _composed(e, lambda c: c, lambda c: c)
+
+
+def _sizes(e: sp.Expr) -> fmpq_poly:
+    """The power series of the majorant. Raises: `_NoSeries`."""
+    return _composed(e, abs, abs)
+
+
+def _composed(e: sp.Expr, constant: Callable[[fmpq], fmpq], of: Callable[[fmpq], fmpq]) -> fmpq_poly:
+    if e.is_Rational:
+        return fmpq_poly([constant(_fraction(e))])
+    if e == _X:
+        return fmpq_poly([0, 1])
+    if e.is_Add:
+        return sum((_composed(part, constant, of) for part in e.args), fmpq_poly([]))
+    if e.is_Mul or (e.is_Pow and e.exp.is_Integer and e.exp > 0):
+        total = fmpq_poly([1])
+        for part in e.args if e.is_Mul else [e.base] * int(e.exp):
+            total = _cut(total * _composed(part, constant, of))
+        return total
+    if type(e) in _COEFFICIENTS:
+        inner = _composed(e.args[0] - (1 if isinstance(e, sp.log) else 0), constant, of)
+        if inner[0]:
+            raise _NoSeries
+        total = fmpq_poly([])
+        for k in reversed(range(_ORDER)):
+            total = _cut(total * inner) + of(_COEFFICIENTS[type(e)](k))
+        return total
+    raise _NoSeries
+
+
+def _majorant(e: sp.Expr, r: arb) -> arb:
+    """The value of the majorant at `_X` = r. Raises: `_NoSeries` where it has none."""
+    if e.is_Rational:
+        return arb(abs(_fraction(e)))
+    if e == _X:
+        return r
+    if e.is_Add:
+        return sum((_majorant(part, r) for part in e.args), arb(0))
+    if e.is_Mul:
+        total = arb(1)
+        for part in e.args:
+            total = total * _majorant(part, r)
+        return total
+    if e.is_Pow:
+        return _majorant(e.base, r) ** int(e.exp)
+    value = _MAJORANTS[type(e)](_majorant(e.args[0] - (1 if isinstance(e, sp.log) else 0), r))
+    if not value.is_finite():
+        raise _NoSeries
+    return value
