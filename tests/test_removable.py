@@ -140,6 +140,20 @@ def test_an_endless_slope_is_named_of_those_that_linearise() -> None:
         assert [check.id for check in undefined_slopes(plant)] == ["singular.x"]
 
 
+def test_a_slope_that_the_program_takes_at_an_end_is_met_at_the_door() -> None:
+    """sqrt(max(h, 0)) is flat at 0; sqrt(h), of which the program knows no less, is not."""
+    for low in (0, -1):
+        h, y = hg.Signal("h", low=low, high=2), hg.Signal("y")
+        ramp = hg.System("ramp", states=(h,), outputs=(y,), flow=[1 - sp.sqrt(sp.Max(h, 0))], output=[h])
+        form, accept = hg.forms.original(ramp), ("original.lipschitz",)
+        assert undefined_values(ramp) == ()
+        step = hg.sample(hg.observers.riccati(form, Q=[1], R=1, accept=accept), dt=0.01)
+        run = step.run(y=np.zeros(50))
+        assert np.isfinite(run.x).all()
+        restarted = [k for k, bit in enumerate(step.bits) if bit.name == "RESTARTED"]
+        assert not any((run.status >> k & 1).any() for k in restarted)
+
+
 def test_a_logarithm_below_0_has_no_value() -> None:
     (value,) = to_casadi([with_limits(H * sp.log(H))], {H: -1.0})
     assert np.isnan(float(value))

@@ -91,6 +91,29 @@ def test_a_row_with_values_everywhere_says_nothing(rate: sp.Expr) -> None:
     assert not [check for check in hg.forms.triangular(plant(rate)).checks if check.id.maker == "singular"]
 
 
+@pytest.mark.parametrize(
+    ("rate", "says"),
+    [
+        (sp.Piecewise((sp.sqrt(X), X > 0), (0, True)), []),
+        (sp.Piecewise((sp.sqrt(X), X >= 0), (0, True)), []),
+        (sp.Piecewise((sp.sqrt(X), X > -1), (0, True)), ["refuted"]),
+        (sp.Piecewise((sp.sqrt(X), V > 0), (0, True)), ["refuted"]),
+        (sp.Piecewise((sp.log(X), X > 0), (0, True)), ["unknown"]),
+    ],
+)
+def test_a_root_where_it_is_chosen_only_of_what_is_not_negative_has_a_value(rate: sp.Expr, says: list[str]) -> None:
+    assert [verdict for verdict, _ in said(plant(rate))] == says
+
+
+def test_a_derivative_of_the_program_is_asked_at_points_where_no_proof_decides() -> None:
+    """d/dx of a root that is chosen for x >= 0 is not decided, and at x = 0 the program's is infinite."""
+    x, y = hg.Signal("x", low=0, high=2), hg.Signal("y")
+    flow = [1 - sp.Piecewise((sp.sqrt(x), x >= 0), (0, True), evaluate=False) - sp.sqrt(x + 1)]
+    chosen = hg.System("chosen", states=(x,), outputs=(y,), flow=flow, output=[x])
+    with pytest.raises(Refuted, match=r"singular\.x"):
+        hg.observers.riccati(hg.forms.original(chosen), Q=[1], R=1, accept=("original.lipschitz",))
+
+
 def test_what_is_not_decided_is_unknown_and_refuses_nobody() -> None:
     """1/w over w > 0 is finite at each of its points, and has no bound."""
     system = plant(sp.Piecewise((1 / W, W > 0), (0, True)))

@@ -149,9 +149,18 @@ def _doubtful(expressions: Iterable[sp.Expr], around: Box) -> Iterator[sp.Expr]:
     """The parts that are not proved to be finite; a quotient without its singularity is, where all that it reads is."""
     rows = list(expressions)
     quotients = {node: sp.Piecewise(*node.args, evaluate=False) for row in rows for node in row.atoms(Resolved)}
-    yield from (p for p in doubtful((row.xreplace(quotients) for row in rows), around) if p not in quotients.values())
+    parts = doubtful((row.xreplace(quotients) for row in rows), around)
+    yield from (p for p in parts if p not in quotients.values() and not _chooses_values(p, around))
     if quotients:
         yield from _doubtful((part for node in quotients for part in node.reads), around)
+
+
+def _chooses_values(part: sp.Expr, around: Box) -> bool:
+    """Whether a choice takes roots only where what is under them is not negative, and nothing else without a value."""
+    if not isinstance(part, sp.Piecewise) or part.args[-1].cond != sp.true:
+        return False
+    asked = ((_condition(inner), cond) for branch, cond in part.args for inner in doubtful((branch,), around))
+    return all(need.relation == "{of} >= 0" and cond in (need.of > 0, need.of >= 0) for need, cond in asked)
 
 
 def _condition(part: sp.Expr) -> Condition:

@@ -16,6 +16,7 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.algebra.lookup import hessian, jacobian
+from hgogen.algebra.removable import resolved
 from hgogen.analysis.determinant import determinant
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, leaves, to_casadi
@@ -364,7 +365,7 @@ class Dynamics:
         rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
         if self.form.clamped and boxed:
             around = self._around(states or self.form.states)
-            rows = (computed(e, around) for e in rows)
+            rows = (computed(resolved(e), around) for e in rows)
         return to_casadi([_with_constants(e, self._constants) for e in rows], symbols)
 
 

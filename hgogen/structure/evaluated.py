@@ -18,10 +18,12 @@ def evaluated(form: Form) -> tuple[Check, ...]:
 
     Derivatives are those of the form's equations, as they are written, and, at points, of the program's.
     """
-    known = undefined_slopes(form.system)
-    named = {check.id for check in (*form.checks, *known)}
     points = not_finite(Dynamics(replace(form, held=())))
-    return (*known, *(check for name, at in points.items() if (check := _sampled(name, at)).id not in named))
+    sampled = {check.id: check for check in map(_sampled, points, points.values())}
+    known = undefined_slopes(form.system)
+    settled = {check.id for check in (*form.checks, *known) if check.verdict is Verdict.REFUTED}
+    new = {id: check for id, check in sampled.items() if id not in settled}
+    return (*(check for check in known if check.id not in new), *new.values())
 
 
 def _sampled(row: str, point: dict[str, float]) -> Check:
