@@ -8,6 +8,7 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.variants import STEEP, largest_exponent
 from hgogen.signal import Signal
 
 Point = Mapping[Signal, sp.Rational]
@@ -43,7 +44,10 @@ def points(signals: Sequence[Signal]) -> Iterator[Point]:
 
 
 def kind(expression: sp.Expr, point: Point) -> str:
-    """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
+    """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?", which is
+    the answer for powers too large for exact numbers as well."""
+    if largest_exponent(expression) > STEEP:
+        return "?"
     at = dict(point)
     try:
         answer = _kind(expression.xreplace(at))

@@ -12,6 +12,8 @@ from hgogen.algebra.tape import Instruction, NoTape, tape
 
 # Products of more terms than this are not formed.
 _TERMS = 200_000
+# Nor powers whose coefficients may have more digits than this together.
+_DIGITS = 4_000_000
 # Numerator and denominator, without a common factor.
 Quotient = tuple[Any, Any]
 
@@ -99,8 +101,10 @@ def power(base: Any, exponent: int) -> Any:
 
     Raises: `TooLarge`.
     """
-    if len(base) > 1 and comb(len(base) + exponent - 1, exponent) > _TERMS:
-        raise TooLarge("a power")
+    if len(base) > 1:  # of two terms or more; first a bound that costs nothing
+        terms = comb(len(base) + exponent - 1, exponent) if exponent < _TERMS else _TERMS + 1
+        if terms > _TERMS or terms * exponent > _DIGITS:
+            raise TooLarge("a power")
     return base**exponent
 
 

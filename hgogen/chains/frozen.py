@@ -66,10 +66,12 @@ def frozen(part: Ode, observer: Observer) -> Frozen:
     points, n = box_points(form), form.n
     z, inputs = points[:, :n].T, points[:, n:].T
     start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
-    inverse = np.linalg.pinv(_stacked(readout(start, inputs)[0], len(points)))
+    slopes = _stacked(readout(start, inputs)[0], len(points))
+    regular = np.isfinite(slopes).all(axis=(1, 2))
+    inverse = np.linalg.pinv(np.where(regular[:, None, None], slopes, 0.0))
     fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(readout(start, inputs)[1]))
     M, blind = (_stacked(matrix, len(points)) for matrix in error(fields, inputs))
-    finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
+    finite = regular & np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
     linear = core(part, output.numel())
     line = np.zeros(M.shape[1:]) if linear is None else np.array(ca.DM(_numbers([linear.M], observer)[0]))
     return Frozen(M[finite], points[finite], line, blind[finite], tuple(map(str, (*form.to_form, *form.system.inputs))))

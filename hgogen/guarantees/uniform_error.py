@@ -27,6 +27,7 @@ import sympy as sp
 
 from hgogen.algebra.kinks import slope
 from hgogen.algebra.points import exact
+from hgogen.algebra.variants import largest_exponent
 from hgogen.check import Verdict
 from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grammar import outward
@@ -41,7 +42,7 @@ from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import fixed, span
 
 STATES = 6  # of more the search for P takes longer than a check may
-_OPERATIONS = 100  # of a slope that is factored
+_OPERATIONS, _EXPONENT = 100, 100  # of a slope that is factored
 Shares = list[tuple[Fraction, Fraction]]  # the range of each q_k
 
 
@@ -54,7 +55,8 @@ def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
 
 def _short(expression: sp.Expr) -> sp.Expr:
     """In factors, where a variable stands less often and ranges are narrower; as it is where that may take long."""
-    return sp.factor(expression) if sp.count_ops(expression) <= _OPERATIONS else expression
+    brief = sp.count_ops(expression) <= _OPERATIONS and largest_exponent(expression) <= _EXPONENT
+    return sp.factor(expression) if brief else expression
 
 
 def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
