@@ -71,7 +71,10 @@ def made(make: Any, plant: hg.System = BENT, method: Any = hg.methods.cholesky, 
 
 
 @pytest.mark.parametrize("method", PREDICT_CORRECT)
-@pytest.mark.parametrize(("alpha", "beta", "kappa"), [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1.2, 1.44, 3.0)])
+@pytest.mark.parametrize(
+    ("alpha", "beta", "kappa"),
+    [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1.2, 1.44, 3.0), (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.5, -0.1, 2.0)],
+)
 def test_it_is_the_textbooks_filter(method: Any, alpha: float, beta: float, kappa: float) -> None:
     """Of two bent outputs, with samples missing. The weighted sums lose eps/alpha^2 in the textbook's order; 1e3
     operations in each of 200 steps, forgotten within 50 of them."""
@@ -158,8 +161,11 @@ def test_it_is_no_differential_equation(make: Any) -> None:
     [
         ({"alpha": 0.0}, "alpha = 0.0 must be a positive finite number"),
         ({"alpha": 1e-5}, "alpha sqrt(n + kappa) = 1.41421e-05 must be from 1e-3 to 1e3"),
-        ({"alpha": 2.0}, "beta = 2 must be from alpha^2 = 4 to 1e6, so that the covariance stays positive"),
-        ({"beta": -1.0}, "beta = -1 must be from alpha^2 = 1 to 1e6"),
+        (
+            {"alpha": 2.0, "kappa": -1.5},
+            r"beta = 2 must be from -alpha^2 kappa/n = 3 to 1e6, so that the covariance stays",
+        ),
+        ({"beta": -1.0}, "beta = -1 must be from -alpha^2 kappa/n = 0 to 1e6"),
         ({"beta": NAN}, "beta"),
         ({"kappa": -2.0}, "kappa = -2 must be above -2, the number of states with a minus"),
         ({"kappa": 1e9}, "must be from 1e-3 to 1e3"),

@@ -115,7 +115,9 @@ def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *
 
 def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "") -> Admitted:
     observer = step.observer
-    known = None if observer.form.kind == "original" else convergence(kind, observer.checks)
+    known: Convergence | None = convergence(kind, observer.checks)
+    if observer.form.kind == "original" and known is not Convergence.PROVED:
+        known = None
     where = _rule(kind).where or summary("observers", kind)
     return Admitted(kind, name, form or observer.form.kind, known, cost(step), where, line)
 

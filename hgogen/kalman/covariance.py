@@ -52,10 +52,14 @@ def pack_unit_lower(matrix: Graph) -> Graph:
 
 
 def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(L, d) of a symmetric positive definite matrix = L diag(d) L'; of a diagonal one d is its diagonal, to the bit.
+    """(L, d) of a symmetric positive definite matrix = L diag(d) L'; of a diagonal one d is its diagonal, to the bit,
+    which may have zeros.
 
     Raises: `numpy.linalg.LinAlgError` where it is not positive definite.
     """
+    entries = np.diag(matrix).astype(float)
+    if not np.count_nonzero(matrix - np.diag(entries)) and (entries >= 0).all():
+        return np.eye(len(entries)), entries
     with np.errstate(all="ignore"):
         L, d = pivots(np.asarray(matrix, dtype=float))
     if not all(value > 0 for value in d):

@@ -11,11 +11,12 @@ from hgogen.form import Form
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import Theta, constant
-from hgogen.kalman.weights import cap, limited, positive, spd, wide
+from hgogen.kalman.weights import cap, limited, positive, reached_by, spd, wide
 from hgogen.observer import state_field
 from hgogen.program import Field, sym
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.structure.scaling import scaling
 
 LIMITED = limited(
@@ -46,11 +47,15 @@ def extended(
     Raises: `BadGain`, `BadNames`.
     """
     n, outputs, theta = form.n, len(form.output), theta or constant(1.0)
-    noise = spd("Q", of_coordinates("Q", Q, form), n)
+    dynamics = Dynamics(form)
+
+    def reaches(noise: np.ndarray) -> bool:
+        return reached_by(noise, jacobians_on_box(dynamics, 1)[0])
+
+    noise = spd("Q", of_coordinates("Q", Q, form), n, reaches)
     start = spd("covariance", np.ones(n) if covariance is None else of_coordinates("covariance", covariance, form), n)
     variances = positive("R", of_outputs("R", R, form), outputs)
     shape, weights = factor(noise)
-    dynamics = Dynamics(form)
     z = state_field(form, initial, theta.peak)
     part = Riccati(
         dynamics=dynamics,

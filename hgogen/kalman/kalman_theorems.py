@@ -16,6 +16,12 @@ from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
+_DEFINITE = Hypothesis(
+    "Q, S(0) are positive definite and R > 0",
+    verdict=Verdict.PROVED,
+    reason="else the observer is refused",
+    reference="(4)",
+)
 _BUILT = (
     Hypothesis(
         "b is smooth and of compact support",
@@ -23,12 +29,7 @@ _BUILT = (
         reason="its argument is clamped to the ranges, which bounds b and bends it at their edge",
         reference="section 2.2",
     ),
-    Hypothesis(
-        "Q, S(0) are positive definite and R > 0",
-        verdict=Verdict.PROVED,
-        reason="else the observer is refused",
-        reference="(4)",
-    ),
+    _DEFINITE,
     Hypothesis(
         "the first estimate lies in the ranges", verdict=Verdict.PROVED, reason="else it is refused", reference="(4)"
     ),
@@ -64,6 +65,23 @@ KALMAN = Theorem(
         *_OPERATION,
     ),
     "Boizot, Busvelle, Gauthier, Automatica 46 (2010), local inequality (17)",
+)
+LINEAR = Theorem(
+    f"{_ANYWHERE}: the plant is linear",
+    (
+        Hypothesis(
+            "z' = A z + b(u), y = C z + d(u), A and C constant, (C, A) observable, (A, Q) controllable",
+            (Claims("riccati", "convergence"),),
+            reference="section 7",
+        ),
+        Hypothesis(
+            "Q has no negative eigenvalue, P(0) is positive definite and R > 0",
+            verdict=Verdict.PROVED,
+            reason="else the observer is refused",
+        ),
+        *_OPERATION,
+    ),
+    "Kalman, Bucy, New results in linear filtering and prediction theory, J. Basic Engineering 83 (1961), section 7",
 )
 HIGH_GAIN = Theorem(
     f"{_ANYWHERE}, for theta large enough",
@@ -170,9 +188,22 @@ ALIGNMENTS = {  # by the alignment of the chains
 }
 
 
-def of_form(theorem: Theorem, form: Form) -> Theorem:
+def _of_lower_rank(hypothesis: Hypothesis) -> Hypothesis:
+    """The hypothesis on Q of a Q that is not positive definite, any other as it is."""
+    if hypothesis is not _DEFINITE:
+        return hypothesis
+    return replace(
+        hypothesis,
+        verdict=Verdict.UNKNOWN,
+        reason="Q has an eigenvalue 0; its noise reaches every state of the model as it is linearised at a point",
+    )
+
+
+def of_form(theorem: Theorem, form: Form, *, definite: bool = True) -> Theorem:
     """The theorem with what the form brings: chains of several outputs, coordinates in which the filter does not
-    work."""
+    work; and whether Q is positive definite."""
+    if not definite:
+        theorem = replace(theorem, hypotheses=tuple(map(_of_lower_rank, theorem.hypotheses)))
     if form.kind == "block_triangular":
         more = ALIGNMENTS.get(form.alignment)
         chains = theorem.with_chains().under(*((more,) if more else ()))

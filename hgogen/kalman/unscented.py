@@ -9,7 +9,9 @@
 
 These are the scaled unscented transform's sums, put together by pairs of points. Its weight of the middle point is
 negative for a small alpha; here nothing is taken away as long as alpha^2 <= beta, so that S needs no downdate and is
-positive definite by construction. An output that is linear in the state has f = S'c' without a difference, which in
+positive definite by construction. For a beta below alpha^2, c = (alpha^2 - beta)/g^2, the b_i have a part of their sum
+B less, sum b_i b_i' - c B B' = sum (b_i - s B)(b_i - s B)', s = (1 - sqrt(1 - n c))/n, as long as n c <= 1: that is
+beta >= -alpha^2 kappa/n. An output that is linear in the state has f = S'c' without a difference, which in
 floats would lose what a point near the estimate has in common with it. Source: Julier, "The scaled unscented
 transformation", ACC 2002; van der Merwe, Wan, "The square-root unscented Kalman filter for state and
 parameter-estimation", ICASSP 2001; the sums by pairs as in Norgaard, Poulsen, Ravn, Automatica 36 (2000).
@@ -32,7 +34,7 @@ from hgogen.program import Block, Place, Program, sym
 @dataclass(frozen=True, eq=False)
 class Unscented:
     """A Kalman filter by sigma points: `reach` g > 0, how many deviations a point lies off the estimate, and `more`
-    beta - alpha^2 >= 0, the weight of d d'."""
+    beta - alpha^2 >= -g^2/n, the weight of d d'."""
 
     plain: Riccati
     reach: float
@@ -42,7 +44,7 @@ class Unscented:
 @dataclass(frozen=True)
 class Transformed:
     """The sums of a map's values at the sigma points: `middle` m(z) (k), `slopes` the a_i and `bends` the b_i (k, n),
-    `drift` d (k)."""
+    less what a negative weight of d d' takes away, `drift` d (k)."""
 
     middle: Graph
     slopes: Graph
@@ -76,7 +78,12 @@ def _transformed(part: Unscented, middle: Graph, above: list[Graph], below: list
     half = 1 / (2 * part.reach)
     slopes = ca.horzcat(*(half * (up - down) for up, down in pairs))
     bends = ca.horzcat(*(half * (up - middle + (down - middle)) for up, down in pairs))
-    return Transformed(middle, slopes, bends, ca.sum2(bends) * (1 / part.reach))
+    drift = ca.sum2(bends) * (1 / part.reach)
+    if part.more < 0:
+        n = len(pairs)
+        share = (1 - sqrt(max(0.0, 1 + n * part.more / part.reach**2))) / n
+        bends = ca.horzcat(*(bends[:, i] - share * part.reach * drift for i in range(n)))
+    return Transformed(middle, slopes, bends, drift)
 
 
 def _predict(part: Unscented, clock: Clock) -> Program:
@@ -90,7 +97,7 @@ def _predict(part: Unscented, clock: Clock) -> Program:
     read = {name: sym("work", name, n) for name in points}
     sums = _transformed(part, read["middle"], *([read[f"{side}_{i + 1}"] for i in range(n)] for side in sides))
     noise = part.plain.scaled_factor() @ ca.diag(ca.sqrt(moved.weights()))
-    S, names = triangle(ca.horzcat(sums.slopes, sums.bends, sqrt(part.more) * sums.drift, noise))
+    S, names = triangle(ca.horzcat(sums.slopes, sums.bends, sqrt(max(0.0, part.more)) * sums.drift, noise))
     after = {Place("state", part.plain.z.name): sums.middle + sums.drift, **written(S)}
     return (
         *(_move(moved, name, title, point) for name, (title, point) in points.items()),
@@ -115,7 +122,7 @@ def _update(part: Unscented, clock: Clock, output: int) -> Program:
         above, below = _points(part, moved.z)
         sums = _transformed(part, h(moved.z), [h(z) for z in above], [h(z) for z in below])
         f, drift = sums.slopes.T, sums.drift
-        r = r + ca.sumsqr(sums.bends) + part.more * drift**2
+        r = r + ca.sumsqr(sums.bends) + max(0.0, part.more) * drift**2
     S, gain = carlson(S, f, r)
     return (
         Block(

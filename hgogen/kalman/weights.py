@@ -1,11 +1,12 @@
 """What observers with a covariance have in common: matrices that must be positive definite, and when a variance is
 absurd."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from flint import fmpq_mat
 
 from hgogen.algebra import definite
 from hgogen.algebra.symmetric import symmetric, unsymmetric
@@ -17,6 +18,11 @@ from hgogen.signal import LOST
 from hgogen.structure.dynamics import HUGE, Dynamics
 from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.structure.scaling import Scaling
+
+_WANTED = (
+    "must be positive definite, or have no negative eigenvalue and reach every state through the model, (A, Q) "
+    "controllable; a state that no noise reaches, such as one believed constant, takes a small positive number"
+)
 
 
 def cap(
@@ -44,8 +50,9 @@ def limited(meaning: str, action: str) -> Bit:
     return Bit("COVARIANCE_LIMITED", meaning, action)
 
 
-def spd(name: str, value: Any, n: int) -> np.ndarray:
+def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:
     """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix; rounding is taken off (`symmetric`).
+    It may have zero eigenvalues where it `reaches` every state.
 
     Raises: `BadGain`.
     """
@@ -60,12 +67,30 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
     if even is None:
         raise BadGain(name, unsymmetric(name))
     matrix = np.array(even, dtype=float)
-    if not _definite(matrix):
-        raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
+    if not is_definite(matrix) and not (reaches and _nonnegative(matrix) and reaches(matrix)):
+        raise BadGain(name, _WANTED if reaches else "must be positive definite")
     return matrix
 
 
-def _definite(matrix: np.ndarray) -> bool:
+def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
+    """Whether noise of this covariance reaches every state: (F, Q) is controllable at one of the F (k, n, n), by the
+    exact rank of Q, F Q, .., F^(n-1) Q."""
+    noise, n = definite.exact(definite.rationals(matrix)), len(matrix)
+    for F in jacobians:
+        rows, term, slopes = noise.transpose().tolist(), noise, definite.exact(definite.rationals(F))
+        for _ in range(n - 1):
+            term = slopes * term
+            rows += term.transpose().tolist()
+        if fmpq_mat(rows).rank() == n:
+            return True
+    return False
+
+
+def _nonnegative(matrix: np.ndarray) -> bool:
+    return definite.nonnegative(definite.exact(definite.rationals(matrix)))
+
+
+def is_definite(matrix: np.ndarray) -> bool:
     """Whether a matrix is positive definite, by exact arithmetic: a float eigenvalue near 0 may have the wrong sign."""
     if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
         return bool((np.diag(matrix) > 0).all())
@@ -91,5 +116,5 @@ def wide(
 ) -> Field:
     """A gain of positive numbers that may be tuned by six decades either way; `labels`: what each number belongs to."""
     numbers = tuple(map(float, values))
-    field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)
+    field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)  # 0 where one is 0
     return replace(field, labels=labels)

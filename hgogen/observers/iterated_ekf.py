@@ -17,6 +17,7 @@ from hgogen.kalman.extended import extended
 from hgogen.kalman.iterated import Iterated, iterated
 from hgogen.kalman.kalman_theorems import KALMAN, of_form
 from hgogen.kalman.riccati_part import AtSamples
+from hgogen.kalman.weights import is_definite
 from hgogen.kalman.square_root import LARGEST
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
@@ -80,7 +81,7 @@ def iterated_ekf(
         dynamics=filter.part.dynamics,
         claims=lambda: (*form.checks, *evaluated(form)),
         accepted=accept,
-        theorem=of_form(THEOREM, form),
+        theorem=of_form(THEOREM, form, definite=is_definite(filter.part.nominal[0])),
         equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),
         reference=REFERENCE,
     )

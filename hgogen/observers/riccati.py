@@ -13,13 +13,20 @@ authors' ECC 2009 paper).
 
 import math
 from collections.abc import Iterable
+from fractions import Fraction
 
+import numpy as np
+
+from hgogen.algebra.definite import rationals
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import Grounds
 from hgogen.form import Form
+from hgogen.guarantees.linear_filter import Linear, linear, settles
 from hgogen.guarantees.steady_gain import in_chains
 from hgogen.kalman.extended import extended
-from hgogen.kalman.kalman_theorems import of_form
-from hgogen.kalman.theta import Theta, constant
+from hgogen.kalman.kalman_theorems import LINEAR, of_form
+from hgogen.kalman.theta import Constant, Theta, constant
+from hgogen.kalman.weights import is_definite
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
@@ -60,13 +67,15 @@ def riccati(
     """The high-gain extended Kalman filter of `form`.
 
     Args: `Q` diagonal (n) or symmetric positive definite (n, n), by the names of the form's coordinates or in their
-    order, unit z^2/s; `R` positive, one for each output, unit y^2 s (spectral densities: for white noise of variance v
+    order, unit z^2/s; numbers of a diagonal may be 0 where the noise of others reaches these states, (A, Q)
+    controllable; `R` positive, one for each output, unit y^2 s (spectral densities: for white noise of variance v
     per sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n
     numbers in the plant's order); `covariance` P(0) = S(0)^-1, as Q is given, default the unit matrix; `accept` ids of
     refuted checks to build on all the same. A matrix that is symmetric but for rounding (1e-12) is taken as (Q + Q')/2.
 
-    Checks: `riccati.convergence` (unknown); `riccati.lipschitz` in coordinates other than the plant's states (b on the
-    whole box of z).
+    Checks: `riccati.convergence` (proved of a linear plant with constant coefficients and a constant theta, where
+    (C, A) is observable and (A, Q) controllable, else unknown); `riccati.lipschitz` in coordinates other than the
+    plant's states (b on the whole box of z).
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -76,6 +85,8 @@ def riccati(
     _demand_scaled(form, theta)
     filter = extended(form, Q, R, covariance, initial, theta)
     dynamics, z = filter.part.dynamics, filter.part.z
+    convergence = _convergence(theta, form, *filter.part.nominal)
+    proved = convergence.verdict is Verdict.PROVED
     return Observer(
         form=form,
         name="riccati",
@@ -83,9 +94,9 @@ def riccati(
         gains=(*filter.gains, *theta.gains),
         z=sym("state", "z", form.n),
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *evaluated(form), *clamped("riccati", form), _theorem(theta, form)),
+        claims=lambda: (*form.checks, *evaluated(form), *clamped("riccati", form), convergence),
         accepted=accept,
-        theorem=of_form(theta.theorem, form),
+        theorem=LINEAR if proved else of_form(theta.theorem, form, definite=is_definite(filter.part.nominal[0])),
         equations=(
             *EQUATIONS,
             noise_equation(form, theta.scaled),
@@ -117,12 +128,21 @@ def _demand_scaled(form: Form, theta: Theta) -> None:
         )
 
 
-def _theorem(theta: Theta, form: Form) -> Check:
-    known, reason, fix = ClaimId("riccati", "convergence"), because(_EXISTENTIAL), _TRIALS
+def _convergence(theta: Theta, form: Form, Q: np.ndarray, R: np.ndarray) -> Check:
+    """`riccati.convergence`: proved of a linear plant, of any other existential."""
+    id, plant = ClaimId("riccati", "convergence"), linear(form)
+    if isinstance(plant, Linear) and isinstance(theta, Constant):
+        obstacle = settles(plant, Q, theta.theta)
+        if obstacle is None:
+            numbers = {"theta": Fraction(theta.theta), "Q": rationals(Q), "R": tuple(map(Fraction, R.tolist()))}
+            reason = because("the plant is linear, (C, A) is observable and (A, Q) controllable, by exact ranks")
+            return Check(id, LINEAR.conclusion, Verdict.PROVED, reason, proofs=(Grounds(numbers, plant),))
+        return Check(id, LINEAR.conclusion, Verdict.UNKNOWN, obstacle, fix=_TRIALS)
+    known, reason, fix = theta.theorem.conclusion, because(_EXISTENTIAL), _TRIALS
     try:
         in_chains(form)
     except BadGain:
-        return Check(known, theta.theorem.conclusion, Verdict.UNKNOWN, reason, fix=fix)
+        return Check(id, known, Verdict.UNKNOWN, reason, fix=fix)
     settled = because("in chains the gain to which it settles can be proved as it runs, by hg.design.steady_gain")
     fix = f"{fix}, or take high_gain with the gain to which it settles"
-    return Check(known, theta.theorem.conclusion, Verdict.UNKNOWN, joined(reason, settled), fix=fix)
+    return Check(id, known, Verdict.UNKNOWN, joined(reason, settled), fix=fix)

@@ -77,9 +77,9 @@ def ukf(
     """The unscented Kalman filter of `form`, of up to 7 states.
 
     Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n of the scaled
-    unscented transform, with alpha^2 <= beta, which keeps P positive definite; a point lies alpha sqrt(n + kappa)
-    deviations g off the estimate, from 1e-3 to 1e3. In floats rounding adds about 6e-8 |z|/g to a deviation at each
-    step. `accept` ids of refuted checks to build on all the same.
+    unscented transform, with beta >= -alpha^2 kappa/n, which keeps P positive definite; a point lies alpha
+    sqrt(n + kappa) deviations g off the estimate, from 1e-3 to 1e3. In floats rounding adds about 6e-8 |z|/g to a
+    deviation at each step. `accept` ids of refuted checks to build on all the same.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model
     whose Jacobian is finite nowhere.
@@ -113,7 +113,8 @@ def _points(n: int, alpha: float, beta: float, kappa: float) -> tuple[float, flo
     if not 1e-3 <= reach <= 1e3:
         wanted = "must be from 1e-3 to 1e3: floats lose what closer points differ by"
         raise BadGain(f"alpha sqrt(n + kappa) = {reach:g}", wanted)
-    if not alpha**2 <= beta <= 1e6:
-        wanted = f"must be from alpha^2 = {alpha**2:g} to 1e6, so that the covariance stays positive"
+    least = -(alpha**2) * kappa / n
+    if not least <= beta <= 1e6:
+        wanted = f"must be from -alpha^2 kappa/n = {least + 0.0:g} to 1e6, so that the covariance stays positive"
         raise BadGain(f"beta = {beta:g}", wanted)
     return reach, beta - alpha**2

@@ -1,0 +1,96 @@
+"""Whether a Kalman filter of a linear plant with constant coefficients converges: ranks in exact arithmetic.
+
+    x' = A x + b(u),  y = C x + d(u),   P' = A P + P A' + Q - P C' R^-1 C P,   e' = (A - P C' R^-1 C) e
+
+Where (C, A) is observable and (A, Q) controllable, P converges from every P(0) > 0 to the one positive definite P of
+the algebraic equation, for which A - P C' R^-1 C is Hurwitz, so that e converges exponentially from everywhere. Both
+ranks are n where the matrices sum_k (A')^k C'C A^k and sum_k A^k Q Q' (A')^k, k < n, are positive definite. Source:
+R. E. Kalman, R. S. Bucy, "New results in linear filtering and prediction theory", J. Basic Engineering 83 (1961),
+section 7.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from flint import fmpq_mat
+
+from hgogen.algebra.definite import Matrix, exact, positive, rationals
+from hgogen.algebra.points import exact as exactly
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
+from hgogen.sentence import Reason, because
+from hgogen.structure.polytope import fixed
+
+STATES = 40  # of more, sums of products of rationals take long
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A and C of a form that is linear, its coefficients constant."""
+
+    A: Matrix
+    C: Matrix
+
+    def evidence(self, form: Form) -> Evidence:
+        """Both matrices."""
+        return {"A": self.A, "C": self.C}
+
+
+def linear(form: Form) -> Linear | Reason:
+    """A and C (p, n) of a form with z' = A z + b(u), y = C z + d(u); or why it is none."""
+    z = {*form.states}
+    if form.n > STATES:
+        return because("the ranks of more than {most} states are not computed", most=STATES)
+    if form.jacobian is not None or form.behind is not None:
+        return because("the filter works in other coordinates than the form's")
+    if form.limits:
+        return because("values of b are limited")
+    known = dict(fixed(form))
+    A, b, C = (exactly(sp.Matrix(rows)).xreplace(known) for rows in (form.A, form.b, _slopes(form)))
+    if b.free_symbols & z or C.free_symbols & z:
+        return because("it is not linear in the state")
+    if moving := sorted((A.free_symbols | C.free_symbols), key=str):
+        return because("its coefficients vary with {names}", names=moving)
+    if not all(e.is_Rational for e in (*A, *C)):
+        return because("a coefficient is not rational")
+    return Linear(_fractions(A), _fractions(C))
+
+
+def _slopes(form: Form) -> sp.Matrix:
+    """The slopes of the outputs by the states (p, n)."""
+    return sp.Matrix(form.output).jacobian(form.states)
+
+
+def _fractions(M: sp.Matrix) -> Matrix:
+    return tuple(tuple(Fraction(int(e.p), int(e.q)) for e in M.row(i)) for i in range(M.rows))
+
+
+def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
+    """None where the filter of Q (n, n) and a constant theta converges; or which condition is not met.
+
+    A theta above 1 scales Q by rows and columns, which leaves it positive definite, but may end what one of lower rank
+    reaches.
+    """
+    A, C, noise = exact(plant.A), exact(plant.C), exact(rationals(Q))
+    if not positive(_gramian(A, C.transpose() * C, True)):
+        return because("(C, A) is not observable: C, C A, .. have a rank below {n}", n=len(plant.A))
+    if positive(noise):
+        return None
+    if theta != 1:
+        return because("Q is not positive definite, and theta scales it")
+    if not positive(_gramian(A, noise * noise, False)):
+        return because("(A, Q) is not controllable: Q, A Q, .. have a rank below {n}", n=len(plant.A))
+    return None
+
+
+def _gramian(A: Any, start: Any, turned: bool) -> fmpq_mat:
+    """sum_k (A')^k M A^k for k < n where `turned`, else sum_k A^k M (A')^k."""
+    total = term = start
+    left, right = (A.transpose(), A) if turned else (A, A.transpose())
+    for _ in range(A.nrows() - 1):
+        term = left * term * right
+        total = total + term
+    return total
