@@ -28,10 +28,9 @@ class NoGraph(HgogenError):
     expression: str
 
     def __str__(self) -> str:
-        return (
-            f"{self.term} in {self.expression} cannot become a graph; write it with the functions "
-            f"{', '.join(sorted(kind.__name__ for kind in _FUNCTIONS))} and declared symbols"
-        )
+        names = sorted((*(kind.__name__ for kind in _FUNCTIONS), "sqrt", "ceiling", "Heaviside", "Piecewise"))
+        write = f"write it with the functions {', '.join(names)} and declared symbols"
+        return f"{self.term} in {self.expression} cannot become a graph; {write}"
 
 
 # of every integration by CVODES: it may take many steps, and prints nothing of its own
@@ -131,6 +130,10 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
         value = _power(node, inner)
     elif isinstance(node, sp.Piecewise):
         value = _piecewise(node, inner)
+    elif isinstance(node, sp.ceiling):
+        value = -ca.floor(-inner(node.args[0]))
+    elif isinstance(node, sp.Heaviside):
+        value = inner(_step(*node.args))
     elif isinstance(node, Table):
         value = Lookup(node.cells, node.order)(*map(inner, node.args))
     elif type(node) in _OPERATIONS:
@@ -139,6 +142,13 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
         raise NoGraph(f"{type(node).__name__}({', '.join(map(str, node.args))})", str(whole))
     memo[node] = value
     return value
+
+
+def _step(argument: sp.Expr, at_zero: sp.Expr) -> sp.Expr:
+    """Heaviside's step as a choice."""
+    one = (sp.S.One, argument >= 0 if at_zero == 1 else argument > 0)
+    middle = () if at_zero in (0, 1) else ((at_zero, sp.Eq(argument, 0)),)
+    return sp.Piecewise(one, *middle, (sp.S.Zero, True))
 
 
 def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:

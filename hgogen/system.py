@@ -8,8 +8,9 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra.cells import Cells
-from hgogen.algebra.plain import plain
+from hgogen.algebra.plain import NEAREST, plain
 from hgogen.algebra.tabulated import Stepped, Table
+from hgogen.algebra.tape import NoTape, tape
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.reading import filename
@@ -184,6 +185,20 @@ def _validate(system: System) -> None:
         for index, expression in enumerate(expressions, 1):
             for symbol in sorted(expression.free_symbols - allowed, key=str):
                 raise BadSystem(name, f"{what} {index} uses {_stranger(symbol, seen, system)}")
+            try:
+                tape([expression], expression.free_symbols)
+            except NoTape as error:
+                raise BadSystem(name, f"{what} {index}: {_unknown(expression, error)}") from None
+
+
+def _unknown(expression: sp.Expr, error: NoTape) -> str:
+    """What is wrong with an expression that has a function without a rule, and what to write in its place."""
+    calculus = sorted(expression.atoms(sp.Integral, sp.Derivative, sp.Sum, sp.Product), key=str)
+    if calculus:
+        return f"there is no rule for {calculus[0]}; write it in closed form, or make an integral a state"
+    names = {type(node).__name__: node for node in expression.atoms(sp.Function)}
+    name = next((name for name in sorted(names) if name in NEAREST), "")
+    return f"there is no rule for {names[name]}; {NEAREST[name]}" if name else str(error)
 
 
 def _settled(system: System) -> None:

@@ -49,7 +49,7 @@ class NoTape(HgogenError):
         """Why no arithmetic takes it."""
         pattern = (
             "no rule for {what} in {expression}; write it with + - * / ** sqrt exp log, trigonometric and hyperbolic "
-            "functions, Abs, sign, Min, Max or Piecewise, of declared symbols"
+            "functions, Abs, sign, floor, Heaviside, Min, Max or Piecewise, of declared symbols, or as a table"
         )
         return because(pattern, what=self.what, expression=self.expression)
 

@@ -77,29 +77,30 @@ def check_(
     model's form and observer, each claim with its verdict.
 
     JSON keys: model, headline (the whole in one line), observability (known, joint: rank, dimension, order of
-    derivatives, observable, unobservable, symmetries, repairs; joint is null where no parameter has a range; method,
-    checks; least_seen: the direction of the state that the outputs show least, null where it is not measured: least,
-    median, window, unit, trial, by_motion, hopeless, where, direction), forms (name, verdict: null where the form was
-    not asked or does not take the plant, why, why_data, fix, order, witness), bounds (expression, low, high: null where
-    unbounded, defined, boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y), gains (by
-    name, those of several coordinates or outputs by the name of each), dt (dt, time, certified: the largest at which
-    errors are proved to decay, throughout: at every one up to it, advised, refused: above it, each null where there is
-    none; null of an observer of which it cannot be proved), checks (id, claim, verdict, reason, reason_data: its
-    pattern and the values that it names, a bound as its value and how it is rounded, witness, fix, accepted), refuted
-    (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
-    theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, reason_data, checks, reference;
-    null without an observer), undefined (checks of the plant's rows, and of their derivatives by the states, that
-    have no finite value somewhere in the declared ranges, or may have none), singular (factors: whose zeros are the
-    singular set, null where it is not known; inputs: those of them free of states; determinants and checks, one
-    each for a zero set, which do not count for the exit status), take (the observers admitted, best first:
-    observer, name of the tuning, form, known of its convergence, where to take it, line, proposed: whether the
-    gains are a first proposal, operations, functions), advice (sentences), notes. With --library FILE, which holds
-    {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries": [expression, ..] beside its
-    tables, or lists of names and expressions, {"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"],
-    "outputs": ["y"], "h": ["x1"], "inputs": ["u"], "known_params": ["a"], "unknown_params": [], "x_box": {"x1":
-    [-1, 1]}, "u_box": {"u": [-1, 1]}, "param_ranges": {"a": [1, 2]}, "bound_queries": ["x1**2"]}; all but name,
-    states, f, h may be missing. The answer: an object from each model's name to its answers, null where there is
-    none; error: what is wrong with the model; partial: the time limit struck.
+    derivatives, observable, unobservable, those proved_unobservable, symmetries, repairs, of the branch where most is
+    observable: where, its conditions; elsewhere: the same of the branches that hide something; joint is null where no
+    parameter has a range; method, asked: of which branches, checks; least_seen: the direction of the state that the
+    outputs show least, null where it is not measured: least, median, window, unit, trial, by_motion, hopeless, where,
+    direction), forms (name, verdict: null where the form was not asked or does not take the plant, why, why_data, fix,
+    order, witness), bounds (expression, low, high: null where unbounded, defined, boxes, note), plant, form,
+    coordinates, flow, outputs (expressions by name: z, z', y), gains (by name, those of several coordinates or outputs
+    by the name of each), dt (dt, time, certified: the largest at which errors are proved to decay, throughout: at every
+    one up to it, advised, refused: above it, each null where there is none; null of an observer of which it cannot be
+    proved), checks (id, claim, verdict, reason, reason_data: its pattern and the values that it names, a bound as its
+    value and how it is rounded, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; of a
+    model with an observer the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim,
+    verdict or "left to you", reason, reason_data, checks, reference; null without an observer), undefined (checks of
+    the plant's rows, and of their derivatives by the states, that have no finite value somewhere in the declared
+    ranges, or may have none), singular (factors: whose zeros are the singular set, null where it is not known; inputs:
+    those of them free of states; determinants and checks, one each for a zero set, which do not count for the exit
+    status), take (the observers admitted, best first: observer, name of the tuning, form, known of its convergence,
+    where to take it, line, proposed: whether the gains are a first proposal, operations, functions), advice
+    (sentences), notes. With --library FILE, which holds {"models": [MODEL, ..]}, each MODEL a plain-text model, with
+    "bound_queries": [expression, ..] beside its tables, or lists of names and expressions, {"name": "osc", "states":
+    ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"], "known_params": ["a"],
+    "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u": [-1, 1]}, "param_ranges": {"a": [1, 2]},
+    "bound_queries": ["x1**2"]}; all but name, states, f, h may be missing. The answer: an object from each model's name
+    to its answers, null where there is none; error: what is wrong with the model; partial: the time limit struck.
     """
     if (model is None) == (many is None):
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")

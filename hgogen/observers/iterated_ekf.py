@@ -17,8 +17,8 @@ from hgogen.kalman.extended import extended
 from hgogen.kalman.iterated import Iterated, iterated
 from hgogen.kalman.kalman_theorems import KALMAN, of_form
 from hgogen.kalman.riccati_part import AtSamples
-from hgogen.kalman.weights import is_definite
 from hgogen.kalman.square_root import LARGEST
+from hgogen.kalman.weights import is_definite
 from hgogen.observer import Observer, founded
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, count

@@ -22,7 +22,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra.cells import Cells
-from hgogen.algebra.plain import plain
+from hgogen.algebra.plain import NEAREST, plain
 from hgogen.algebra.tabulated import applied
 from hgogen.errors import nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
@@ -40,7 +40,7 @@ ARGUMENTS = 20  # of Min, Max and Piecewise
 _BINDING = {"<": 1, "<=": 1, ">": 1, ">=": 1, "|": 2, "&": 3, "+": 4, "-": 4, "*": 5, "/": 5, "**": 7}
 _SIGN, _POWER = 6, 6  # a sign binds more tightly than *, less than **; the exponent may carry a sign
 _RELATIONS = {"<": sp.Lt, "<=": sp.Le, ">": sp.Gt, ">=": sp.Ge}
-_ONE = "exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh Abs sign Heaviside"
+_ONE = "exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh Abs sign Heaviside floor"
 _FUNCTIONS: dict[str, tuple[Callable[..., sp.Expr], int, int]] = {
     **{name: (getattr(sp, name), 1, 1) for name in _ONE.split()},
     "abs": (sp.Abs, 1, 1),
@@ -221,7 +221,7 @@ class _Parser:
                 raise self.bad(token, f"{name[:60]!r} is no function; write * before the parenthesis")
             functions = (*FUNCTIONS, *self.tables)
             known = nearest(name, functions, f"the functions are {', '.join(functions)}")
-            raise self.bad(token, f"there is no function {name[:60]!r}; {known}")
+            raise self.bad(token, f"there is no function {name[:60]!r}; {NEAREST.get(name, known)}")
         self.take()
         if name == "Piecewise":
             return self.piecewise(token)
