@@ -238,6 +238,11 @@ class Step:
         reads = any(place.struct == "output" for place, _ in places(self.sections[0].program))
         return not reads and any(section.corrects for section in self.sections)
 
+    @property
+    def parts(self) -> tuple[Section, ...]:
+        """The sections that are functions of their own: all, where there are several."""
+        return self.sections if len(self.sections) > 1 else ()
+
     @cached_property
     def program(self) -> Program:
         """All sections and the estimate, one after the other."""

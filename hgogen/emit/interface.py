@@ -61,7 +61,7 @@ def entries(step: Step) -> dict[str, Entry]:
         Entry("step", _parameters(step, {"in", "out"}), ("s",), whole),
         Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False, anew=("x",)),
     )
-    parts = step.called if len(step.sections) > 1 else ()
+    parts = (*step.inner, *step.parts, *step.timed)
     return {entry.name: entry for entry in (*every, *(of_section(step, section) for section in parts))}
 
 

@@ -47,6 +47,7 @@ from hgogen.stepping.guards import (
     unrecovered,
 )
 from hgogen.stepping.members import following_groups, joined
+from hgogen.stepping.projection import estimate_fields
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.sensors import adapt_once, awaited, in_order, once, order_fields, tick, timed, use
 from hgogen.structure.dynamics import HUGE
@@ -179,13 +180,14 @@ class Assembly:
 
     @cached_property
     def _keep(self) -> tuple[Section, ...]:
-        """The section that keeps the state in its box, where several ask for it."""
-        programs = (self.whole.predict, *map(self._correct, self.correcting), self.adapt)
-        fields = [guarded(program, self.state) for program in programs]
-        if not self.clock.guarded or sum(map(bool, fields)) < 2:
+        """The section that keeps the state in its box, which the first call and the guards behind programs ask for: the
+        estimate, and what programs write."""
+        if not self.clock.guarded:
             return ()
-        names = {field.name for each in fields for field in each}
-        program = boxed([field for field in self.state if field.name in names], self.state, self._fresh)
+        programs = (self.whole.predict, *map(self._correct, self.correcting), self.adapt)
+        kept = [*estimate_fields(self.observer, self.state)]
+        kept += [field for program in programs for field in guarded(program, self.state)]
+        program = boxed([field for field in self.state if field in kept], self.state, self._fresh)
         return (Section("keep_in_box", "keep the state in its box, or make it anew", program),)
 
     def _correct(self, j: int) -> Program:
@@ -194,8 +196,9 @@ class Assembly:
 
     @property
     def _predict(self) -> Section:
-        """The section that predicts. In the first call, copies of the model start from the estimate, where it was
-        written. Where no output corrects, the law of recovery is evaluated here."""
+        """The section that predicts. In the first call the state is kept in its box, as memory may have been spoiled
+        before it, and copies of the model start from the estimate, where it was written. Where no output corrects, the
+        law of recovery is evaluated here."""
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
         taken, read = (guard_inputs, guard_outputs) if clock.guarded else (unguarded.inputs, unguarded.outputs)
@@ -207,7 +210,7 @@ class Assembly:
         running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
         program.append(Block("the first call advances no time", running))
         moves = (*hold(observer, clock), *self._guarded(self.whole.predict), *held_now(observer, clock))
-        program.append(When(Place("work", "running"), moves, follow))
+        program.append(When(Place("work", "running"), moves, (*map(Call, self._keep), *follow)))
         program += awaited(self._ordered)
         if clock.inputs:
             program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))

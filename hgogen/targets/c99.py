@@ -103,9 +103,8 @@ def _functions(writer: SharingWriter) -> Iterator[Code]:
         yield rarely + _readied(step, step.mark)
     for part in writer.parts:
         yield rarely + _function(part.prototype, part.body)
-    if len(step.sections) > 1:
-        for section in (*step.inner, *step.sections):
-            yield _function(inside(step, section), writer.function(section.program))
+    for section in (*step.inner, *step.parts):
+        yield _function(inside(step, section), writer.function(section.program))
     yield rarely + _function(nominal(step), _nominal(step, writer.real))
     for name, body in _bodies(writer).items():
         asks = step.mark is not None and name in _asking(step)
@@ -144,8 +143,8 @@ def _bodies(writer: SharingWriter) -> dict[str, Code]:
     """The statements of each function that a caller has."""
     step = writer.step
     bodies = {section.name: called(C, step, section) for section in step.sections if of_section(step, section).inner}
-    if len(step.sections) > 1:
-        bodies["step"] = joined(called(C, step, section) for section in step.sections)
+    if step.parts:
+        bodies["step"] = joined(called(C, step, section) for section in step.parts)
     else:
         bodies["step"] = writer.function(step.sections[0].program)
     bodies |= {section.name: writer.function(section.program) for section in step.timed}

@@ -110,11 +110,10 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     """Those of the state, and those of the parameters."""
     step = writer.step
     known = entries(step)
-    bodies = {section.name: writer.function(section.program) for section in step.called}
-    if len(step.sections) > 1:
-        bodies["step"] = joined(called(RUST, step, section) for section in step.sections)
-    else:
-        bodies = {"step": bodies[step.sections[0].name]}
+    functions = (*step.inner, *step.parts, *step.timed)
+    bodies = {section.name: writer.function(section.program) for section in functions}
+    calls = joined(called(RUST, step, section) for section in step.parts)
+    bodies["step"] = calls if step.parts else writer.function(step.sections[0].program)
     of_state = [_made("State", "the state as before the first call", initial(memory, "state"))]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
