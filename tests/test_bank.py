@@ -333,12 +333,13 @@ def test_a_member_that_leaves_its_box_is_kept_in_it_alone(value: float, bit: str
 
 
 def test_the_members_are_in_a_loop() -> None:
-    """The text of the C is the same for any number of members, but for the number."""
+    """The text of the C is the same for any number of members, but for the number and the digest of the whole."""
     texts = []
     for count in (2, 20):
         bank = hg.observers.bank(member(), count=count, period=0.4)
         texts.append(hg.targets.c99(hg.sample(bank, dt=0.01), check=False)["fitzhugh_nagumo.c"])
-    assert re.sub(r"\b(1|2|19|20)u\b", "", texts[0]) == re.sub(r"\b(1|2|19|20)u\b", "", texts[1])
+    varying = r"\b(1|2|19|20)u\b|_layout\[8\] = \{[^}]*\}"
+    assert re.sub(varying, "", texts[0]) == re.sub(varying, "", texts[1])
     loops = [s for s in walk(around("twelve").program) if isinstance(s, Loop) and s.group == "member"]
     assert any(s.group == "column" for loop in loops for s in walk(loop.body) if isinstance(s, Loop))
 

@@ -21,6 +21,7 @@ from oracle import fitzhugh_nagumo as fn
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.emit import exact, layout
+from hgogen.emit.saved import mark
 from hgogen.program import Place
 
 REFERENCE = fn.Scenario(((50.0, -6.0),), 70.0)
@@ -242,6 +243,7 @@ def test_compiled_float_is_the_float_that_was_bounded(name: str) -> None:
     machine, compiled = exact.machine(step, "float"), NativeStep(step, "float")
     for k, state in zip(at, recorded(step, np.sin(T), Y, at), strict=True):
         compiled.state[:] = state.astype(compiled.state.dtype)
+        compiled.state["ready"] = mark(step, "float")
         status = compiled.run(U32[k : k + 1], Y32[k : k + 1]).status[0]
         unpack_state(step, state, machine.memory)
         machine.memory[Place("input", "u")][0], machine.memory[Place("output", "y")][0] = U32[k], Y32[k]
@@ -249,4 +251,4 @@ def test_compiled_float_is_the_float_that_was_bounded(name: str) -> None:
         for (place, mine), (_, its) in zip(
             leaves(pack_state(step, machine.memory)), leaves(compiled.state), strict=True
         ):
-            assert (mine == its).all(), (k, place)
+            assert (mine == its).all() or place == "ready", (k, place)

@@ -113,7 +113,8 @@ class Asked:
                 raise BadShape(f"starts = {self.starts!r}", wanted)
             return [self.memory.saved(state) for state in self.starts]
         made = dict[tuple[float, ...], bytes]()
-        return [made.get(row) or made.setdefault(row, started(self._named(row))) for row in self._rows()]
+        memory = self.memory.saved
+        return [made.get(row) or made.setdefault(row, memory(started(self._named(row)))) for row in self._rows()]
 
     def _rows(self) -> Iterator[tuple[float, ...]]:
         if self._numbers:

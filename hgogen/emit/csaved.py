@@ -57,8 +57,9 @@ $save
 
 $restore
 {
-    unsigned refused = (size == ${upper}_SAVED) ? 0u : 1u;
-    if (refused == 0u) {
+    unsigned refused = 1u;
+    if (size == ${upper}_SAVED) {
+        refused = 0u;
         uint32_t sum = ${name}_checksum(saved, sizeof(*s) + ${digest}u);
         for (size_t k = 0u; k < ${checksum}u; ++k) {
             refused |= (saved[k + sizeof(*s) + ${digest}u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
