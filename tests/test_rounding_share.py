@@ -33,6 +33,7 @@ from hgogen.intervals.computed import REALS, Computed, Real, Rounding, Unsure, e
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.declared_bounds import Bounds
 from hgogen.program import Place
+from hgogen.recheck import rounding as recheck_rounding
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.rules.driven import _sizes
 from hgogen.recheck.verification import recheck
@@ -580,6 +581,27 @@ def test_a_forged_number_fails(lie: str) -> None:
         changed["bounds"] += share["bounds"][1:]
     share |= changed
     assert verdict(content) == "fails"
+
+
+def test_in_a_call_the_plant_moves_by_its_speed_and_by_all_that_is_beside_a_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """So far a sample may be from where the plant was at the beginning."""
+    moves, content, made = list[Any](), certified("high_gain"), recheck_rounding.Rounded
+
+    def spied(*arguments: Any) -> Any:
+        moves.append(arguments[-1])
+        return made(*arguments)
+
+    monkeypatch.setattr(recheck_rounding, "Rounded", spied)
+    assert {row.found for row in recheck.__wrapped__(sealed(content)).rows if row.id.endswith(".error")} == {"verified"}
+    (evidence,) = (each["evidence"] for each in content["claims"] if each["id"].endswith(".error"))
+    beside = [[Fraction(x) for x in share["beside"]] for share in evidence["shares"] if share["beside"]]
+    speeds = [Fraction(x) for x in rounded(content)["follows"]["speeds"]]
+    assert any(map(any, beside))
+    assert moves == [
+        [Fraction(evidence["dt"]) * (x + sum(each)) for x, *each in zip(speeds, *beside, strict=True)],
+    ]
 
 
 @pytest.mark.parametrize("size", ["-1/2", "-2"])
