@@ -177,7 +177,7 @@ def test_an_8_bit_machine_computes_every_bit(name: str, tmp_path: Path) -> None:
     flags = ["-std=gnu99", "-Os", "-mmcu=atmega2560", "-ffp-contract=off", f"-DCHECK={made.name}_check"]
     sources = [f"{made.name}.c", f"{made.name}_check.c", str(emitted.HERE / "c" / "avr.c")]
     run([tool("avr-gcc"), *flags, f"-D{made.name.upper()}_EXACT", *sources, "-o", "check.elf"], tmp_path)
-    assert "check 00" in run([tool("simavr"), "-m", "atmega2560", "-f", "16000000", "check.elf"], tmp_path, timeout=120)
+    assert "check 00" in run([tool("simavr"), "-m", "atmega2560", "-f", "16000000", "check.elf"], tmp_path, timeout=900)
 
 
 # Bytes and instructions on a Cortex-M4F at -O2, with a fifth more than was measured: a change that costs is seen.

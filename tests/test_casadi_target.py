@@ -384,7 +384,7 @@ def test_casadis_own_c_has_the_bits_of_run(name: str, tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     code = f.step.generate(f"{name}.c")
     flags = ["-O1", "-ffp-contract=off", "-fPIC", "-shared", "-w", "-o", f"{name}.so", "-lm"]
-    subprocess.run(["cc", code, *flags], check=True, timeout=200)
+    subprocess.run(["cc", code, *flags], check=True, timeout=900)
     compiled = ca.external(f.step.name(), f"./{name}.so")
     u, y = faulty(made)
     made.reset()

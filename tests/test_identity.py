@@ -202,4 +202,4 @@ def test_ten_states_with_cancelling_terms_take_no_time() -> None:
     row = square - sp.expand(square) + states[0]
     start = time.process_time()
     assert dependence(row, states) == ((states[0],), ())
-    assert time.process_time() - start < 5  # about .5 s, and twice that where others have the core as well
+    assert time.process_time() - start < 20  # about .5 s, and twice that where others have the core as well

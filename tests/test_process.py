@@ -48,7 +48,13 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_ctrl_c_ends_it_by_the_signal_and_without_a_word_of_pythons(moment: str, here: Path) -> None:
     """While it imports nothing is to be put in order; later it says that it was interrupted, also where a library made
     another error of it, as CasADi does of what is raised within DM.__array__."""
-    lines = ["import time", "try:", "    print('begun', flush=True)", "    time.sleep(60)", "except KeyboardInterrupt:"]
+    lines = [
+        "import time",
+        "try:",
+        "    print('begun', flush=True)",
+        "    time.sleep(999)",
+        "except KeyboardInterrupt:",
+    ]
     lines += ["    raise SystemError('a result with an exception set')" if moment == "lost" else "    raise"]
     (here / "slow.py").write_text("\n".join(lines))
     importing = "import sys; sys.modules['typer'] = None; import hgogen.cli as c, os, signal as s\n"
@@ -63,7 +69,7 @@ def test_ctrl_c_ends_it_by_the_signal_and_without_a_word_of_pythons(moment: str,
         if moment != "importing":
             said = run.stderr.readline()  # type: ignore[union-attr]
             run.send_signal(signal.SIGINT)
-        out, err = run.communicate(timeout=60)
+        out, err = run.communicate(timeout=900)
     assert run.returncode == -signal.SIGINT
     assert (out, said + err) == ("", "" if moment == "importing" else "begun\nhgogen: interrupted\n")
 

@@ -459,7 +459,7 @@ def test_a_long_record_that_drifts_takes_a_moment():
     drift, begun = np.sin(2 * np.pi * 1.3 * t / t[-1]), time.process_time()
     drift[::7] = np.nan
     tau = noise.suggest("y", drift, 0.01, 1.0).tau
-    assert time.process_time() - begun < 10
+    assert time.process_time() - begun < 30
     direct, lag = np.where(np.isfinite(drift), drift - np.polyval(_line(t, drift), t), 0.0), round(tau / 0.01)
     pairs = np.isfinite(drift)[lag:] & np.isfinite(drift)[:-lag]
     fallen = np.mean((direct[lag:] * direct[:-lag])[pairs]) / np.mean(direct[np.isfinite(drift)] ** 2)

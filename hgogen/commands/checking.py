@@ -69,7 +69,7 @@ def check_(
     ] = None,
     limit: Annotated[
         float | None,
-        typer.Option(min=0.1, help=f"Seconds for each model of a library, by default {library.LIMIT:g}."),
+        typer.Option(min=0.1, help=f"Processor seconds for each model of a library, by default {library.LIMIT:g}."),
     ] = None,
     as_json: JsonFile = None,
 ) -> None:

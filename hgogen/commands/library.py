@@ -18,7 +18,7 @@ from hgogen.reading.content import Unread, content_of
 from hgogen.reading.entry import FORMAT, entry
 
 BYTES = 1 << 28  # of a library
-LIMIT = 10.0  # seconds for each model
+LIMIT = 10.0  # seconds of the processor for each model
 
 
 @dataclass(eq=False)
@@ -59,7 +59,7 @@ def check(
 ) -> dict[str, dict[str, Any]]:
     """The answers by name, in the models' order; `tick` is called after each.
 
-    Args: `limit`: seconds for each model; what was found until then is kept.
+    Args: `limit`: seconds of the processor for each model; what was found until then is kept.
     """
     names = [name for name, _ in models]
     answers: dict[str, dict[str, Any]] = {name: dict.fromkeys(FIELDS) for name in names}
