@@ -80,7 +80,7 @@ def test_parts_of_one_name_that_differ_have_a_number() -> None:
         replace(of.sections[0], program=(first, second, third)),
         replace(of.sections[1], program=(When(Place("work", "fresh"), (second, first)),)),
     )
-    writer = SharingWriter(C, hg.Step(**{**parts_of(of), "sections": sections}), "float")
+    writer = SharingWriter(C, hg.Step(**{**parts_of(of), "sections": sections, "inner": ()}), "float")
     assert [part.prototype.name for part in writer.parts] == ["two_same", "two_same_2"]
     assert "4.0f" not in "".join("".join(part.body.lines) for part in writer.parts)
     assert "4.0f" in "".join(writer.function(sections[0].program).lines)
