@@ -95,6 +95,16 @@ def test_two_states_are_projected_along_their_correlation() -> None:
         assert np.array(function(**arguments)["z_after"]).ravel() == pytest.approx([1, 0, 0], abs=1e-15)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_projection_ends_at_the_outer_box(method: str) -> None:
+    """z_1 would become 0 - .4 .099/.01 = -3.96, after its own range has been looked at."""
+    P = np.array([[1, 0, 0.099], [0, 1, 0], [0.099, 0, 0.01]])
+    function = graph(method)
+    arguments = {name: value for name, value in {**fields(P), "z": [0, 0, 1.4]}.items() if name in function.name_in()}
+    after = np.array(function(**arguments)["z_after"]).ravel()
+    assert after == pytest.approx([-OUTER, 0, 1])
+
+
 def memory(step: CallableStep, name: str) -> Any:
     return step._kept.places[Place("state", name)]
 
@@ -220,13 +230,13 @@ def test_a_tone_that_is_faster_than_the_plant_restarts_nothing() -> None:
 
 
 def test_a_weak_sensor_is_judged_by_its_variance() -> None:
-    """A pseudo-measurement with a standard deviation of 4 that is 2.5 off, in a range of 20, for ever."""
+    """A pseudo-measurement with a standard deviation of 4 that is 5 off, in a range of 20, for ever."""
     a, b = hg.Signal("a", low=-1, high=1), hg.Signal("b", low=0, high=20)
     plant = hg.System(
         "prior", states=(a, b), outputs=(hg.Signal("y1"), hg.Signal("y2")), flow=[(b - 10) / 20 - a, 0], output=[a, b]
     )
     dt, count = 0.01, 12000
-    y = np.c_[np.full(count, (9.0 - 10) / 20), np.full(count, 11.5)]
+    y = np.c_[np.full(count, (9.0 - 10) / 20), np.full(count, 14.0)]
     observer = hg.observers.riccati(
         hg.forms.original(plant), Q=[1e-4] * 2, R=[1e-6 * dt, 16 * dt], initial=(-0.05, 9), covariance=(1, 4)
     )
