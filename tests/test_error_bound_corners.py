@@ -104,8 +104,16 @@ def test_of_less_noise_no_guard_is_spoken() -> None:
     assert GUARDS not in str(known)
 
 
-def test_noise_by_which_samples_are_rejected_is_said() -> None:
-    assert GUARDS in str(hg.error_bound(lag(-sp.Symbol("x")), noise={"y": 11}))
+@pytest.mark.parametrize(("noise", "bound"), [(9.0, True), (11.0, False)])
+def test_a_bound_that_is_more_than_the_range_is_wide_is_unknown(noise: float, bound: bool) -> None:
+    """Of a range that is 10 wide, where noise moves the estimate by about as much; nothing else is known of it."""
+    known = hg.error_bound(lag(-sp.Symbol("x")), noise={"y": noise})
+    assert (known.check.verdict is Verdict.PROVED) is bool(known.bounds) is bool(known.signed.bounds) is bound
+    if not bound:
+        said = str(known.check.reason)
+        assert said.startswith("x is unknown, as ")
+        assert "is more than its range is wide, 10, and noise alone has " in said
+        assert known.check.fix == "State less of what enters, or take other gains."
 
 
 @pytest.mark.parametrize(("noise", "rounded", "spoken"), [(0.3, 0.36, False), (0.3, 0.44, True), (0.52, 0, True)])
@@ -272,12 +280,12 @@ def test_ranges_that_the_limits_of_an_estimate_do_not_hold_have_no_set_of_starts
     assert str(start) == "the limits of the estimate do not hold the ranges with room around"
 
 
-def test_a_flow_whose_series_divide_by_balls_that_hold_zero_has_no_remainder() -> None:
-    """The square of a wide ball holds numbers below 0, and so does what is divided by."""
+def test_a_flow_whose_series_divide_by_balls_that_hold_zero_has_a_remainder_in_cells() -> None:
+    """The square of a wide ball holds numbers below 0, so does what is divided by; that of a narrow one does not."""
     x, v = hg.Signal("x", low=-300, high=300), hg.Signal("v", low=-300, high=300)
     flow = [v, -5 * v / (25 + v**2) - v]
     plant = hg.System("steep", states=(x, v), outputs=(hg.Signal("y"),), flow=flow, output=[x])
     observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=6, poles=[-1, -1])
     known = hg.error_bound(hg.sample(observer, hg.methods.rk4, dt=0.01), noise={"y": 0.1})
-    assert known.check.verdict is Verdict.UNKNOWN
-    assert "the method's remainder has no bound on the ranges" in str(known.check.reason)
+    assert known.check.verdict is Verdict.PROVED
+    assert known.bounds["v"] < 4

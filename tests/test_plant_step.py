@@ -53,3 +53,9 @@ def test_a_steep_tanh_has_a_remainder(steep: float) -> None:
     left = BesideStages(PlantStep(hg.forms.triangular(plant), Fraction(1, 1000), ()), RK4).remainder()
     # x2' = -tanh(s x1), x2'' = -s (1 - t^2) x2, ..: each derivative more is at most 8 (s x2) larger, with x1'' <= 1
     assert 0 < float(left[1]) < (8 * (1 + 2 * steep)) ** 4 * 1e-12
+
+
+def test_cells_are_of_what_the_flow_reads() -> None:
+    """x1' = u, which no state and no constant moves."""
+    u = hg.Signal("u", low=-1, high=1)
+    assert {str(x) for x in beside(RK4, [(-1, 1)], lambda x, u: [u], u).plant.read} == {"u"}

@@ -225,7 +225,8 @@ class Claims:
 
     def allowed(self, trials: Trials) -> Array:
         """How far each may err (B, K, n)."""
-        shares = [list(of.values()) for what, of in self.bound.shares.items() if what in (*trials.enter, "method")]
+        each = (of for what, of in self.bound.shares.items() if what in (*trials.enter, "method"))
+        shares = [[of.get(x, np.inf) for x in self.form.names] for of in each]  # of a state that is unknown no end
         left = np.minimum(self.peaks, self.worst.left(self.calls))
         size = np.abs(trials.begins).max(axis=1)
         return np.asarray((np.sum(shares, axis=0) + left * size[:, None, None]) * EXACT)

@@ -44,6 +44,8 @@ AnyStep = TypeVar("AnyStep", bound=Step)
 _CLOSE = Fraction(1, 10)  # of the bound: what is left of the start when it is said to have settled
 _ENDLESS = "no time is proved from which on the bounds of the errors hold: {why}"
 _MET = "what enters may move the estimate of {states} to its limits; state less of it, or lower the gains"
+_SHORTER = "Take a shorter dt."
+_LESS = "State less of what enters, or take other gains."
 _GUARDS = "while no sample is rejected, and the estimate does not restart from one"
 _UP = 1 + 1e-9  # of a count of calls, for what its floats may be off
 
@@ -54,7 +56,8 @@ class ErrorBound:
 
     `shares`: by what enters ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding") and by the
     name of a state of the form, or of the plant behind a change of coordinates (`own_states`), what it adds; `bounds`:
-    their sums. `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors
+    their sums, without the states of which the sum is more than the width of their range, which `check` names with it.
+    `settles` (the model's unit of time): after which an error is within 1.1 of its bound, from first errors
     of min(1, `multiple`) times what the ranges allow; `multiple`: of how many times these the limits of the estimate
     are not touched. Where no start is known both are None, and `missing` says why; where nothing is proved it says
     why not, and the mappings are empty. `inside`: by how much the plant keeps clear of the ends of its ranges for it.
@@ -298,6 +301,14 @@ def _stated(
         return {name: number(value)[1] for name, value in (*zip(names, errors, strict=True), *behind.items())}
 
     bounds, parts = of(lambda k: totals[k]), {share.what: of(share.bound) for share in shares}
+    widths = _widths(form)
+    beyond = [x for x, most in bounds.items() if most > widths.get(x, math.inf)]
+    vain = [_beyond(x, bounds[x], widths[x], {what: sizes[x] for what, sizes in parts.items()}) for x in beyond]
+    bounds, *sizes = ({x: y for x, y in each.items() if x not in beyond} for each in (bounds, *parts.values()))
+    if not bounds:
+        method = all(max(parts, key=lambda what: parts[what][x]) == "method" for x in beyond)
+        return _unknown(step, because("{each:; }", each=vain), _SHORTER if method else _LESS)
+    parts = dict(zip(parts, sizes, strict=True))
     margins = {name: number(value)[1] for name, value in zip(names, inside, strict=True)}
     each = [
         Sentence.of(
@@ -309,10 +320,10 @@ def _stated(
         for x in bounds
     ]
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
-    said = because(pattern, each=each, margins=[Up(value, 2) for value in margins.values()])
+    said = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
     reason = joined(said, _from(step, own, multiple), NONE if alone else because(_GUARDS))
     fact = UnderInputs(steps.error, step.rule, Fraction(step.dt), tuple(shares))
-    check = claimed(step.observer, "error", _claim(step), reason, steps.error, fact)
+    check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, steps.error, fact)
     return ErrorBound(
         check,
         parts,
@@ -321,7 +332,22 @@ def _stated(
         own.settles,
         None if multiple is None else number(multiple)[0],
         because(_ENDLESS, why=own.unsettled) if own.unsettled else NONE,
-        replace(own, bounds=bounds, inside=margins),
+        replace(own, bounds=bounds, inside=margins, beyond=tuple(beyond)),
+    )
+
+
+def _widths(form: Form) -> dict[str, float]:
+    """By name, how wide the ranges are of the states of a form, and of those behind them that have one."""
+    states = [*zip(form.names, form.states, strict=True), *((x.name, x) for x, _ in form.estimates if x.bounded)]
+    return {name: number(Fraction(x.interval[1]) - Fraction(x.interval[0]))[0] for name, x in reversed(states)}
+
+
+def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:
+    """That a bound says nothing, and what makes it so large."""
+    what = max(parts, key=lambda each: parts[each])
+    pattern = "{state} is unknown, as {bound} is more than its range is wide, {width}, and {what} alone has {size}"
+    return Sentence.of(
+        pattern, state=state, bound=Up(bound, 3), width=Down(width, 3), what=what, size=Up(parts[what], 3)
     )
 
 
@@ -337,8 +363,10 @@ def _from(step: Step, own: Signed, multiple: Fraction | None) -> Reason:
     return because(pattern, time=time, multiple=Down(multiple, 3))
 
 
-def _claim(step: Step) -> str:
-    return f"{running(step.observer, step.rule, step.dt)}, every state is known within a bound, for ever"
+def _claim(step: Step, known: Sequence[str] = ()) -> str:
+    """Of every state, or of those that are named."""
+    which = f"of the states {', '.join(known)}" if known else "every state"
+    return f"{running(step.observer, step.rule, step.dt)}, {which} is known within a bound, for ever"
 
 
 def _unknown(step: Step, why: Reason, fix: str = "Validate by trials.") -> ErrorBound:

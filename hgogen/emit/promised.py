@@ -46,6 +46,7 @@ def promised(step: Step) -> list[str]:
         return [f"{head}: {_UNPROVED}"]
     lines = [f"{head}, proved: at every call, for ever, {_when(step, known)}"]
     lines += [f"  |{name} - its estimate| <= {_bound(step, name, most)}" for name, most in known.bounds.items()]
+    lines += [f"  of {name} nothing within the width of its range;" for name in known.beyond]
     lines += ["  provided that", *(f"    {each};" for each in _assumed(step, known)), f"    {_ALONE}."]
     more = [_DERIVED.format(", ".join(_derived(known)))] * bool(_derived(known))
     rounding = _COUNTED.format(real=known.real) if known.real else _UNCOUNTED

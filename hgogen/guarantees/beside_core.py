@@ -21,14 +21,16 @@ exponential's phi, phi_1 = 1 + h L phi_2 as of each realisation, and h L X'_0 + 
                                         - integral of exp((h - s) L) (w - line)(s)
     by the bilinear rule        alpha = -(1 - h L/2)^-1 integral of (X' - line)(s)
 
-entry by entry. |beta_1 - beta_0| <= h sup|beta'|, and beta(a) is beside beta_1 by what its slopes, those of the error,
-make of a - X(t + h): that a is clamped brings it nearer to a plant that keeps to its ranges. The integral with the
-exponential is a sum over pieces, in each of which Arb's balls hold it.
+entry by entry. Where F has kinks, and derivatives no bound, F and b have steepness in states and inputs that move so
+fast, which bounds z'' and b'; and |v - line| <= 2 s (h - s)/h sup|v'|, as if v'' were 4/h times that. |beta_1 - beta_0|
+<= h sup|beta'|, and beta(a) is beside beta_1 by what its slopes, those of the error, make of a - X(t + h): that a is
+clamped brings it nearer to a plant that keeps to its ranges. The integral with the exponential is a sum over pieces, in
+each of which Arb's balls hold it.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
@@ -41,12 +43,14 @@ from flint import arb, arb_mat, ctx
 from hgogen.algebra.balls import between, magnitude
 from hgogen.algebra.definite import number
 from hgogen.algebra.points import exact
+from hgogen.algebra.tabulated import Table
 from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees import realised
 from hgogen.guarantees.entering import Entering, Sizes, heads_of
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
-from hgogen.guarantees.plant_step import SUMMED, UNKNOWN, PlantStep, Unbounded, loose
+from hgogen.guarantees.plant_step import SUMMED, UNKNOWN, PlantStep, Unbounded, loose, times
 from hgogen.guarantees.quadratic import BALLS, Array, floats, identity, rational
+from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed
 from hgogen.structure.spare import heads
@@ -54,16 +58,19 @@ from hgogen.structure.spare import heads
 _FEW, _MANY = 8, 64  # pieces of a step
 _FINE = 8  # of them, where the core turns by 1
 _BARELY = 1 + Fraction(1, 10**6)  # of a size: what is said of it, which a weaker arithmetic reaches
+_BENT = 4  # over h: by how much of a first derivative a signal may be beside a line as if it were its second
 _SMOOTH = 5  # Taylor coefficients of the plant that are asked for, the last of which is of its third derivative
 
 
 @dataclass(frozen=True, eq=False)
 class BesideCore:
-    """The plant's step beside one of an estimator whose error obeys `error` at `theta`."""
+    """The plant's step beside one of an estimator whose error obeys `error` at `theta`; of a plant that is not taken to
+    be `smooth` how steep it is stands for its derivatives."""
 
     plant: PlantStep
     error: Inclusion
     theta: Fraction
+    smooth: bool = True
 
     def enters(self, realisation: realised.Realisation, leaves: "Leaves") -> Entering:
         """What comes to each field of an estimate that begins at the plant's own state, and of what that follows.
@@ -71,7 +78,13 @@ class BesideCore:
         Raises: `Unbounded`.
         """
         self._demand_chain()
-        self._demand_smooth()
+        try:
+            return self._by_derivatives(realisation, leaves)
+        except Unbounded:
+            return replace(self, smooth=False)._by_derivatives(realisation, leaves)
+
+    def _by_derivatives(self, realisation: realised.Realisation, leaves: "Leaves") -> Entering:
+        """By those of the flow and of the rest, or what stands for them. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.rest) * self.h
@@ -81,11 +94,14 @@ class BesideCore:
 
     def _follows(self, leaves: "Leaves") -> Evidence:
         flow, rest = self.plant.flow, self.plant.rest
+        known = {"rates": self.plant.moving, "speeds": self.plant.stated_speeds}
+        if not self.smooth:
+            return {**known, "flow": [], "rest": [], "steepness": [self.plant.steep(flow), self.plant.steep(rest)]}
         return {
-            "rates": self.plant.moving,
-            "speeds": self.plant.stated_speeds,
+            **known,
             "flow": self._derivatives(leaves.flow, flow),
             "rest": tuple(self._derivatives(order, rest) for order in range(1, leaves.rest + 1)),
+            "steepness": [],
         }
 
     @cached_property
@@ -121,12 +137,19 @@ class BesideCore:
         return entering
 
     def most(self, order: int, rows: Sequence[sp.Expr]) -> Array:
-        """sup of sizes (n) of the derivatives of rows in time, of that order. Raises: `Unbounded`."""
-        return rational(self._derivatives(order, tuple(rows)))
+        """sup of sizes (n) of the derivatives of rows in time, of the order 1 or 2, or what stands for the second.
 
-    def _derivatives(self, order: int, rows: tuple[sp.Expr, ...]) -> tuple[Fraction, ...]:
+        Raises: `Unbounded`.
+        """
+        if self.smooth:
+            return rational(self._derivatives(order, rows))
+        rates = times(self.plant.steep(rows), (*self.plant.stated_speeds, *self.plant.moving))
+        return rational([(_BENT / self.plant.h) ** (order - 1) * rate for rate in rates])
+
+    def _derivatives(self, order: int, rows: Sequence[sp.Expr]) -> tuple[Fraction, ...]:
+        self._demand_smooth()
         for _ in range(order):
-            rows = tuple(self.plant.along(row) for row in rows)
+            rows = [self.plant.along(row) for row in rows]
         return tuple(loose(row, self.plant.largest(row) * SUMMED) for row in rows)
 
     def _demand_chain(self) -> None:
@@ -141,8 +164,10 @@ class BesideCore:
 
     def _demand_smooth(self) -> None:
         """That derivatives are what rules of differentiation say. Raises: `Unbounded`."""
+        if not any(row.has(*JUMPS, *KINKS, Table) for row in self.plant.flow):
+            return
         try:
-            self.plant.series(_SMOOTH)
+            self.plant.series(_SMOOTH, {})
         except UNKNOWN as error:
             pattern = "how far the plant bends in a step has no bound on the ranges: {flow}"
             raise Unbounded(because(pattern, flow=self.plant.flow)) from error

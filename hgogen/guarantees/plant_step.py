@@ -8,6 +8,7 @@ without disturbances leaves them within a step. What is beside a step of a metho
 """
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -25,7 +26,8 @@ from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box, box
-from hgogen.intervals.slope import lipschitz_bound
+from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
+from hgogen.intervals.subdivision import Ranges
 from hgogen.sentence import because
 from hgogen.structure.polytope import fixed, signals
 
@@ -146,9 +148,20 @@ class PlantStep:
     @cached_property
     def steepness(self) -> Rows:
         """sup|dF_i/dz_j| (n, n). Raises: `Unbounded`."""
-        J = sp.Matrix(self.flow).jacobian(sp.Matrix(self.form.states))
-        each = range(self.form.n)
-        return tuple(tuple(loose(J[i, j], self.largest(J[i, j])) for j in each) for i in each)
+        return tuple(tuple(self.steepest(row, z) for z in self.form.states) for row in self.flow)
+
+    def steep(self, rows: Iterable[sp.Expr]) -> Rows:
+        """How steep rows are in the states and the inputs (.., n + m). Raises: `Unbounded`."""
+        names = (*self.form.states, *self.form.system.inputs)
+        return tuple(tuple(self.steepest(row, x) for x in names) for row in rows)
+
+    def steepest(self, row: sp.Expr, x: sp.Symbol) -> Fraction:
+        """sup|drow/dx|, at a kink that from each side. Raises: `Unbounded` of a row that jumps."""
+        if not row.has(*JUMPS, *KINKS):
+            slope = sp.diff(row, x)
+            with suppress(Unbounded):
+                return loose(slope, self.largest(slope))
+        return loose(row, steepness_in(row, x, box(signals(self.form), self.form.system.nominal)))
 
     def disturbed(self, most: Sequence[Fraction]) -> tuple[Fraction, ...]:
         """|delta|/h (n) of disturbances of at most these sizes (n) in the rows of F, of any course.
@@ -160,19 +173,22 @@ class PlantStep:
         whole = flint.arb_mat([[flint.arb(number(x)) for x in row] for row in [*M, [Fraction(0)] * (n + 1)]]).exp()
         return tuple(magnitude(whole[i, n]) * SUMMED for i in range(n))
 
-    def series(self, order: int) -> list[list[Any]]:
-        """Taylor coefficients of the flow at any point of the ranges."""
-        states, inputs = [[ball] for ball in self.balls[0]], [list(pair) for pair in self.balls[1]]
+    def series(self, order: int, cell: Ranges) -> list[list[Any]]:
+        """Taylor coefficients of the flow at any point of a cell."""
+        first, moving, constant = self.balls(cell)
+        states, inputs = [[ball] for ball in first], [list(pair) for pair in moving]
         for k in range(order - 1):
-            rows = self.rates_of(states, inputs, k + 1)
+            rows = self.rates_of(states, inputs, constant, k + 1)
             for row, rate in zip(states, rows, strict=True):
                 row.append(rate[k] / (k + 1))
         return states
 
-    def rates_of(self, states: list[list[Any]], inputs: list[list[Any]], order: int) -> list[list[Any]]:
+    def rates_of(
+        self, states: list[list[Any]], inputs: list[list[Any]], constant: list[Any], order: int
+    ) -> list[list[Any]]:
         """F of series, below t^order."""
         balls = Balls(0)
-        values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in self.balls[2]))]
+        values = [balls.series(row, order) for row in (*states, *inputs, *([p] for p in constant))]
         rows = evaluate(self._tape, balls, values, order, 1)
         return [balls.coefficients(value, order) for value, _ in rows]
 
@@ -181,15 +197,26 @@ class PlantStep:
         return Plant(tape(self.flow, signals(self.form)), 0, 0, 0)
 
     @cached_property
-    def balls(self) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
-        """Of the states, of the inputs and their rates, and of the parameters."""
+    def read(self) -> Ranges:
+        """The ranges of what the flow reads, but for what is constant. Raises: `Unbounded`."""
+        names = sp.Matrix(self.flow).free_symbols
+        return {x: (low, high) for x, (low, high) in self._ranges.items() if x in names and low < high}
+
+    @cached_property
+    def _ranges(self) -> Ranges:
+        """Those of states, inputs and parameters. Raises: `Unbounded`."""
         form, system = self.form, self.form.system
         for signal in (*form.states, *system.inputs):
             if not signal.bounded:
                 raise Unbounded(because("{signal} has no range", signal=signal))
         ends = box(signals(form), system.nominal)
+        return {x: (Fraction(low), Fraction(high)) for x, (low, high) in ends.items()}
+
+    def balls(self, cell: Ranges) -> tuple[list[Any], list[tuple[Any, Any]], list[Any]]:
+        """Of the states, of the inputs and their rates, and of the parameters, where some are in a cell."""
+        form, system, ends = self.form, self.form.system, {**self._ranges, **cell}
         each = (form.states, system.inputs, system.parameters)
-        states, inputs, parameters = ([between(*(Fraction(end) for end in ends[x])) for x in group] for group in each)
+        states, inputs, parameters = ([between(*ends[x]) for x in group] for group in each)
         rates = [between(-most, most) for most in self.moving]
         return states, list(zip(inputs, rates, strict=True)), parameters
 

@@ -14,26 +14,30 @@ is beside X_1 by alpha + h phi_2 (beta(a) - beta_1), and a by alpha - h phi_2 (b
                                         - integral of exp((h - s) L) (w - line)(s)
 
 while the plant keeps clear of the ends of its ranges by h sup|F|: `line` is that between the ends of a signal v, |v -
-line| <= s (h - s)/2 sup|v''|, and phi_2* the exponential's, of which the program's phi_2 is within 2^-56. Suprema are
-at most what the certificate says of them, shown by bisection.
+line| <= s (h - s)/2 sup|v''|, or as if v'' were 4/h sup|v'|, and phi_2* the exponential's, of which the program's phi_2
+is within 2^-56. Suprema are at most what the certificate says of them, shown by bisection; of a plant with kinks it
+says how steep F and b are, of which their first derivatives follow, of states and inputs that move so fast.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from .box import NotShown
 from .context import Context
 from .core_integral import core_integral
 from .file import part
-from .matrix import Matrix, column, matrix, minus, plus, scalar, scaled, sizes, times, unit, zeros
+from .matrix import Matrix, column, entries, matrix, minus, plus, scalar, scaled, sizes, times, unit, zeros
 from .plant_derivatives import Derivative, demand_derivatives
 from .plant_motion import PlantMotion, demand_keys, motion_of
+from .slope import no_steeper
 from .stages import REALISED, TAKEN, Parts, Weights
 from .uncertain import ErrorInclusion
 
-_KEYS = ("rates", "speeds", "flow", "rest")
+_KEYS = ("rates", "speeds", "flow", "rest", "steepness")
+_BENT = 4  # over h, of a first derivative: what stands for the second
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,8 @@ def demand_left_by_core(
     demand_keys(follows, _KEYS)
     leaves, parts, h = _LEAVES[name], error.at(theta), scalar(evidence, "dt")
     motion = motion_of(context, h, follows)
-    flow, rest = column(follows, "flow", n), matrix(follows, "rest", leaves.rest, n)
+    bounds = _by_steepness if part(follows, "steepness", list) else _by_derivatives
+    flow, rest, shown = bounds(motion, follows, leaves)
     lifted = _lifted(error, error.scales(context, theta), n)
     entering = _entering(motion, parts)
     _demand_chain(context, parts, lifted, entering)
@@ -106,11 +111,47 @@ def demand_left_by_core(
     least = step.total(leaves.alpha(step))
     if any(size < few for size, few in zip(column(share, "fields", len(lifted)), least, strict=True)):
         raise NotShown("a size of the method is less than what it follows from")
+    return motion, motion.demand() + shown()
+
+
+def _by_derivatives(
+    motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
+) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
+    """Bounds of the derivatives of the flow and of the rest, and what shows them with how many boxes.
+
+    Raises: `NotShown`."""
+    context, n = motion.context, len(motion.context.z)
+    flow, rest = column(follows, "flow", n), matrix(follows, "rest", leaves.rest, n)
     derivatives = [Derivative(row, leaves.flow, most) for row, most in zip(context.rates, flow, strict=True)]
     for order, bounds in enumerate(rest, 1):
         derivatives += [Derivative(row, order, most) for row, most in zip(context.form.b, bounds, strict=True)]
-    boxes = motion.demand() + demand_derivatives(motion, derivatives)
-    return motion, boxes
+    return flow, rest, partial(demand_derivatives, motion, derivatives)
+
+
+def _by_steepness(
+    motion: PlantMotion, follows: Mapping[str, Any], leaves: Leaves
+) -> tuple[list[Fraction], Matrix, Callable[[], int]]:
+    """The same, and what stands for them, of how steep both are. Raises: `NotShown`."""
+    context, names = motion.context, (*motion.context.z, *motion.context.file.inputs)
+    if follows["flow"] != [] or follows["rest"] != []:
+        raise NotShown("its sizes follow from derivatives or from steepness")
+    both = (context.rates, context.form.b)
+    steep = [
+        matrix({"steepness": rows}, "steepness", len(context.z), len(names))
+        for rows in entries(follows, "steepness", len(both))
+    ]
+    moving = _upright([*motion.speeds, *motion.rates])
+    flow, rest = ([x for (x,) in times(rows, moving)] for rows in steep)
+
+    def standing(order: int, first: list[Fraction]) -> list[Fraction]:
+        return [(_BENT / motion.h) ** (order - 1) * x for x in first]
+
+    def shown() -> int:
+        ones = [Fraction(1)] * len(names)
+        pairs = zip(both, steep, strict=True)
+        return sum(no_steeper(rows, names, most, ones, context.form.box) for rows, most in pairs)
+
+    return standing(leaves.flow, flow), [standing(k, rest) for k in range(1, leaves.rest + 1)], shown
 
 
 def _lifted(error: ErrorInclusion, scales: list[Fraction], n: int) -> Matrix:

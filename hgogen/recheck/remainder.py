@@ -2,16 +2,18 @@
 
     x(t + h) = Phi_h(x) + delta,   Phi_h: a step of a method of order p on x' = F(x, u), u' constant
 
-    beside      |delta|/h <= h^p (sup|x_(p+1)| + sup|Phi_(p+1)|): Taylor coefficients of the flow at any point, of the
-                step at any length up to h
+    beside      |delta|/h <= h^q (sup|x_(q+1)| + sup|Phi_(q+1)|), of an order q from 1 to p for each row: Taylor
+                coefficients of the flow at any point, of the step at any length up to h; of the order 0 what there is
+                where F is Lipschitz (`lipschitz_step`)
     stages      |(1 - c_i) y + c_i C Phi_h(x) - C X_i| <= h^2 sum_j |c_i b_j - a_ij| sum_k |a_jk| sup|y''|, and
                 h^3 sup|c_i C Phi_3 - C X_(i,3)| where sum_j (c_i b_j - a_ij) c_j = 0
 
 where the plant keeps clear of the ends of its ranges by h sup|F|. y'' is at most how steep y' is in states and inputs,
-times how fast they move. Suprema are at most what the certificate says of them, shown by bisection.
+times how fast they move. Suprema are at most what the certificate says of them, shown by bisection: of coefficients on
+the cells of its tree.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -21,36 +23,58 @@ from .box import Box, NotShown, Try, covered
 from .context import Context, narrowed
 from .file import part
 from .interval import Interval, point
-from .matrix import Matrix, column, matrix
+from .lipschitz_step import left_by_lipschitz
+from .matrix import Matrix, column, entries, matrix
 from .plant_motion import PlantMotion, demand_keys, motion_of
 from .plant_series import PlantSeries
 from .slope import no_steeper
 from .stages import Tableau
+from .text import Expression
 
-_KEYS = ("rates", "speeds", "slopes", "lines", "flow", "step")
+_KEYS = ("rates", "speeds", "slopes", "lines", "orders", "flow", "step", "steepness", "tree")
 _THIRD = 3  # the coefficient of a line
-_MORE = 100  # boxes on which coefficients are taken
+_MORE = 100  # boxes on which coefficients are taken, beyond the cells of a tree
+_BENT = 2  # the degree of what is not linear
 _ZERO = Fraction(0)
 
 
 @dataclass(frozen=True)
 class Remainder:
     """What a method leaves of a plant that moves so: bounds of the `slopes` of y' in states and inputs (p, n + m), of
-    the third coefficients of the `lines` that have no second one (p, ..), and of the last ones of the flow and of the
-    step (n)."""
+    the third coefficients of the `lines` that have no second one (p, ..) or of none; and of each row of the form (n)
+    the order and the bounds of the coefficients of the `flow` and of the `step` after it, on the cells of a `tree`, and
+    where one is 0 how steep the rows are in states and inputs, `steepness` (n, n + m)."""
 
     context: Context
     tableau: Tableau
     motion: PlantMotion
     slopes: Matrix
     lines: Matrix
+    orders: list[int]
     flow: list[Fraction]
     step: list[Fraction]
+    steepness: Matrix
+    tree: str
 
     @property
     def beside(self) -> list[Fraction]:
-        """Of each row (n), over h."""
-        return [self.motion.h**self.tableau.order * (x + y) for x, y in zip(self.flow, self.step, strict=True)]
+        """Of each row (n), over h. Raises: `NotShown`."""
+        h, each = self.motion.h, zip(self.orders, self.flow, self.step, strict=True)
+        left = [h**order * (x + y) for order, x, y in each]
+        if not self.steepness:
+            return left
+        lipschitz = left_by_lipschitz(self.tableau, h, self.steepness, self._moving, self._linear)
+        return [x if order else y for order, x, y in zip(self.orders, left, lipschitz, strict=True)]
+
+    @property
+    def _linear(self) -> list[bool]:
+        """Whether each row is linear in what is no constant."""
+        constant = {name for name, (low, high) in self.context.form.box.items() if low == high}
+        return [_degree(row, constant) <= 1 for row in self.context.rates]
+
+    @property
+    def _moving(self) -> tuple[Fraction, ...]:
+        return (*self.motion.speeds, *self.motion.rates)
 
     @property
     def stages(self) -> Matrix:
@@ -58,12 +82,12 @@ class Remainder:
         return [self._line(*each) for each in zip(self.slopes, self.lines, strict=True)]
 
     def _line(self, slopes: list[Fraction], thirds: list[Fraction]) -> list[Fraction]:
-        h, moving = self.motion.h, (*self.motion.speeds, *self.motion.rates)
-        bend = sum((x * most for x, most in zip(slopes, moving, strict=True)), _ZERO)
+        h = self.motion.h
+        bend = sum((x * most for x, most in zip(slopes, self._moving, strict=True)), _ZERO)
         away = [sum(map(abs, row), _ZERO) for row in self.tableau.rows]
         shares = [sum((abs(w) * far for w, far in zip(row, away, strict=True)), _ZERO) for row in self.tableau.bends]
         sizes = [h**2 * bend * share for share in shares]
-        for i, third in zip(self.tableau.cubic, thirds, strict=True):
+        for i, third in zip(self.tableau.cubic, thirds, strict=False):
             sizes[i] = min(sizes[i], h**_THIRD * third)
         return sizes
 
@@ -74,27 +98,55 @@ class Remainder:
         for j, (head, slope) in self.motion.shown.items():
             bounds = [[x / abs(slope) for x in self.slopes[j]]]
             boxes += no_steeper((context.rates[head],), names, bounds, [Fraction(1)] * len(names), box)
-        return boxes + covered(narrowed(box, self.motion.read), ".", self._within, _MORE)
+        if self.steepness:
+            boxes += no_steeper(context.rates, names, self.steepness, [Fraction(1)] * len(names), box)
+        if not (any(self.orders) or any(self.lines)):
+            return boxes
+        return boxes + covered(narrowed(box, self.motion.read), self.tree, self._within, _MORE)
 
     def _within(self, box: Box) -> Try:
         """That coefficients are within their bounds on a box."""
-        context, order, whole = self.context, self.tableau.order, self.context.form.box
+        context, orders, whole = self.context, self.orders, self.context.form.box
         rates = dict(zip(context.file.inputs, self.motion.rates, strict=True))
         plant = PlantSeries(context.rates, context.z, rates, {**whole, **box}, whole)
         try:
-            flow = [x[order + 1] for x in plant.flow(order + 2)]
-            if not _all_within(zip(flow, self.flow, strict=True)):
+            flow = plant.flow(max(orders) + 2)
+            if not _all_within(_after(flow, orders, self.flow)):
                 return Try(False)
-            steps = plant.step(self.tableau, self.motion.h, max(order + 2, _THIRD + 1))
+            steps = plant.step(self.tableau, self.motion.h, max(max(orders) + 2, _THIRD + 1))
         except Undefined:
             return Try(False)
         step = [x.coefficients for x in steps[-1]]
-        pairs = [(x[order + 1], most) for x, most in zip(step, self.step, strict=True)]
+        pairs = _after(step, orders, self.step)
         for j, (head, slope) in self.motion.shown.items():
-            for i, third in zip(self.tableau.cubic, self.lines[j], strict=True):
+            for i, third in zip(self.tableau.cubic, self.lines[j], strict=False):
                 line = point(self.tableau.nodes[i]) * step[head][_THIRD] - steps[i][head].coefficients[_THIRD]
                 pairs.append((line, third / abs(slope)))
         return Try(_all_within(pairs))
+
+
+def _after(
+    series: Sequence[Sequence[Interval]], orders: Sequence[int], bounds: Sequence[Fraction]
+) -> list[tuple[Interval, Fraction]]:
+    """The coefficients after the orders of rows, but of 0, and their bounds."""
+    each = zip(series, orders, bounds, strict=True)
+    return [(x[order + 1], most) for x, order, most in each if order]
+
+
+def _degree(row: Expression, constant: Container[str]) -> int:
+    """0 of what is constant, 1 of what adds names and products of them with what is; else more."""
+    degrees = list[int]()
+    for op, args, value in row.instructions:
+        own = [degrees[arg] for arg in args]
+        if op == "symbol":
+            degrees.append(int(value not in constant))
+        elif op in ("add", "sub", "neg"):
+            degrees.append(max(own))
+        elif op == "mul" or (op == "div" and not own[1]):
+            degrees.append(sum(own))
+        else:
+            degrees.append(_BENT if any(own) else 0)
+    return degrees[row.result]
 
 
 def _all_within(pairs: Iterable[tuple[Interval, Fraction]]) -> bool:
@@ -108,8 +160,14 @@ def demand_remainder(
     follows, p, n, m = part(share, "follows", dict), len(context.form.output), len(context.z), len(context.file.inputs)
     demand_keys(follows, _KEYS)
     motion = motion_of(context, h, follows)
-    slopes, lines = matrix(follows, "slopes", p, n + m), matrix(follows, "lines", p, len(tableau.cubic))
-    left = Remainder(context, tableau, motion, slopes, lines, column(follows, "flow", n), column(follows, "step", n))
+    slopes = matrix(follows, "slopes", p, n + m)
+    orders = _orders(follows, n, tableau)
+    steepness = [] if all(orders) else matrix(follows, "steepness", n, n + m)
+    if all(orders) and part(follows, "steepness", list):
+        raise NotShown("none of its rows follows from their steepness")
+    rows = column(follows, "flow", n), column(follows, "step", n)
+    tree = part(follows, "tree", str)
+    left = Remainder(context, tableau, motion, slopes, _lines(follows, p, tableau), orders, *rows, steepness, tree)
     stages, beside = matrix(share, "stages", p, len(tableau.nodes)), column(share, "beside", n)
     pairs = [*zip(beside, left.beside, strict=True)]
     for sizes, least in zip(stages, left.stages, strict=True):
@@ -117,3 +175,17 @@ def demand_remainder(
     if any(size < least for size, least in pairs):
         raise NotShown("a size of the method is less than what it follows from")
     return motion, left.demand()
+
+
+def _orders(follows: Mapping[str, Any], n: int, tableau: Tableau) -> list[int]:
+    """Of each row (n), from 0 to that of the method. Raises: `NotShown`."""
+    orders = column(follows, "orders", n)
+    if any(q.denominator > 1 or not 0 <= q <= tableau.order for q in orders):
+        raise NotShown(f"one of its orders is none of 0 to {tableau.order}")
+    return [*map(int, orders)]
+
+
+def _lines(follows: Mapping[str, Any], p: int, tableau: Tableau) -> Matrix:
+    """The bounds of the third coefficients of each output (p, ..), or none of any. Raises: `NotShown`."""
+    count = len(tableau.cubic) if any(entries(follows, "lines", p)) else 0
+    return matrix(follows, "lines", p, count)
