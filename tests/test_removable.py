@@ -45,7 +45,10 @@ def evaluated(e: sp.Expr, real: str, points: np.ndarray, of: hg.Signal) -> np.nd
     observer = hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1)
     step = hg.sample(observer, hg.methods.continuous_discrete, dt=1.0, between="hold", real=real)
     u = np.repeat(points[:, None, None], 2, axis=1)
-    return np.asarray(step.run_many(u, np.full((len(points), 2, 1), np.nan)).x[:, 1, 0])
+    batch = step.run_many(u, np.full((len(points), 2, 1), np.nan))
+    restarted = [bit.name for bit in step.bits].index("RESTARTED")
+    assert not (np.asarray(batch.status) >> restarted & 1).any()
+    return np.asarray(batch.x[:, 1, 0])
 
 
 def ulps(e: sp.Expr, real: str, points: np.ndarray, of: hg.Signal = W) -> float:
