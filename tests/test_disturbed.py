@@ -83,7 +83,7 @@ def test_what_outputs_do_not_show_is_refuted_and_named() -> None:
     assert "q' brings in w, drift together" in str(structure)
     said = str(hg.observability(plant))
     assert "rank 2 of 3" in said
-    assert "not observable: w, drift" in said
+    assert "w, drift are not observable" in said
 
 
 def test_damping_tells_a_drift_from_the_rate() -> None:

@@ -386,7 +386,7 @@ def _check(id: ClaimId, claim: str, answer: Answer, whole: Observability) -> Che
     blind = not any(e.free_symbols & {*whole.system.states} for e in whole.system.output)
     why = because("no output reads a state") if blind else next(proofs, NONE)
     fix = f"{answer.advice[:1].upper()}{answer.advice[1:]}." if answer.advice else ""
-    return Check(id, claim, answer.verdict, joined(reason, why, *answer.unseen, whole.asked), fix=fix)
+    return Check(id, claim, answer.verdict, joined(reason, *answer.unseen, whole.asked, why), fix=fix)
 
 
 def _values(pairs: Sequence[tuple[sp.Symbol, float]]) -> str:
