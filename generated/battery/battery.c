@@ -2,6 +2,7 @@
 #include "battery.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(BATTERY_USE_LIBM)
 #include <math.h>
 #elif defined(BATTERY_USE_CMSIS)
@@ -156,26 +157,31 @@ static void battery_flow(float z2, float u, float dz[2])
     dz[1] = 0.00066666666f*u - 0.016666668f*z2;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned battery_ready(battery_state *s)
+BATTERY_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned battery_ready(battery_state *s, const battery_params *p)
 {
     unsigned status = 0u;
     if (s->ready != BATTERY_READY) {
         battery_reset(s);
-        status = BATTERY_UNINITIALISED;
+        status |= BATTERY_UNINITIALISED;
+    }
+    if (p->ready != BATTERY_READY) {
+        battery_reset(s);
+        status |= BATTERY_NO_PARAMETERS;
     }
     return status;
 }
 
 BATTERY_RARELY
-static void battery_clear_doubt(battery_state *s)
+static void battery_clear_fault_counts(battery_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 120.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 120.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 120.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 120.0f;
+    s->fault_checksum = 0.0f;
 }
 
 /* part of a step: keep the state in its box, or make it anew */
@@ -195,7 +201,7 @@ static unsigned battery_keep_in_box(battery_state *s, const battery_params *p)
         s->z[0] = 0.05f;
         s->z[1] = 0.0f;
         status |= BATTERY_RESTARTED;
-        battery_clear_doubt(s);
+        battery_clear_fault_counts(s);
         /* as after a reset */
         s->L = 0.0f;
         s->D[0] = 0.2f;
@@ -226,9 +232,10 @@ static unsigned battery_keep_in_box(battery_state *s, const battery_params *p)
     return status;
 }
 
-unsigned battery_predict(battery_state *s, const battery_params *p, const battery_input *in)
+/* part of a step: advance the estimate to now */
+static unsigned battery_run_predict(battery_state *s, const battery_params *p, const battery_input *in)
 {
-    unsigned status = battery_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -314,6 +321,8 @@ unsigned battery_predict(battery_state *s, const battery_params *p, const batter
         if (battery_acts(beyond)) {
             status |= battery_keep_in_box(s, p);
         }
+    } else {
+        status |= battery_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -326,19 +335,21 @@ unsigned battery_predict(battery_state *s, const battery_params *p, const batter
 static unsigned battery_run_update_y(battery_state *s, const battery_params *p, const battery_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -408,9 +419,9 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
             if (t1) {
                 status |= BATTERY_OUTSIDE_BOX;
             }
-            doubtful = battery_abs(output_error) > 0.3361959f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = battery_abs(output_error) > 0.3361959f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             {
                 const bool t1 = battery_within(measurement, 3e+38f) && measurement >= -2.5717454f
@@ -418,139 +429,158 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
                 sampled = valid || t1;
             }
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = battery_abs(patience_y - 120.0f + doubt_y
-                        + (patience_range - 120.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 122880.0f
-                        && patience_y >= 120.0f && patience_y <= 122880.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 122880.0f
-                        && patience_range >= 120.0f && patience_range <= 122880.0f;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 120.0f + battery_abs(fault_count_y)
+                        + (fault_limit_range - 120.0f + fault_count_range);
+                    const bool t2 = battery_abs(t1 - s->fault_checksum) < 0.5f
+                        && battery_within(fault_count_y, 122880.0f) && fault_limit_y >= 120.0f
+                            && fault_limit_y <= 122880.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 122880.0f
+                        && fault_limit_range >= 120.0f && fault_limit_range <= 122880.0f;
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    battery_clear_doubt(s);
+                    battery_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                {
+                    const float z1 = s->z[0];
+                    moves_range = (z1 < 0.005f || z1 > 0.995f || battery_abs(s->z[1]) > 0.22f) ? 1.0f : -1.0f;
+                }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = battery_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 120.0f : fault_limit_range;
                 }
                 /* which signs show? */
                 {
-                    const float z1 = s->z[0];
-                    shows_y = !battery_within(output_error, 0.3361959f);
-                    shows_range = z1 < 0.005f || z1 > 0.995f || battery_abs(s->z[1]) > 0.22f;
+                    const bool t1 = battery_within(output_error, 0.3361959f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -60.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = battery_min(doubt_y + 1.0f, 122880.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = battery_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 120.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = battery_max(battery_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 120.0f : fault_limit_y;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y <= battery_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = battery_min(doubt_range + 1.0f, 122880.0f);
+                        const bool t1 = s->fault_limit_y <= battery_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 120.0f || z1 < -0.4f || z1 > 1.4f
+                            || battery_abs(s->z[1]) > 0.4f));
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = battery_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 120.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = battery_min(patience_y, 61440.0f);
-                            s->patience_y = battery_min(2.0f*patience_y, 122880.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = battery_min(fault_limit_y, 61440.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = battery_min(2.0f*fault_limit_y, 122880.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = battery_min(patience_range, 61440.0f);
-                            s->patience_range = battery_min(2.0f*patience_range, 122880.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = battery_min(fault_limit_range, 61440.0f);
+                            s->fault_limit_range = battery_min(2.0f*fault_limit_range, 122880.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.05f;
-                    s->z[1] = 0.0f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                        const float t2 = 0.1f/t1;
-                        const float t3 = 0.8f + 0.05f/t1 + t2/t1;
-                        const float t4 = 7.29f*t3;
-                        const float t5 = (measurement - (0.8f*z1 - z2
-                            + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4 + 1.44f,
-                                1.1302767e-11f);
-                        s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
-                        s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.05f;
+                        s->z[1] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+                            const float t2 = 0.1f/t1;
+                            const float t3 = 0.8f + 0.05f/t1 + t2/t1;
+                            const float t4 = 7.29f*t3;
+                            const float t5 = (measurement - (0.8f*z1 - z2
+                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4
+                                    + 1.44f, 1.1302767e-11f);
+                            s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
+                            s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                        }
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+                            const float t2 = 0.1f/t1;
+                            const float t3 = 0.8f + 0.05f/t1 + t2/t1;
+                            const float t4 = 7.29f*t3;
+                            const float t5 = (measurement - (0.8f*z1 - z2
+                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4
+                                    + 1.44f, 1.1302767e-11f);
+                            s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
+                            s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                        }
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = battery_clamp(z1, 0.05f, 0.95f);
+                            const float t2 = 0.1f/t1;
+                            const float t3 = 0.8f + 0.05f/t1 + t2/t1;
+                            const float t4 = 7.29f*t3;
+                            const float t5 = (measurement - (0.8f*z1 - z2
+                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4
+                                    + 1.44f, 1.1302767e-11f);
+                            s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
+                            s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= BATTERY_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->L = 0.0f;
+                        s->D[0] = 0.2f;
+                        s->D[1] = 0.04f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - battery_clamp(z1, 0.05f, 0.95f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L;
+                            const float t2 = L21*D1;
+                            const float t3 = z2 - t1/D1*t2;
+                            const float t4 = t3 - battery_limit(t3, 0.2f);
+                            s->z[0] = battery_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -0.85f, 1.85f);
+                            s->z[1] = battery_limit(t3 - t4, 0.6f);
+                            status |= BATTERY_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                        const float t2 = 0.1f/t1;
-                        const float t3 = 0.8f + 0.05f/t1 + t2/t1;
-                        const float t4 = 7.29f*t3;
-                        const float t5 = (measurement - (0.8f*z1 - z2
-                            + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4 + 1.44f,
-                                1.1302767e-11f);
-                        s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
-                        s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
-                    }
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                        const float t2 = 0.1f/t1;
-                        const float t3 = 0.8f + 0.05f/t1 + t2/t1;
-                        const float t4 = 7.29f*t3;
-                        const float t5 = (measurement - (0.8f*z1 - z2
-                            + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4 + 1.44f,
-                                1.1302767e-11f);
-                        s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
-                        s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
-                    }
-                    /* the estimate has restarted from the sample */
-                    status |= BATTERY_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L = 0.0f;
-                    s->D[0] = 0.2f;
-                    s->D[1] = 0.04f;
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 120.0f + s->doubt_y
-                    + (s->patience_range - 120.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 120.0f + battery_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 120.0f + s->fault_count_range);
             }
         }
     } else {
@@ -560,10 +590,37 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
     return status;
 }
 
+BATTERY_RARELY
+/* nominal parameters */
+static void battery_nominal(battery_params *p)
+{
+    p->ready = BATTERY_READY;
+    p->gain.Q[0] = 5e-06f;
+    p->gain.Q[1] = 9e-07f;
+    p->gain.R = 1e-06f;
+}
+
+unsigned battery_predict(battery_state *s, const battery_params *p, const battery_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != BATTERY_READY) || (p->ready != BATTERY_READY)) {
+        status = battery_ready(s, p);
+    }
+    if ((status & BATTERY_NO_PARAMETERS) == 0u) {
+        status |= battery_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned battery_update_y(battery_state *s, const battery_params *p, const battery_output *out)
 {
-    unsigned status = battery_ready(s);
-    status |= battery_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != BATTERY_READY) || (p->ready != BATTERY_READY)) {
+        status = battery_ready(s, p);
+    }
+    if ((status & BATTERY_NO_PARAMETERS) == 0u) {
+        status |= battery_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -571,8 +628,13 @@ unsigned battery_step(battery_state *s, const battery_params *p, const battery_i
     const battery_output *out)
 {
     unsigned status = 0u;
-    status |= battery_predict(s, p, in);
-    status |= battery_run_update_y(s, p, out);
+    if ((s->ready != BATTERY_READY) || (p->ready != BATTERY_READY)) {
+        status = battery_ready(s, p);
+    }
+    if ((status & BATTERY_NO_PARAMETERS) == 0u) {
+        status |= battery_run_predict(s, p, in);
+        status |= battery_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -587,6 +649,10 @@ void battery_estimate(const battery_state *s, const battery_params *p, battery_p
 unsigned battery_tune(battery_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != BATTERY_READY) {
+        battery_nominal(p);
+        status = BATTERY_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -614,14 +680,73 @@ void battery_reset(battery_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    battery_clear_doubt(s);
+    battery_clear_fault_counts(s);
 }
 
 void battery_init(battery_state *s, battery_params *p)
 {
-    p->gain.Q[0] = 5e-06f;
-    p->gain.Q[1] = 9e-07f;
-    p->gain.R = 1e-06f;
+    battery_nominal(p);
     (void)battery_tune(p);
     battery_reset(s);
+}
+
+static const unsigned char battery_layout[8] = {0x53u, 0x82u, 0xDAu, 0x57u, 0xFBu, 0xF5u, 0x94u, 0x37u};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t battery_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void battery_save(const battery_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = battery_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = battery_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned battery_restore(battery_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == BATTERY_SAVED) {
+        refused = 0u;
+        uint32_t sum = battery_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == battery_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = BATTERY_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "bioreactor.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -89,13 +90,18 @@ static void bioreactor_rate(const bioreactor_params *p, float w1, float w2, floa
     dk[0] = t2*t2*p->gain.gamma;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned bioreactor_ready(bioreactor_state *s)
+BIOREACTOR_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned bioreactor_ready(bioreactor_state *s, const bioreactor_params *p)
 {
     unsigned status = 0u;
     if (s->ready != BIOREACTOR_READY) {
         bioreactor_reset(s);
-        status = BIOREACTOR_UNINITIALISED;
+        status |= BIOREACTOR_UNINITIALISED;
+    }
+    if (p->ready != BIOREACTOR_READY) {
+        bioreactor_reset(s);
+        status |= BIOREACTOR_NO_PARAMETERS;
     }
     return status;
 }
@@ -123,9 +129,9 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
         s->falls = 0.0f;
         status |= BIOREACTOR_RESTARTED;
         /* as after a reset */
-        s->doubt_y = 0.0f;
-        s->patience_y = 6360.0f;
-        s->doubt_sum = 0.0f;
+        s->fault_count_y = 0.0f;
+        s->fault_limit_y = 6360.0f;
+        s->fault_checksum = 0.0f;
         /* as after a reset */
         s->quiet = 0.0f;
     }
@@ -166,20 +172,22 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
 static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params *p,
     const bioreactor_input *in, const bioreactor_output *out)
 {
-    unsigned status = bioreactor_ready(s);
+    unsigned status = 0u;
+    bool acts = false;
     float ahead = 0.0f;
     bool beyond = false;
-    bool doubtful = false;
     float fraction = 0.0f;
     float k_at = 0.0f;
     float k_sum = 0.0f;
     bool lost = false;
+    float moves_y = 0.0f;
     bool over_y = false;
     bool running = false;
     bool sampled = false;
     float share = 0.0f;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     float u = 0.0f;
     float valid = 0.0f;
     float w_at[2];
@@ -280,6 +288,8 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
         if (bioreactor_acts(beyond)) {
             status |= bioreactor_keep_in_box(s, p);
         }
+    } else {
+        status |= bioreactor_keep_in_box(s, p);
     }
     /* remember the input */
     s->u = u;
@@ -299,9 +309,9 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
             || t4 > 0.15f) {
             status |= BIOREACTOR_OUTSIDE_BOX;
         }
-        doubtful = bioreactor_abs(out->y - w1) > 0.03f || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
+        suspect = bioreactor_abs(out->y - w1) > 0.03f || !(s->fault_checksum <= 0.0f) || !(valid > 0.0f);
     }
-    if (doubtful) {
+    if (suspect) {
         /* is there a sample to judge by? */
         {
             const float measurement = out->y;
@@ -309,68 +319,76 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
                 && measurement <= 0.55f);
         }
         if (sampled) {
-            /* was doubt or patience spoiled? */
+            /* was a fault count or limit spoiled? */
             {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const bool t1 = bioreactor_abs(patience_y - 6360.0f + doubt_y - s->doubt_sum) < 0.5f
-                    && doubt_y >= 0.0f && doubt_y <= 6512640.0f;
-                spoiled = !(t1 && patience_y >= 6360.0f && patience_y <= 6512640.0f);
+                const float fault_count_y = s->fault_count_y;
+                const float fault_limit_y = s->fault_limit_y;
+                const bool t1 = bioreactor_abs(fault_limit_y - 6360.0f + bioreactor_abs(fault_count_y)
+                    - s->fault_checksum) < 0.5f;
+                const bool t2 = t1 && bioreactor_within(fault_count_y, 6512640.0f)
+                    && fault_limit_y >= 6360.0f && fault_limit_y <= 6512640.0f;
+                spoiled = !t2;
             }
             if (spoiled) {
                 /* as after a reset */
-                s->doubt_y = 0.0f;
-                s->patience_y = 6360.0f;
-                s->doubt_sum = 0.0f;
+                s->fault_count_y = 0.0f;
+                s->fault_limit_y = 6360.0f;
+                s->fault_checksum = 0.0f;
             }
             /* which signs show? */
-            shows_y = !bioreactor_within(out->y - s->w[0], 0.03f);
-            if (shows_y) {
-                /* more doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = bioreactor_min(doubt_y + 1.0f, 6512640.0f);
-                }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = bioreactor_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 6360.0f : patience_y;
-                    over_y = false;
-                }
+            {
+                const float t1 = out->y - s->w[0];
+                const bool t2 = bioreactor_within(t1, 0.03f);
+                const float fault_count_y = s->fault_count_y;
+                moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -3180.0f : 1.0f)) + (t2 ? -1.0f : 0.0f);
+                side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
             }
-            /* is it lost? */
-            lost = over_y;
-            if (lost) {
+            /* count of y */
+            {
+                const float fault_count_y = s->fault_count_y;
+                const float fault_limit_y = s->fault_limit_y;
+                const float t1 = bioreactor_max(bioreactor_abs(fault_count_y) + moves_y, 0.0f);
+                s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                s->fault_limit_y = (t1 <= 0.0f) ? 6360.0f : fault_limit_y;
+            }
+            /* does a guard act? */
+            acts = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
+            if (acts) {
+                /* by which sign, and is the estimate lost? */
+                {
+                    const bool t1 = s->fault_limit_y <= bioreactor_abs(s->fault_count_y);
+                    over_y = t1;
+                    lost = t1;
+                }
                 if (over_y) {
-                    /* patience doubles */
+                    /* the fault limit doubles */
                     {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = bioreactor_min(patience_y, 3256320.0f);
-                        s->patience_y = bioreactor_min(2.0f*patience_y, 6512640.0f);
+                        const float fault_count_y = s->fault_count_y;
+                        const float fault_limit_y = s->fault_limit_y;
+                        const float t1 = bioreactor_min(fault_limit_y, 3256320.0f);
+                        s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                        s->fault_limit_y = bioreactor_min(2.0f*fault_limit_y, 6512640.0f);
                     }
                 }
-                /* the estimate restarts */
-                s->w[0] = 0.0f;
-                s->w[1] = 0.0f;
-                /* from the sample of y */
-                {
-                    const float w1 = s->w[0];
-                    const float w2 = s->w[1];
-                    s->w[0] = bioreactor_keep(out->y, 0.01f, 0.15f, w1, 1e+30f);
-                    s->w[1] = bioreactor_keep(w2, -0.014575033f, 0.075727634f, w2, 1e+30f);
+                if (lost) {
+                    /* the estimate restarts */
+                    s->w[0] = 0.0f;
+                    s->w[1] = 0.0f;
+                    /* from the sample of y */
+                    {
+                        const float w1 = s->w[0];
+                        const float w2 = s->w[1];
+                        s->w[0] = bioreactor_keep(out->y, 0.01f, 0.15f, w1, 1e+30f);
+                        s->w[1] = bioreactor_keep(w2, -0.014575033f, 0.075727634f, w2, 1e+30f);
+                    }
+                    /* the estimate has restarted from the sample */
+                    status |= BIOREACTOR_RESTARTED_FROM_SAMPLE;
+                    /* as after a reset */
+                    s->quiet = 0.0f;
                 }
-                /* the estimate has restarted from the sample */
-                status |= BIOREACTOR_RESTARTED_FROM_SAMPLE;
-                /* as after a reset */
-                s->quiet = 0.0f;
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 6360.0f + s->doubt_y;
+            /* the checksum of fault counts and limits */
+            s->fault_checksum = s->fault_limit_y - 6360.0f + bioreactor_abs(s->fault_count_y);
         }
     }
     return status;
@@ -434,12 +452,27 @@ static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p
     return status;
 }
 
+BIOREACTOR_RARELY
+/* nominal parameters */
+static void bioreactor_nominal(bioreactor_params *p)
+{
+    p->ready = BIOREACTOR_READY;
+    p->gain.gamma = 100.0f;
+    p->gain.strip = 0.02f;
+    p->gain.reach = 0.5f;
+}
+
 unsigned bioreactor_step(bioreactor_state *s, const bioreactor_params *p, const bioreactor_input *in,
     const bioreactor_output *out)
 {
     unsigned status = 0u;
-    status |= bioreactor_predict(s, p, in, out);
-    status |= bioreactor_adapt(s, p);
+    if ((s->ready != BIOREACTOR_READY) || (p->ready != BIOREACTOR_READY)) {
+        status = bioreactor_ready(s, p);
+    }
+    if ((status & BIOREACTOR_NO_PARAMETERS) == 0u) {
+        status |= bioreactor_predict(s, p, in, out);
+        status |= bioreactor_adapt(s, p);
+    }
     return status;
 }
 
@@ -461,6 +494,10 @@ void bioreactor_estimate(const bioreactor_state *s, const bioreactor_params *p, 
 unsigned bioreactor_tune(bioreactor_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != BIOREACTOR_READY) {
+        bioreactor_nominal(p);
+        status = BIOREACTOR_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float gamma = p->gain.gamma;
@@ -487,9 +524,9 @@ void bioreactor_reset(bioreactor_state *s)
     s->quiet = 0.0f;
     s->settled = 0.0f;
     s->falls = 0.0f;
-    s->doubt_y = 0.0f;
-    s->patience_y = 6360.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 6360.0f;
+    s->fault_checksum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y = 0.0f;
@@ -498,9 +535,68 @@ void bioreactor_reset(bioreactor_state *s)
 
 void bioreactor_init(bioreactor_state *s, bioreactor_params *p)
 {
-    p->gain.gamma = 100.0f;
-    p->gain.strip = 0.02f;
-    p->gain.reach = 0.5f;
+    bioreactor_nominal(p);
     (void)bioreactor_tune(p);
     bioreactor_reset(s);
+}
+
+static const unsigned char bioreactor_layout[8] = {0xE7u, 0x28u, 0x8Cu, 0x1Au, 0xAEu, 0xC9u, 0xE2u, 0xBDu};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t bioreactor_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void bioreactor_save(const bioreactor_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = bioreactor_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = bioreactor_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == BIOREACTOR_SAVED) {
+        refused = 0u;
+        uint32_t sum = bioreactor_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == bioreactor_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = BIOREACTOR_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

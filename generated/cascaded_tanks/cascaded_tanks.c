@@ -223,26 +223,31 @@ static void cascaded_tanks_jacobian(float z1, float z2, float u, float F[2])
     F[1] = -(u/t1/t1*0.018575f); /* F_22 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned cascaded_tanks_ready(cascaded_tanks_state *s)
+CASCADED_TANKS_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned cascaded_tanks_ready(cascaded_tanks_state *s, const cascaded_tanks_params *p)
 {
     unsigned status = 0u;
     if (s->ready != CASCADED_TANKS_READY) {
         cascaded_tanks_reset(s);
-        status = CASCADED_TANKS_UNINITIALISED;
+        status |= CASCADED_TANKS_UNINITIALISED;
+    }
+    if (p->ready != CASCADED_TANKS_READY) {
+        cascaded_tanks_reset(s);
+        status |= CASCADED_TANKS_NO_PARAMETERS;
     }
     return status;
 }
 
 CASCADED_TANKS_RARELY
-static void cascaded_tanks_clear_doubt(cascaded_tanks_state *s)
+static void cascaded_tanks_clear_fault_counts(cascaded_tanks_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 23.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 23.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 30.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 30.0f;
+    s->fault_checksum = 0.0f;
 }
 
 CASCADED_TANKS_RARELY
@@ -288,7 +293,7 @@ static unsigned cascaded_tanks_keep_in_box(cascaded_tanks_state *s, const cascad
         s->z[0] = 5.0f;
         s->z[1] = 1.7525125f;
         status |= CASCADED_TANKS_RESTARTED;
-        cascaded_tanks_clear_doubt(s);
+        cascaded_tanks_clear_fault_counts(s);
         cascaded_tanks_clear_rest(s);
     }
     /* keep z in its box */
@@ -326,10 +331,11 @@ static unsigned cascaded_tanks_keep_in_box(cascaded_tanks_state *s, const cascad
     return status;
 }
 
-unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+/* part of a step: advance the estimate to now */
+static unsigned cascaded_tanks_run_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_input *in)
 {
-    unsigned status = cascaded_tanks_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -461,6 +467,7 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             status |= cascaded_tanks_keep_in_box(s, p);
         }
     } else {
+        status |= cascaded_tanks_keep_in_box(s, p);
         for (unsigned k = 0u; k < 5u; ++k) {
             cascaded_tanks_predictor *const predictor = &s->predictor[k];
             /* from the estimate */
@@ -480,19 +487,21 @@ static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const casca
     const cascaded_tanks_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -566,109 +575,131 @@ static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const casca
             if (t1) {
                 status |= CASCADED_TANKS_OUTSIDE_BOX;
             }
-            doubtful = cascaded_tanks_abs(output_error) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = cascaded_tanks_abs(output_error) > 1.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (cascaded_tanks_within(measurement, 3e+38f) && measurement >= -10.0f
                 && measurement <= 20.0f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = cascaded_tanks_abs(patience_y - 23.0f + doubt_y
-                        + (patience_range - 23.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 23552.0f
-                        && patience_y >= 23.0f && patience_y <= 23552.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 23552.0f
-                        && patience_range >= 23.0f && patience_range <= 23552.0f;
-                    spoiled = !t3;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 30.0f + cascaded_tanks_abs(fault_count_y)
+                        + (fault_limit_range - 30.0f + fault_count_range);
+                    const bool t2 = cascaded_tanks_abs(t1 - s->fault_checksum) < 0.5f
+                        && cascaded_tanks_within(fault_count_y, 30720.0f);
+                    const bool t3 = t2 && fault_limit_y >= 30.0f && fault_limit_y <= 30720.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 30720.0f;
+                    spoiled = !(t3 && fault_limit_range >= 30.0f && fault_limit_range <= 30720.0f);
                 }
                 if (spoiled) {
-                    cascaded_tanks_clear_doubt(s);
+                    cascaded_tanks_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    shows_y = !cascaded_tanks_within(output_error, 1.0f);
-                    shows_range = z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f;
+                    moves_range = (z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f) ? 1.0f
+                        : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = cascaded_tanks_min(doubt_y + 1.0f, 23552.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = cascaded_tanks_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 23.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = cascaded_tanks_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 30.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = cascaded_tanks_min(doubt_range + 1.0f, 23552.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = cascaded_tanks_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 23.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = cascaded_tanks_within(output_error, 1.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -12.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = cascaded_tanks_max(cascaded_tanks_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 30.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= cascaded_tanks_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const bool t3 = t2 && (fault_limit_range > 30.0f || z1 < -5.125f || z1 > 16.375f
+                            || z2 < -0.80115f || z2 > 4.48345f);
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || t3;
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = cascaded_tanks_min(patience_y, 11776.0f);
-                            s->patience_y = cascaded_tanks_min(2.0f*patience_y, 23552.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = cascaded_tanks_min(fault_limit_y, 15360.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = cascaded_tanks_min(2.0f*fault_limit_y, 30720.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = cascaded_tanks_min(patience_range, 11776.0f);
-                            s->patience_range = cascaded_tanks_min(2.0f*patience_range, 23552.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = cascaded_tanks_min(fault_limit_range, 15360.0f);
+                            s->fault_limit_range = cascaded_tanks_min(2.0f*fault_limit_range, 30720.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 5.0f;
-                    s->z[1] = 1.7525125f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        s->z[0] = cascaded_tanks_keep(measurement, 0.25f, 11.0f, z1, 1e+30f);
-                        s->z[1] = cascaded_tanks_keep(z2, 0.52f, 3.1623f, z2, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 5.0f;
+                        s->z[1] = 1.7525125f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            s->z[0] = cascaded_tanks_keep(measurement, 0.25f, 11.0f, z1, 1e+30f);
+                            s->z[1] = cascaded_tanks_keep(z2, 0.52f, 3.1623f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
+                        cascaded_tanks_clear_rest(s);
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - cascaded_tanks_clamp(z1, 0.25f, 11.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L;
+                            const float t2 = L21*D1;
+                            const float t3 = z2 - t1/D1*t2;
+                            const float t4 = t3 - cascaded_tanks_clamp(t3, 0.52f, 3.1623f);
+                            s->z[0] = cascaded_tanks_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -10.5f,
+                                21.75f);
+                            s->z[1] = cascaded_tanks_clamp(t3 - t4, -3.44345f, 7.12575f);
+                            status |= CASCADED_TANKS_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
-                    cascaded_tanks_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 23.0f + s->doubt_y
-                    + (s->patience_range - 23.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 30.0f + cascaded_tanks_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 30.0f + s->fault_count_range);
             }
         }
     } else {
@@ -762,18 +793,56 @@ static unsigned cascaded_tanks_run_adapt(cascaded_tanks_state *s, const cascaded
     return status;
 }
 
+CASCADED_TANKS_RARELY
+/* nominal parameters */
+static void cascaded_tanks_nominal(cascaded_tanks_params *p)
+{
+    p->ready = CASCADED_TANKS_READY;
+    p->gain.Q[0] = 0.0001f;
+    p->gain.Q[1] = 0.0014f;
+    p->gain.R = 0.0016f;
+    p->gain.theta_1 = 2.0f;
+    p->gain.rise_time = 4.0f;
+    p->gain.rate = 0.25f;
+    p->gain.gamma_0 = 0.7f;
+    p->gain.gamma_1 = 1.0f;
+}
+
+unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    const cascaded_tanks_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != CASCADED_TANKS_READY) || (p->ready != CASCADED_TANKS_READY)) {
+        status = cascaded_tanks_ready(s, p);
+    }
+    if ((status & CASCADED_TANKS_NO_PARAMETERS) == 0u) {
+        status |= cascaded_tanks_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
     const cascaded_tanks_output *out)
 {
-    unsigned status = cascaded_tanks_ready(s);
-    status |= cascaded_tanks_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != CASCADED_TANKS_READY) || (p->ready != CASCADED_TANKS_READY)) {
+        status = cascaded_tanks_ready(s, p);
+    }
+    if ((status & CASCADED_TANKS_NO_PARAMETERS) == 0u) {
+        status |= cascaded_tanks_run_update_y(s, p, out);
+    }
     return status;
 }
 
 unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p)
 {
-    unsigned status = cascaded_tanks_ready(s);
-    status |= cascaded_tanks_run_adapt(s, p);
+    unsigned status = 0u;
+    if ((s->ready != CASCADED_TANKS_READY) || (p->ready != CASCADED_TANKS_READY)) {
+        status = cascaded_tanks_ready(s, p);
+    }
+    if ((status & CASCADED_TANKS_NO_PARAMETERS) == 0u) {
+        status |= cascaded_tanks_run_adapt(s, p);
+    }
     return status;
 }
 
@@ -781,9 +850,14 @@ unsigned cascaded_tanks_step(cascaded_tanks_state *s, const cascaded_tanks_param
     const cascaded_tanks_input *in, const cascaded_tanks_output *out)
 {
     unsigned status = 0u;
-    status |= cascaded_tanks_predict(s, p, in);
-    status |= cascaded_tanks_run_update_y(s, p, out);
-    status |= cascaded_tanks_run_adapt(s, p);
+    if ((s->ready != CASCADED_TANKS_READY) || (p->ready != CASCADED_TANKS_READY)) {
+        status = cascaded_tanks_ready(s, p);
+    }
+    if ((status & CASCADED_TANKS_NO_PARAMETERS) == 0u) {
+        status |= cascaded_tanks_run_predict(s, p, in);
+        status |= cascaded_tanks_run_update_y(s, p, out);
+        status |= cascaded_tanks_run_adapt(s, p);
+    }
     return status;
 }
 
@@ -802,6 +876,10 @@ void cascaded_tanks_estimate(const cascaded_tanks_state *s, const cascaded_tanks
 unsigned cascaded_tanks_tune(cascaded_tanks_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != CASCADED_TANKS_READY) {
+        cascaded_tanks_nominal(p);
+        status = CASCADED_TANKS_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         static const struct {
@@ -848,20 +926,76 @@ void cascaded_tanks_reset(cascaded_tanks_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 3.0f;
-    cascaded_tanks_clear_doubt(s);
+    cascaded_tanks_clear_fault_counts(s);
     cascaded_tanks_clear_rest(s);
 }
 
 void cascaded_tanks_init(cascaded_tanks_state *s, cascaded_tanks_params *p)
 {
-    p->gain.Q[0] = 0.0001f;
-    p->gain.Q[1] = 0.0014f;
-    p->gain.R = 0.0016f;
-    p->gain.theta_1 = 2.0f;
-    p->gain.rise_time = 4.0f;
-    p->gain.rate = 0.25f;
-    p->gain.gamma_0 = 0.7f;
-    p->gain.gamma_1 = 1.0f;
+    cascaded_tanks_nominal(p);
     (void)cascaded_tanks_tune(p);
     cascaded_tanks_reset(s);
+}
+
+static const unsigned char cascaded_tanks_layout[8] = {
+    0xB8u, 0x81u, 0x31u, 0xC9u, 0xA1u, 0xA3u, 0x90u, 0x02u
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t cascaded_tanks_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void cascaded_tanks_save(const cascaded_tanks_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = cascaded_tanks_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = cascaded_tanks_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned cascaded_tanks_restore(cascaded_tanks_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == CASCADED_TANKS_SAVED) {
+        refused = 0u;
+        uint32_t sum = cascaded_tanks_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == cascaded_tanks_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = CASCADED_TANKS_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "chua.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -93,260 +94,307 @@ static void chua_rate(const chua_params *p, float z1, float z2, float z3, float 
     dz[2] = p->derived.K[2]*t1 - 16.0f*t3;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned chua_ready(chua_state *s)
+CHUA_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned chua_ready(chua_state *s, const chua_params *p)
 {
     unsigned status = 0u;
     if (s->ready != CHUA_READY) {
         chua_reset(s);
-        status = CHUA_UNINITIALISED;
+        status |= CHUA_UNINITIALISED;
+    }
+    if (p->ready != CHUA_READY) {
+        chua_reset(s);
+        status |= CHUA_NO_PARAMETERS;
     }
     return status;
 }
 
 CHUA_RARELY
-static void chua_clear_doubt(chua_state *s)
+static void chua_clear_fault_counts(chua_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 3130.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 3130.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 3130.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 3130.0f;
+    s->fault_checksum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned chua_keep_in_box(chua_state *s, const chua_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    lost = !(chua_within(s->z[0], 1e+30f) && chua_within(s->z[1], 1e+30f) && chua_within(s->z[2], 1e+30f));
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= CHUA_RESTARTED;
+        chua_clear_fault_counts(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = chua_limit(z1, 9.0f);
+        s->z[1] = chua_limit(z2, 5.0f);
+        s->z[2] = chua_limit(z3, 125.0f);
+        if (chua_abs(z1) > 9.0f || chua_abs(z2) > 5.0f || chua_abs(z3) > 125.0f) {
+            status |= CHUA_STATE_LIMITED;
+        }
+    }
+    return status;
+}
+
+CHUA_RARELY
+/* nominal parameters */
+static void chua_nominal(chua_params *p)
+{
+    p->ready = CHUA_READY;
+    p->gain.theta = 5.0f;
 }
 
 unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
 {
-    unsigned status = chua_ready(s);
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool doubtful = false;
-    float fraction = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y = false;
-    bool spoiled = false;
-    float valid = 0.0f;
-    float y = 0.0f;
-    float y_last = 0.0f;
-    float z_at[3];
-    float z_sum[3];
-    /* guard the measurements */
-    {
-        const float measurement = out->y;
-        const bool t1 = chua_within(measurement, 3e+38f);
-        const float z1 = s->z[0];
-        const bool t2 = t1 && chua_within(measurement, 9.0f) && chua_within(measurement - z1, 1e+16f);
-        const float t3 = t2 ? measurement : z1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= CHUA_MISSING_Y;
-        }
-        if (t1 && !t2) {
-            status |= CHUA_REJECTED_Y;
-        }
+    unsigned status = 0u;
+    if ((s->ready != CHUA_READY) || (p->ready != CHUA_READY)) {
+        status = chua_ready(s, p);
     }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* z: one step of classical Runge-Kutta */
-        z_sum[0] = 0.0f;
-        z_sum[1] = 0.0f;
-        z_sum[2] = 0.0f;
-        z_at[0] = s->z[0];
-        z_at[1] = s->z[1];
-        z_at[2] = s->z[2];
+    if ((status & CHUA_NO_PARAMETERS) == 0u) {
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        float fraction = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y = 0.0f;
+        bool over_range = false;
+        bool over_y = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float valid = 0.0f;
+        float y = 0.0f;
+        float y_last = 0.0f;
+        float z_at[3];
+        float z_sum[3];
+        /* guard the measurements */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float z_at1 = z_at[0];
-                    const float z_at2 = z_at[1];
-                    const float z_at3 = z_at[2];
-                    const float z_sum1 = z_sum[0];
-                    const float z_sum2 = z_sum[1];
-                    const float z_sum3 = z_sum[2];
-                    float k_z[3];
-                    chua_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
-                    z_sum[0] = z_sum1 + share*k_z[0];
-                    z_sum[1] = z_sum2 + share*k_z[1];
-                    z_sum[2] = z_sum3 + share*k_z[2];
-                    z_at[0] = s->z[0] + ahead*k_z[0];
-                    z_at[1] = s->z[1] + ahead*k_z[1];
-                    z_at[2] = s->z[2] + ahead*k_z[2];
+            const float measurement = out->y;
+            const bool t1 = chua_within(measurement, 3e+38f);
+            const float z1 = s->z[0];
+            const bool t2 = t1 && chua_within(measurement, 9.0f) && chua_within(measurement - z1, 1e+16f);
+            const float t3 = t2 ? measurement : z1;
+            y = t3;
+            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+            valid = t2 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= CHUA_MISSING_Y;
+            }
+            if (t1 && !t2) {
+                status |= CHUA_REJECTED_Y;
+            }
+        }
+        /* the first call advances no time */
+        {
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
+        }
+        if (running) {
+            /* z: one step of classical Runge-Kutta */
+            z_sum[0] = 0.0f;
+            z_sum[1] = 0.0f;
+            z_sum[2] = 0.0f;
+            z_at[0] = s->z[0];
+            z_at[1] = s->z[1];
+            z_at[2] = s->z[2];
+            {
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float z_at1 = z_at[0];
+                        const float z_at2 = z_at[1];
+                        const float z_at3 = z_at[2];
+                        const float z_sum1 = z_sum[0];
+                        const float z_sum2 = z_sum[1];
+                        const float z_sum3 = z_sum[2];
+                        float k_z[3];
+                        chua_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
+                        z_sum[0] = z_sum1 + share*k_z[0];
+                        z_sum[1] = z_sum2 + share*k_z[1];
+                        z_sum[2] = z_sum3 + share*k_z[2];
+                        z_at[0] = s->z[0] + ahead*k_z[0];
+                        z_at[1] = s->z[1] + ahead*k_z[1];
+                        z_at[2] = s->z[2] + ahead*k_z[2];
+                    }
                 }
             }
-        }
-        /* the slopes of all stages */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            s->z[0] = z1 + 0.00016666666f*z_sum[0];
-            s->z[1] = z2 + 0.00016666666f*z_sum[1];
-            s->z[2] = z3 + 0.00016666666f*z_sum[2];
-        }
-        /* is a value beyond its box, or lost? */
-        beyond = !(chua_within(s->z[0], 9.0f) && chua_within(s->z[1], 5.0f) && chua_within(s->z[2], 125.0f));
-        if (chua_acts(beyond)) {
-            /* is a value lost? */
-            lost = !(chua_within(s->z[0], 1e+30f) && chua_within(s->z[1], 1e+30f)
-                && chua_within(s->z[2], 1e+30f));
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                status |= CHUA_RESTARTED;
-                chua_clear_doubt(s);
-            }
-            /* keep z in its box */
+            /* the slopes of all stages */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
-                s->z[0] = chua_limit(z1, 9.0f);
-                s->z[1] = chua_limit(z2, 5.0f);
-                s->z[2] = chua_limit(z3, 125.0f);
-                if (chua_abs(z1) > 9.0f || chua_abs(z2) > 5.0f || chua_abs(z3) > 125.0f) {
-                    status |= CHUA_STATE_LIMITED;
-                }
+                s->z[0] = z1 + 0.00016666666f*z_sum[0];
+                s->z[1] = z2 + 0.00016666666f*z_sum[1];
+                s->z[2] = z3 + 0.00016666666f*z_sum[2];
             }
+            /* is a value beyond its box, or lost? */
+            beyond = !(chua_within(s->z[0], 9.0f) && chua_within(s->z[1], 5.0f)
+                && chua_within(s->z[2], 125.0f));
+            if (chua_acts(beyond)) {
+                status |= chua_keep_in_box(s, p);
+            }
+        } else {
+            status |= chua_keep_in_box(s, p);
         }
-    }
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
-    /* is the estimate where it cannot be for long? */
-    {
-        const float z1 = s->z[0];
-        const bool t1 = chua_abs(z1) > 3.0f || chua_abs(s->z[1]) > 1.0f || chua_abs(s->z[2]) > 5.0f;
-        if (t1) {
-            status |= CHUA_OUTSIDE_BOX;
-        }
-        doubtful = chua_abs(out->y - z1) > 0.6f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
+        /* remember the sample */
+        s->y = y;
+        s->y_valid = valid;
+        /* is the estimate where it cannot be for long? */
         {
-            const float measurement = out->y;
-            sampled = valid > 0.0f || (chua_within(measurement, 3e+38f) && chua_within(measurement, 9.0f));
+            const float z1 = s->z[0];
+            const bool t1 = chua_abs(z1) > 3.0f || chua_abs(s->z[1]) > 1.0f || chua_abs(s->z[2]) > 5.0f;
+            if (t1) {
+                status |= CHUA_OUTSIDE_BOX;
+            }
+            suspect = chua_abs(out->y - z1) > 0.6f || t1 || !(s->fault_checksum <= 0.0f) || !(valid > 0.0f);
         }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
+        if (suspect) {
+            /* is there a sample to judge by? */
             {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = chua_abs(patience_y - 3130.0f + doubt_y
-                    + (patience_range - 3130.0f + doubt_range) - s->doubt_sum);
-                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 3205120.0f
-                    && patience_y >= 3130.0f && patience_y <= 3205120.0f;
-                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 3205120.0f
-                    && patience_range >= 3130.0f && patience_range <= 3205120.0f;
-                spoiled = !t3;
+                const float measurement = out->y;
+                sampled = valid > 0.0f || (chua_within(measurement, 3e+38f)
+                    && chua_within(measurement, 9.0f));
             }
-            if (spoiled) {
-                chua_clear_doubt(s);
-            }
-            /* which signs show? */
-            {
-                const float z1 = s->z[0];
-                shows_y = !chua_within(out->y - z1, 0.6f);
-                shows_range = chua_abs(z1) > 3.3f || chua_abs(s->z[1]) > 1.1f || chua_abs(s->z[2]) > 5.5f;
-            }
-            if (shows_y) {
-                /* more doubt */
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = chua_min(doubt_y + 1.0f, 3205120.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 3130.0f + chua_abs(fault_count_y)
+                        + (fault_limit_range - 3130.0f + fault_count_range);
+                    const bool t2 = chua_abs(t1 - s->fault_checksum) < 0.5f
+                        && chua_within(fault_count_y, 3205120.0f) && fault_limit_y >= 3130.0f
+                            && fault_limit_y <= 3205120.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 3205120.0f
+                        && fault_limit_range >= 3130.0f && fault_limit_range <= 3205120.0f;
+                    spoiled = !t3;
                 }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
+                if (spoiled) {
+                    chua_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                moves_range = (chua_abs(s->z[0]) > 3.3f || chua_abs(s->z[1]) > 1.1f
+                    || chua_abs(s->z[2]) > 5.5f) ? 1.0f : -1.0f;
+                /* count of range */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = chua_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 3130.0f : patience_y;
-                    over_y = false;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = chua_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
                 }
-            }
-            if (shows_range) {
-                /* more doubt */
+                /* which signs show? */
                 {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = chua_min(doubt_range + 1.0f, 3205120.0f);
+                    const float t1 = out->y - s->z[0];
+                    const bool t2 = chua_within(t1, 0.6f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -168.0f : 1.0f))
+                        + (t2 ? -1.0f : 0.0f);
+                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
                 }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
+                /* count of y */
                 {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = chua_max(doubt_range - 1.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 3130.0f : patience_range;
-                    over_range = false;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = chua_max(chua_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
                 }
-            }
-            /* is it lost? */
-            lost = over_y || over_range;
-            if (lost) {
-                if (over_y) {
-                    /* patience doubles */
+                /* does a guard act? */
+                acts = s->fault_limit_y <= chua_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = chua_min(patience_y, 1602560.0f);
-                        s->patience_y = chua_min(2.0f*patience_y, 3205120.0f);
+                        const bool t1 = s->fault_limit_y <= chua_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = fault_limit_range > 3130.0f || chua_abs(s->z[0]) > 6.0f
+                            || chua_abs(s->z[1]) > 2.0f || chua_abs(s->z[2]) > 10.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t3);
+                    }
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = chua_min(fault_limit_y, 1602560.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = chua_min(2.0f*fault_limit_y, 3205120.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = chua_min(fault_limit_range, 1602560.0f);
+                            s->fault_limit_range = chua_min(2.0f*fault_limit_range, 3205120.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = chua_keep(out->y, -3.0f, 3.0f, z1, 1e+30f);
+                            s->z[1] = chua_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
+                            s->z[2] = chua_keep(z3, -5.0f, 5.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= CHUA_RESTARTED_FROM_SAMPLE;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = chua_limit(z1, 3.0f);
+                            s->z[1] = chua_limit(z2, 1.0f);
+                            s->z[2] = chua_limit(z3, 5.0f);
+                            status |= CHUA_PROJECTED_ONTO_RANGES;
+                        }
                     }
                 }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = chua_min(patience_range, 1602560.0f);
-                        s->patience_range = chua_min(2.0f*patience_range, 3205120.0f);
-                    }
-                }
-                /* the estimate restarts */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                /* from the sample of y */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    s->z[0] = chua_keep(out->y, -3.0f, 3.0f, z1, 1e+30f);
-                    s->z[1] = chua_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
-                    s->z[2] = chua_keep(z3, -5.0f, 5.0f, z3, 1e+30f);
-                }
-                /* the estimate has restarted from the sample */
-                status |= CHUA_RESTARTED_FROM_SAMPLE;
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 3130.0f + chua_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 3130.0f + s->fault_count_range);
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 3130.0f + s->doubt_y
-                + (s->patience_range - 3130.0f + s->doubt_range);
         }
     }
     return status;
@@ -364,6 +412,10 @@ void chua_estimate(const chua_state *s, const chua_params *p, chua_plant *x)
 unsigned chua_tune(chua_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != CHUA_READY) {
+        chua_nominal(p);
+        status = CHUA_NO_PARAMETERS;
+    }
     /* theta in its range */
     {
         const float theta = p->gain.theta;
@@ -393,12 +445,73 @@ void chua_reset(chua_state *s)
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
-    chua_clear_doubt(s);
+    chua_clear_fault_counts(s);
 }
 
 void chua_init(chua_state *s, chua_params *p)
 {
-    p->gain.theta = 5.0f;
+    chua_nominal(p);
     (void)chua_tune(p);
     chua_reset(s);
+}
+
+static const unsigned char chua_layout[8] = {0x10u, 0x0Au, 0x20u, 0x52u, 0xF2u, 0xB9u, 0x4Cu, 0xCCu};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t chua_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void chua_save(const chua_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = chua_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = chua_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned chua_restore(chua_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == CHUA_SAVED) {
+        refused = 0u;
+        uint32_t sum = chua_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == chua_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = CHUA_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "contois.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -107,26 +108,31 @@ static void contois_jacobian(float z1, float z2, float u, float F[4])
     F[3] = -(u + t6); /* F_22 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned contois_ready(contois_state *s)
+CONTOIS_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned contois_ready(contois_state *s, const contois_params *p)
 {
     unsigned status = 0u;
     if (s->ready != CONTOIS_READY) {
         contois_reset(s);
-        status = CONTOIS_UNINITIALISED;
+        status |= CONTOIS_UNINITIALISED;
+    }
+    if (p->ready != CONTOIS_READY) {
+        contois_reset(s);
+        status |= CONTOIS_NO_PARAMETERS;
     }
     return status;
 }
 
 CONTOIS_RARELY
-static void contois_clear_doubt(contois_state *s)
+static void contois_clear_fault_counts(contois_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 600.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 600.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 600.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 600.0f;
+    s->fault_checksum = 0.0f;
 }
 
 /* part of a step: keep the state in its box, or make it anew */
@@ -146,7 +152,7 @@ static unsigned contois_keep_in_box(contois_state *s, const contois_params *p)
         s->z[0] = 0.1f;
         s->z[1] = 0.1f;
         status |= CONTOIS_RESTARTED;
-        contois_clear_doubt(s);
+        contois_clear_fault_counts(s);
         /* as after a reset */
         s->L = 0.0f;
         s->D[0] = 6.0f;
@@ -177,9 +183,10 @@ static unsigned contois_keep_in_box(contois_state *s, const contois_params *p)
     return status;
 }
 
-unsigned contois_predict(contois_state *s, const contois_params *p, const contois_input *in)
+/* part of a step: advance the estimate to now */
+static unsigned contois_run_predict(contois_state *s, const contois_params *p, const contois_input *in)
 {
-    unsigned status = contois_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -280,6 +287,8 @@ unsigned contois_predict(contois_state *s, const contois_params *p, const contoi
         if (contois_acts(beyond)) {
             status |= contois_keep_in_box(s, p);
         }
+    } else {
+        status |= contois_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -292,19 +301,21 @@ unsigned contois_predict(contois_state *s, const contois_params *p, const contoi
 static unsigned contois_run_update_y(contois_state *s, const contois_params *p, const contois_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -362,112 +373,134 @@ static unsigned contois_run_update_y(contois_state *s, const contois_params *p, 
             if (t1) {
                 status |= CONTOIS_OUTSIDE_BOX;
             }
-            doubtful = contois_abs(output_error) > 0.49f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = contois_abs(output_error) > 0.49f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (contois_within(measurement, 3e+38f) && measurement >= -4.8f
                 && measurement <= 9.9f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = contois_abs(patience_y - 600.0f + doubt_y
-                        + (patience_range - 600.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 614400.0f
-                        && patience_y >= 600.0f && patience_y <= 614400.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 614400.0f
-                        && patience_range >= 600.0f && patience_range <= 614400.0f;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 600.0f + contois_abs(fault_count_y)
+                        + (fault_limit_range - 600.0f + fault_count_range);
+                    const bool t2 = contois_abs(t1 - s->fault_checksum) < 0.5f
+                        && contois_within(fault_count_y, 614400.0f) && fault_limit_y >= 600.0f
+                            && fault_limit_y <= 614400.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 614400.0f
+                        && fault_limit_range >= 600.0f && fault_limit_range <= 614400.0f;
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    contois_clear_doubt(s);
+                    contois_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    shows_y = !contois_within(output_error, 0.49f);
-                    shows_range = z1 < -0.145f || z1 > 5.245f || z2 < -0.395f || z2 > 10.495f;
+                    moves_range = (z1 < -0.145f || z1 > 5.245f || z2 < -0.395f || z2 > 10.495f) ? 1.0f
+                        : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = contois_min(doubt_y + 1.0f, 614400.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = contois_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 600.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = contois_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 600.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = contois_min(doubt_range + 1.0f, 614400.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = contois_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 600.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = contois_within(output_error, 0.49f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -300.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = contois_max(contois_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 600.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= contois_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= contois_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const bool t3 = t2 && (fault_limit_range > 600.0f || z1 < -2.35f || z1 > 7.45f
+                            || z2 < -4.85f || z2 > 14.95f);
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || t3;
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = contois_min(patience_y, 307200.0f);
-                            s->patience_y = contois_min(2.0f*patience_y, 614400.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = contois_min(fault_limit_y, 307200.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = contois_min(2.0f*fault_limit_y, 614400.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = contois_min(patience_range, 307200.0f);
-                            s->patience_range = contois_min(2.0f*patience_range, 614400.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = contois_min(fault_limit_range, 307200.0f);
+                            s->fault_limit_range = contois_min(2.0f*fault_limit_range, 614400.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.1f;
-                    s->z[1] = 0.1f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        s->z[0] = contois_keep(measurement, 0.1f, 5.0f, z1, 1e+30f);
-                        s->z[1] = contois_keep(z2, 0.1f, 10.0f, z2, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.1f;
+                        s->z[1] = 0.1f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            s->z[0] = contois_keep(measurement, 0.1f, 5.0f, z1, 1e+30f);
+                            s->z[1] = contois_keep(z2, 0.1f, 10.0f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= CONTOIS_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->L = 0.0f;
+                        s->D[0] = 6.0f;
+                        s->D[1] = 20.0f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - contois_clamp(z1, 0.1f, 5.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L;
+                            const float t2 = L21*D1;
+                            const float t3 = z2 - t1/D1*t2;
+                            const float t4 = t3 - contois_clamp(t3, 0.1f, 10.0f);
+                            s->z[0] = contois_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -4.8f, 9.9f);
+                            s->z[1] = contois_clamp(t3 - t4, -9.8f, 19.9f);
+                            status |= CONTOIS_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= CONTOIS_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L = 0.0f;
-                    s->D[0] = 6.0f;
-                    s->D[1] = 20.0f;
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 600.0f + s->doubt_y
-                    + (s->patience_range - 600.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 600.0f + contois_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 600.0f + s->fault_count_range);
             }
         }
     } else {
@@ -477,10 +510,38 @@ static unsigned contois_run_update_y(contois_state *s, const contois_params *p, 
     return status;
 }
 
+CONTOIS_RARELY
+/* nominal parameters */
+static void contois_nominal(contois_params *p)
+{
+    p->ready = CONTOIS_READY;
+    p->gain.Q[0] = 0.0001f;
+    p->gain.Q[1] = 0.1f;
+    p->gain.R = 1e-08f;
+    p->gain.theta = 2.0f;
+}
+
+unsigned contois_predict(contois_state *s, const contois_params *p, const contois_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != CONTOIS_READY) || (p->ready != CONTOIS_READY)) {
+        status = contois_ready(s, p);
+    }
+    if ((status & CONTOIS_NO_PARAMETERS) == 0u) {
+        status |= contois_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned contois_update_y(contois_state *s, const contois_params *p, const contois_output *out)
 {
-    unsigned status = contois_ready(s);
-    status |= contois_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != CONTOIS_READY) || (p->ready != CONTOIS_READY)) {
+        status = contois_ready(s, p);
+    }
+    if ((status & CONTOIS_NO_PARAMETERS) == 0u) {
+        status |= contois_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -488,8 +549,13 @@ unsigned contois_step(contois_state *s, const contois_params *p, const contois_i
     const contois_output *out)
 {
     unsigned status = 0u;
-    status |= contois_predict(s, p, in);
-    status |= contois_run_update_y(s, p, out);
+    if ((s->ready != CONTOIS_READY) || (p->ready != CONTOIS_READY)) {
+        status = contois_ready(s, p);
+    }
+    if ((status & CONTOIS_NO_PARAMETERS) == 0u) {
+        status |= contois_run_predict(s, p, in);
+        status |= contois_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -504,6 +570,10 @@ void contois_estimate(const contois_state *s, const contois_params *p, contois_p
 unsigned contois_tune(contois_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != CONTOIS_READY) {
+        contois_nominal(p);
+        status = CONTOIS_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -535,15 +605,73 @@ void contois_reset(contois_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    contois_clear_doubt(s);
+    contois_clear_fault_counts(s);
 }
 
 void contois_init(contois_state *s, contois_params *p)
 {
-    p->gain.Q[0] = 0.0001f;
-    p->gain.Q[1] = 0.1f;
-    p->gain.R = 1e-08f;
-    p->gain.theta = 2.0f;
+    contois_nominal(p);
     (void)contois_tune(p);
     contois_reset(s);
+}
+
+static const unsigned char contois_layout[8] = {0x97u, 0xBCu, 0x22u, 0x2Bu, 0x17u, 0x4Au, 0xC7u, 0x7Du};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t contois_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void contois_save(const contois_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = contois_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = contois_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned contois_restore(contois_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == CONTOIS_SAVED) {
+        refused = 0u;
+        uint32_t sum = contois_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == contois_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = CONTOIS_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

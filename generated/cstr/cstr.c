@@ -191,26 +191,31 @@ static void cstr_jacobian(float z1, float z2, float F[4])
     F[3] = -(1.0f + 7.2e+10f*t4); /* F_22 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned cstr_ready(cstr_state *s)
+CSTR_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned cstr_ready(cstr_state *s, const cstr_params *p)
 {
     unsigned status = 0u;
     if (s->ready != CSTR_READY) {
         cstr_reset(s);
-        status = CSTR_UNINITIALISED;
+        status |= CSTR_UNINITIALISED;
+    }
+    if (p->ready != CSTR_READY) {
+        cstr_reset(s);
+        status |= CSTR_NO_PARAMETERS;
     }
     return status;
 }
 
 CSTR_RARELY
-static void cstr_clear_doubt(cstr_state *s)
+static void cstr_clear_fault_counts(cstr_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 239.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 239.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 239.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 239.0f;
+    s->fault_checksum = 0.0f;
 }
 
 /* part of a step: keep the state in its box, or make it anew */
@@ -230,7 +235,7 @@ static unsigned cstr_keep_in_box(cstr_state *s, const cstr_params *p)
         s->z[0] = 300.0f;
         s->z[1] = 0.05f;
         status |= CSTR_RESTARTED;
-        cstr_clear_doubt(s);
+        cstr_clear_fault_counts(s);
         /* as after a reset */
         s->L = 0.0f;
         s->D[0] = 2000.0f;
@@ -261,9 +266,10 @@ static unsigned cstr_keep_in_box(cstr_state *s, const cstr_params *p)
     return status;
 }
 
-unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
+/* part of a step: advance the estimate to now */
+static unsigned cstr_run_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
 {
-    unsigned status = cstr_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -362,6 +368,8 @@ unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
         if (cstr_acts(beyond)) {
             status |= cstr_keep_in_box(s, p);
         }
+    } else {
+        status |= cstr_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -374,19 +382,21 @@ unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
 static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cstr_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -444,112 +454,133 @@ static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cst
             if (t1) {
                 status |= CSTR_OUTSIDE_BOX;
             }
-            doubtful = cstr_abs(output_error) > 5.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = cstr_abs(output_error) > 5.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (cstr_within(measurement, 3e+38f) && measurement >= 250.0f
                 && measurement <= 400.0f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = cstr_abs(patience_y - 239.0f + doubt_y
-                        + (patience_range - 239.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 244736.0f
-                        && patience_y >= 239.0f && patience_y <= 244736.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 244736.0f
-                        && patience_range >= 239.0f && patience_range <= 244736.0f;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 239.0f + cstr_abs(fault_count_y)
+                        + (fault_limit_range - 239.0f + fault_count_range);
+                    const bool t2 = cstr_abs(t1 - s->fault_checksum) < 0.5f
+                        && cstr_within(fault_count_y, 244736.0f) && fault_limit_y >= 239.0f
+                            && fault_limit_y <= 244736.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 244736.0f
+                        && fault_limit_range >= 239.0f && fault_limit_range <= 244736.0f;
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    cstr_clear_doubt(s);
+                    cstr_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    shows_y = !cstr_within(output_error, 5.0f);
-                    shows_range = z1 < 297.5f || z1 > 352.5f || z2 < 0.0025f || z2 > 1.0475f;
+                    moves_range = (z1 < 297.5f || z1 > 352.5f || z2 < 0.0025f || z2 > 1.0475f) ? 1.0f : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = cstr_min(doubt_y + 1.0f, 244736.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = cstr_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 239.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = cstr_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 239.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = cstr_min(doubt_range + 1.0f, 244736.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = cstr_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 239.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = cstr_within(output_error, 5.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -119.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = cstr_max(cstr_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 239.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= cstr_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= cstr_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const bool t3 = t2 && (fault_limit_range > 239.0f || z1 < 275.0f || z1 > 375.0f
+                            || z2 < -0.425f || z2 > 1.475f);
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || t3;
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = cstr_min(patience_y, 122368.0f);
-                            s->patience_y = cstr_min(2.0f*patience_y, 244736.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = cstr_min(fault_limit_y, 122368.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = cstr_min(2.0f*fault_limit_y, 244736.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = cstr_min(patience_range, 122368.0f);
-                            s->patience_range = cstr_min(2.0f*patience_range, 244736.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = cstr_min(fault_limit_range, 122368.0f);
+                            s->fault_limit_range = cstr_min(2.0f*fault_limit_range, 244736.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 300.0f;
-                    s->z[1] = 0.05f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        s->z[0] = cstr_keep(measurement, 300.0f, 350.0f, z1, 1e+30f);
-                        s->z[1] = cstr_keep(z2, 0.05f, 1.0f, z2, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 300.0f;
+                        s->z[1] = 0.05f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            s->z[0] = cstr_keep(measurement, 300.0f, 350.0f, z1, 1e+30f);
+                            s->z[1] = cstr_keep(z2, 0.05f, 1.0f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= CSTR_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->L = 0.0f;
+                        s->D[0] = 2000.0f;
+                        s->D[1] = 0.2f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - cstr_clamp(z1, 300.0f, 350.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L;
+                            const float t2 = L21*D1;
+                            const float t3 = z2 - t1/D1*t2;
+                            const float t4 = t3 - cstr_clamp(t3, 0.05f, 1.0f);
+                            s->z[0] = cstr_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), 250.0f, 400.0f);
+                            s->z[1] = cstr_clamp(t3 - t4, -0.9f, 1.95f);
+                            status |= CSTR_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= CSTR_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L = 0.0f;
-                    s->D[0] = 2000.0f;
-                    s->D[1] = 0.2f;
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 239.0f + s->doubt_y
-                    + (s->patience_range - 239.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 239.0f + cstr_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 239.0f + s->fault_count_range);
             }
         }
     } else {
@@ -559,18 +590,50 @@ static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cst
     return status;
 }
 
+CSTR_RARELY
+/* nominal parameters */
+static void cstr_nominal(cstr_params *p)
+{
+    p->ready = CSTR_READY;
+    p->gain.Q[0] = 10.0f;
+    p->gain.Q[1] = 0.0009f;
+    p->gain.R = 1e-05f;
+}
+
+unsigned cstr_predict(cstr_state *s, const cstr_params *p, const cstr_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != CSTR_READY) || (p->ready != CSTR_READY)) {
+        status = cstr_ready(s, p);
+    }
+    if ((status & CSTR_NO_PARAMETERS) == 0u) {
+        status |= cstr_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned cstr_update_y(cstr_state *s, const cstr_params *p, const cstr_output *out)
 {
-    unsigned status = cstr_ready(s);
-    status |= cstr_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != CSTR_READY) || (p->ready != CSTR_READY)) {
+        status = cstr_ready(s, p);
+    }
+    if ((status & CSTR_NO_PARAMETERS) == 0u) {
+        status |= cstr_run_update_y(s, p, out);
+    }
     return status;
 }
 
 unsigned cstr_step(cstr_state *s, const cstr_params *p, const cstr_input *in, const cstr_output *out)
 {
     unsigned status = 0u;
-    status |= cstr_predict(s, p, in);
-    status |= cstr_run_update_y(s, p, out);
+    if ((s->ready != CSTR_READY) || (p->ready != CSTR_READY)) {
+        status = cstr_ready(s, p);
+    }
+    if ((status & CSTR_NO_PARAMETERS) == 0u) {
+        status |= cstr_run_predict(s, p, in);
+        status |= cstr_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -585,6 +648,10 @@ void cstr_estimate(const cstr_state *s, const cstr_params *p, cstr_plant *x)
 unsigned cstr_tune(cstr_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != CSTR_READY) {
+        cstr_nominal(p);
+        status = CSTR_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -613,14 +680,73 @@ void cstr_reset(cstr_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 280.0f;
-    cstr_clear_doubt(s);
+    cstr_clear_fault_counts(s);
 }
 
 void cstr_init(cstr_state *s, cstr_params *p)
 {
-    p->gain.Q[0] = 10.0f;
-    p->gain.Q[1] = 0.0009f;
-    p->gain.R = 1e-05f;
+    cstr_nominal(p);
     (void)cstr_tune(p);
     cstr_reset(s);
+}
+
+static const unsigned char cstr_layout[8] = {0x06u, 0xDEu, 0xF9u, 0xAEu, 0x34u, 0x4Cu, 0xB4u, 0xC8u};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t cstr_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void cstr_save(const cstr_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = cstr_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = cstr_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned cstr_restore(cstr_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == CSTR_SAVED) {
+        refused = 0u;
+        uint32_t sum = cstr_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == cstr_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = CSTR_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

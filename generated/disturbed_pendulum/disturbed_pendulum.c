@@ -2,6 +2,7 @@
 #include "disturbed_pendulum.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(DISTURBED_PENDULUM_USE_LIBM)
 #include <math.h>
 #elif defined(DISTURBED_PENDULUM_USE_CMSIS)
@@ -129,299 +130,350 @@ static void disturbed_pendulum_rate(const disturbed_pendulum_params *p, float w1
         : -(p->gain.sigma*t1))*valid;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s)
+DISTURBED_PENDULUM_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned disturbed_pendulum_ready(disturbed_pendulum_state *s, const disturbed_pendulum_params *p)
 {
     unsigned status = 0u;
     if (s->ready != DISTURBED_PENDULUM_READY) {
         disturbed_pendulum_reset(s);
-        status = DISTURBED_PENDULUM_UNINITIALISED;
+        status |= DISTURBED_PENDULUM_UNINITIALISED;
+    }
+    if (p->ready != DISTURBED_PENDULUM_READY) {
+        disturbed_pendulum_reset(s);
+        status |= DISTURBED_PENDULUM_NO_PARAMETERS;
     }
     return status;
 }
 
 DISTURBED_PENDULUM_RARELY
-static void disturbed_pendulum_clear_doubt(disturbed_pendulum_state *s)
+static void disturbed_pendulum_clear_fault_counts(disturbed_pendulum_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 3499.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 3499.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 3499.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 3499.0f;
+    s->fault_checksum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned disturbed_pendulum_keep_in_box(disturbed_pendulum_state *s,
+    const disturbed_pendulum_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = disturbed_pendulum_within(s->w[0], 1e+30f)
+            && disturbed_pendulum_within(s->w[1], 1e+30f) && disturbed_pendulum_within(s->w[2], 1e+30f);
+        lost = !(t1 && disturbed_pendulum_within(s->gamma, 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->w[0] = 1.0f;
+        s->w[1] = 1.0f;
+        s->w[2] = 1.0f;
+        status |= DISTURBED_PENDULUM_RESTARTED;
+        disturbed_pendulum_clear_fault_counts(s);
+        /* as after a reset */
+        s->gamma = 20.53f;
+    }
+    /* keep w in its box */
+    {
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        const float w3 = s->w[2];
+        s->w[0] = disturbed_pendulum_limit(w1, 12.0f);
+        s->w[1] = disturbed_pendulum_limit(w2, 4000.0f);
+        s->w[2] = disturbed_pendulum_limit(w3, 32000.0f);
+        if (disturbed_pendulum_abs(w1) > 12.0f || disturbed_pendulum_abs(w2) > 4000.0f
+            || disturbed_pendulum_abs(w3) > 32000.0f) {
+            status |= DISTURBED_PENDULUM_STATE_LIMITED;
+        }
+    }
+    /* keep gamma in its box */
+    {
+        const float gamma = s->gamma;
+        s->gamma = disturbed_pendulum_clamp(gamma, 20.53f, 80.0f);
+    }
+    return status;
+}
+
+DISTURBED_PENDULUM_RARELY
+/* nominal parameters */
+static void disturbed_pendulum_nominal(disturbed_pendulum_params *p)
+{
+    p->ready = DISTURBED_PENDULUM_READY;
+    p->gain.rise = 50.0f;
+    p->gain.threshold = 0.1f;
+    p->gain.sigma = 0.05f;
 }
 
 unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pendulum_params *p,
     const disturbed_pendulum_output *out)
 {
-    unsigned status = disturbed_pendulum_ready(s);
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool doubtful = false;
-    float fraction = 0.0f;
-    float gamma_at = 0.0f;
-    float gamma_sum = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y = false;
-    bool spoiled = false;
-    float valid = 0.0f;
-    float w_at[3];
-    float w_sum[3];
-    float y = 0.0f;
-    float y_last = 0.0f;
-    /* guard the measurements */
-    {
-        const float measurement = out->y;
-        const bool t1 = disturbed_pendulum_within(measurement, 3e+38f);
-        const float w1 = s->w[0];
-        const bool t2 = t1 && disturbed_pendulum_within(measurement, 12.0f)
-            && disturbed_pendulum_within(measurement - w1, 1e+16f);
-        const float t3 = t2 ? measurement : w1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= DISTURBED_PENDULUM_MISSING_Y;
-        }
-        if (t1 && !t2) {
-            status |= DISTURBED_PENDULUM_REJECTED_Y;
-        }
+    unsigned status = 0u;
+    if ((s->ready != DISTURBED_PENDULUM_READY) || (p->ready != DISTURBED_PENDULUM_READY)) {
+        status = disturbed_pendulum_ready(s, p);
     }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* w, gamma: one step of classical Runge-Kutta */
-        w_sum[0] = 0.0f;
-        w_sum[1] = 0.0f;
-        w_sum[2] = 0.0f;
-        gamma_sum = 0.0f;
-        w_at[0] = s->w[0];
-        w_at[1] = s->w[1];
-        w_at[2] = s->w[2];
-        gamma_at = s->gamma;
+    if ((status & DISTURBED_PENDULUM_NO_PARAMETERS) == 0u) {
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        float fraction = 0.0f;
+        float gamma_at = 0.0f;
+        float gamma_sum = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y = 0.0f;
+        bool over_range = false;
+        bool over_y = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float valid = 0.0f;
+        float w_at[3];
+        float w_sum[3];
+        float y = 0.0f;
+        float y_last = 0.0f;
+        /* guard the measurements */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float gamma_at_2 = gamma_at;
-                    const float gamma_sum_2 = gamma_sum;
-                    const float w_at1 = w_at[0];
-                    const float w_at2 = w_at[1];
-                    const float w_at3 = w_at[2];
-                    const float w_sum1 = w_sum[0];
-                    const float w_sum2 = w_sum[1];
-                    const float w_sum3 = w_sum[2];
-                    float k_w[3];
-                    float k_gamma[1];
-                    disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_last
-                        + fraction*(y - y_last), valid, k_w, k_gamma);
-                    w_sum[0] = w_sum1 + share*k_w[0];
-                    w_sum[1] = w_sum2 + share*k_w[1];
-                    w_sum[2] = w_sum3 + share*k_w[2];
-                    gamma_sum = gamma_sum_2 + share*k_gamma[0];
-                    w_at[0] = s->w[0] + ahead*k_w[0];
-                    w_at[1] = s->w[1] + ahead*k_w[1];
-                    w_at[2] = s->w[2] + ahead*k_w[2];
-                    gamma_at = s->gamma + ahead*k_gamma[0];
+            const float measurement = out->y;
+            const bool t1 = disturbed_pendulum_within(measurement, 3e+38f);
+            const float w1 = s->w[0];
+            const bool t2 = t1 && disturbed_pendulum_within(measurement, 12.0f)
+                && disturbed_pendulum_within(measurement - w1, 1e+16f);
+            const float t3 = t2 ? measurement : w1;
+            y = t3;
+            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+            valid = t2 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= DISTURBED_PENDULUM_MISSING_Y;
+            }
+            if (t1 && !t2) {
+                status |= DISTURBED_PENDULUM_REJECTED_Y;
+            }
+        }
+        /* the first call advances no time */
+        {
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
+        }
+        if (running) {
+            /* w, gamma: one step of classical Runge-Kutta */
+            w_sum[0] = 0.0f;
+            w_sum[1] = 0.0f;
+            w_sum[2] = 0.0f;
+            gamma_sum = 0.0f;
+            w_at[0] = s->w[0];
+            w_at[1] = s->w[1];
+            w_at[2] = s->w[2];
+            gamma_at = s->gamma;
+            {
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float gamma_at_2 = gamma_at;
+                        const float gamma_sum_2 = gamma_sum;
+                        const float w_at1 = w_at[0];
+                        const float w_at2 = w_at[1];
+                        const float w_at3 = w_at[2];
+                        const float w_sum1 = w_sum[0];
+                        const float w_sum2 = w_sum[1];
+                        const float w_sum3 = w_sum[2];
+                        float k_w[3];
+                        float k_gamma[1];
+                        disturbed_pendulum_rate(p, w_at1, w_at2, w_at3, gamma_at_2, y_last
+                            + fraction*(y - y_last), valid, k_w, k_gamma);
+                        w_sum[0] = w_sum1 + share*k_w[0];
+                        w_sum[1] = w_sum2 + share*k_w[1];
+                        w_sum[2] = w_sum3 + share*k_w[2];
+                        gamma_sum = gamma_sum_2 + share*k_gamma[0];
+                        w_at[0] = s->w[0] + ahead*k_w[0];
+                        w_at[1] = s->w[1] + ahead*k_w[1];
+                        w_at[2] = s->w[2] + ahead*k_w[2];
+                        gamma_at = s->gamma + ahead*k_gamma[0];
+                    }
                 }
             }
-        }
-        /* the slopes of all stages */
-        {
-            const float gamma = s->gamma;
-            const float w1 = s->w[0];
-            const float w2 = s->w[1];
-            const float w3 = s->w[2];
-            s->w[0] = w1 + 0.00016666666f*w_sum[0];
-            s->w[1] = w2 + 0.00016666666f*w_sum[1];
-            s->w[2] = w3 + 0.00016666666f*w_sum[2];
-            s->gamma = gamma + 0.00016666666f*gamma_sum;
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const bool t1 = disturbed_pendulum_within(s->w[0], 12.0f)
-                && disturbed_pendulum_within(s->w[1], 4000.0f) && disturbed_pendulum_within(s->w[2],
-                    32000.0f);
-            const float gamma = s->gamma;
-            beyond = !(t1 && gamma >= 20.53f && gamma <= 80.0f);
-        }
-        if (disturbed_pendulum_acts(beyond)) {
-            /* is a value lost? */
+            /* the slopes of all stages */
             {
-                const bool t1 = disturbed_pendulum_within(s->w[0], 1e+30f)
-                    && disturbed_pendulum_within(s->w[1], 1e+30f)
-                        && disturbed_pendulum_within(s->w[2], 1e+30f);
-                lost = !(t1 && disturbed_pendulum_within(s->gamma, 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->w[0] = 1.0f;
-                s->w[1] = 1.0f;
-                s->w[2] = 1.0f;
-                status |= DISTURBED_PENDULUM_RESTARTED;
-                disturbed_pendulum_clear_doubt(s);
-                /* as after a reset */
-                s->gamma = 20.53f;
-            }
-            /* keep w in its box */
-            {
+                const float gamma = s->gamma;
                 const float w1 = s->w[0];
                 const float w2 = s->w[1];
                 const float w3 = s->w[2];
-                s->w[0] = disturbed_pendulum_limit(w1, 12.0f);
-                s->w[1] = disturbed_pendulum_limit(w2, 4000.0f);
-                s->w[2] = disturbed_pendulum_limit(w3, 32000.0f);
-                if (disturbed_pendulum_abs(w1) > 12.0f || disturbed_pendulum_abs(w2) > 4000.0f
-                    || disturbed_pendulum_abs(w3) > 32000.0f) {
-                    status |= DISTURBED_PENDULUM_STATE_LIMITED;
-                }
+                s->w[0] = w1 + 0.00016666666f*w_sum[0];
+                s->w[1] = w2 + 0.00016666666f*w_sum[1];
+                s->w[2] = w3 + 0.00016666666f*w_sum[2];
+                s->gamma = gamma + 0.00016666666f*gamma_sum;
             }
-            /* keep gamma in its box */
+            /* is a value beyond its box, or lost? */
             {
+                const bool t1 = disturbed_pendulum_within(s->w[0], 12.0f)
+                    && disturbed_pendulum_within(s->w[1], 4000.0f)
+                        && disturbed_pendulum_within(s->w[2], 32000.0f);
                 const float gamma = s->gamma;
-                s->gamma = disturbed_pendulum_clamp(gamma, 20.53f, 80.0f);
+                beyond = !(t1 && gamma >= 20.53f && gamma <= 80.0f);
             }
+            if (disturbed_pendulum_acts(beyond)) {
+                status |= disturbed_pendulum_keep_in_box(s, p);
+            }
+        } else {
+            status |= disturbed_pendulum_keep_in_box(s, p);
         }
-    }
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
-    /* is the estimate where it cannot be for long? */
-    {
-        const float w1 = s->w[0];
-        const bool t1 = disturbed_pendulum_abs(w1) > 4.0f || disturbed_pendulum_abs(s->w[1]) > 50.0f
-            || disturbed_pendulum_abs(s->w[2]) > 5.0f;
-        if (t1) {
-            status |= DISTURBED_PENDULUM_OUTSIDE_BOX;
-        }
-        doubtful = disturbed_pendulum_abs(out->y - w1) > 0.8f || t1 || !(s->doubt_sum <= 0.0f)
-            || !(valid > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
+        /* remember the sample */
+        s->y = y;
+        s->y_valid = valid;
+        /* is the estimate where it cannot be for long? */
         {
-            const float measurement = out->y;
-            const bool t1 = disturbed_pendulum_within(measurement, 3e+38f)
-                && disturbed_pendulum_within(measurement, 12.0f);
-            sampled = valid > 0.0f || t1;
+            const float w1 = s->w[0];
+            const bool t1 = disturbed_pendulum_abs(w1) > 4.0f || disturbed_pendulum_abs(s->w[1]) > 50.0f
+                || disturbed_pendulum_abs(s->w[2]) > 5.0f;
+            if (t1) {
+                status |= DISTURBED_PENDULUM_OUTSIDE_BOX;
+            }
+            suspect = disturbed_pendulum_abs(out->y - w1) > 0.8f || t1 || !(s->fault_checksum <= 0.0f)
+                || !(valid > 0.0f);
         }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
+        if (suspect) {
+            /* is there a sample to judge by? */
             {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = disturbed_pendulum_abs(patience_y - 3499.0f + doubt_y
-                    + (patience_range - 3499.0f + doubt_range) - s->doubt_sum);
-                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 3582976.0f
-                    && patience_y >= 3499.0f && patience_y <= 3582976.0f;
-                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 3582976.0f
-                    && patience_range >= 3499.0f && patience_range <= 3582976.0f;
-                spoiled = !t3;
+                const float measurement = out->y;
+                const bool t1 = disturbed_pendulum_within(measurement, 3e+38f)
+                    && disturbed_pendulum_within(measurement, 12.0f);
+                sampled = valid > 0.0f || t1;
             }
-            if (spoiled) {
-                disturbed_pendulum_clear_doubt(s);
-            }
-            /* which signs show? */
-            {
-                const float w1 = s->w[0];
-                shows_y = !disturbed_pendulum_within(out->y - w1, 0.8f);
-                shows_range = disturbed_pendulum_abs(w1) > 4.4f || disturbed_pendulum_abs(s->w[1]) > 55.0f
-                    || disturbed_pendulum_abs(s->w[2]) > 5.5f;
-            }
-            if (shows_y) {
-                /* more doubt */
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = disturbed_pendulum_min(doubt_y + 1.0f, 3582976.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 3499.0f + disturbed_pendulum_abs(fault_count_y)
+                        + (fault_limit_range - 3499.0f + fault_count_range);
+                    const bool t2 = disturbed_pendulum_abs(t1 - s->fault_checksum) < 0.5f
+                        && disturbed_pendulum_within(fault_count_y, 3582976.0f);
+                    const bool t3 = t2 && fault_limit_y >= 3499.0f && fault_limit_y <= 3582976.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 3582976.0f;
+                    spoiled = !(t3 && fault_limit_range >= 3499.0f && fault_limit_range <= 3582976.0f);
                 }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
+                if (spoiled) {
+                    disturbed_pendulum_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = disturbed_pendulum_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 3499.0f : patience_y;
-                    over_y = false;
+                    const bool t1 = disturbed_pendulum_abs(s->w[0]) > 4.4f
+                        || disturbed_pendulum_abs(s->w[1]) > 55.0f || disturbed_pendulum_abs(s->w[2]) > 5.5f;
+                    moves_range = t1 ? 1.0f : -1.0f;
                 }
-            }
-            if (shows_range) {
-                /* more doubt */
+                /* count of range */
                 {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = disturbed_pendulum_min(doubt_range + 1.0f, 3582976.0f);
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = disturbed_pendulum_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 3499.0f : fault_limit_range;
                 }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
+                /* which signs show? */
                 {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = disturbed_pendulum_max(doubt_range - 1.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 3499.0f : patience_range;
-                    over_range = false;
+                    const float t1 = out->y - s->w[0];
+                    const bool t2 = disturbed_pendulum_within(t1, 0.8f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -1749.0f : 1.0f))
+                        + (t2 ? -1.0f : 0.0f);
+                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
                 }
-            }
-            /* is it lost? */
-            lost = over_y || over_range;
-            if (lost) {
-                if (over_y) {
-                    /* patience doubles */
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = disturbed_pendulum_max(disturbed_pendulum_abs(fault_count_y) + moves_y,
+                        0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 3499.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = disturbed_pendulum_min(patience_y, 1791488.0f);
-                        s->patience_y = disturbed_pendulum_min(2.0f*patience_y, 3582976.0f);
+                        const bool t1 = s->fault_limit_y <= disturbed_pendulum_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = disturbed_pendulum_abs(s->w[0]) > 8.0f
+                            || disturbed_pendulum_abs(s->w[1]) > 100.0f
+                                || disturbed_pendulum_abs(s->w[2]) > 10.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 3499.0f || t3));
+                    }
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = disturbed_pendulum_min(fault_limit_y, 1791488.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = disturbed_pendulum_min(2.0f*fault_limit_y, 3582976.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = disturbed_pendulum_min(fault_limit_range, 1791488.0f);
+                            s->fault_limit_range = disturbed_pendulum_min(2.0f*fault_limit_range, 3582976.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->w[0] = 1.0f;
+                        s->w[1] = 1.0f;
+                        s->w[2] = 1.0f;
+                        /* from the sample of y */
+                        {
+                            const float w1 = s->w[0];
+                            const float w2 = s->w[1];
+                            const float w3 = s->w[2];
+                            s->w[0] = disturbed_pendulum_keep(out->y, -4.0f, 4.0f, w1, 1e+30f);
+                            s->w[1] = disturbed_pendulum_keep(w2, -50.0f, 50.0f, w2, 1e+30f);
+                            s->w[2] = disturbed_pendulum_keep(w3, -5.0f, 5.0f, w3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= DISTURBED_PENDULUM_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->gamma = 20.53f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float w1 = s->w[0];
+                            const float w2 = s->w[1];
+                            const float w3 = s->w[2];
+                            s->w[0] = disturbed_pendulum_limit(w1, 4.0f);
+                            s->w[1] = disturbed_pendulum_limit(w2, 50.0f);
+                            s->w[2] = disturbed_pendulum_limit(w3, 5.0f);
+                            status |= DISTURBED_PENDULUM_PROJECTED_ONTO_RANGES;
+                        }
                     }
                 }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = disturbed_pendulum_min(patience_range, 1791488.0f);
-                        s->patience_range = disturbed_pendulum_min(2.0f*patience_range, 3582976.0f);
-                    }
-                }
-                /* the estimate restarts */
-                s->w[0] = 1.0f;
-                s->w[1] = 1.0f;
-                s->w[2] = 1.0f;
-                /* from the sample of y */
-                {
-                    const float w1 = s->w[0];
-                    const float w2 = s->w[1];
-                    const float w3 = s->w[2];
-                    s->w[0] = disturbed_pendulum_keep(out->y, -4.0f, 4.0f, w1, 1e+30f);
-                    s->w[1] = disturbed_pendulum_keep(w2, -50.0f, 50.0f, w2, 1e+30f);
-                    s->w[2] = disturbed_pendulum_keep(w3, -5.0f, 5.0f, w3, 1e+30f);
-                }
-                /* the estimate has restarted from the sample */
-                status |= DISTURBED_PENDULUM_RESTARTED_FROM_SAMPLE;
-                /* as after a reset */
-                s->gamma = 20.53f;
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 3499.0f + disturbed_pendulum_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 3499.0f + s->fault_count_range);
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 3499.0f + s->doubt_y
-                + (s->patience_range - 3499.0f + s->doubt_range);
         }
     }
     return status;
@@ -440,6 +492,10 @@ void disturbed_pendulum_estimate(const disturbed_pendulum_state *s, const distur
 unsigned disturbed_pendulum_tune(disturbed_pendulum_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != DISTURBED_PENDULUM_READY) {
+        disturbed_pendulum_nominal(p);
+        status = DISTURBED_PENDULUM_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float rise = p->gain.rise;
@@ -467,14 +523,75 @@ void disturbed_pendulum_reset(disturbed_pendulum_state *s)
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
-    disturbed_pendulum_clear_doubt(s);
+    disturbed_pendulum_clear_fault_counts(s);
 }
 
 void disturbed_pendulum_init(disturbed_pendulum_state *s, disturbed_pendulum_params *p)
 {
-    p->gain.rise = 50.0f;
-    p->gain.threshold = 0.1f;
-    p->gain.sigma = 0.05f;
+    disturbed_pendulum_nominal(p);
     (void)disturbed_pendulum_tune(p);
     disturbed_pendulum_reset(s);
+}
+
+static const unsigned char disturbed_pendulum_layout[8] = {
+    0x43u, 0x41u, 0xBFu, 0xDEu, 0x5Fu, 0x3Au, 0xC4u, 0x23u
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t disturbed_pendulum_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void disturbed_pendulum_save(const disturbed_pendulum_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = disturbed_pendulum_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = disturbed_pendulum_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned disturbed_pendulum_restore(disturbed_pendulum_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == DISTURBED_PENDULUM_SAVED) {
+        refused = 0u;
+        uint32_t sum = disturbed_pendulum_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == disturbed_pendulum_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = DISTURBED_PENDULUM_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -222,26 +222,31 @@ static void fitzhugh_nagumo_jacobian(float z1, float u, float F[3])
     F[2] = -u; /* F_12 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s)
+FITZHUGH_NAGUMO_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned fitzhugh_nagumo_ready(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
 {
     unsigned status = 0u;
     if (s->ready != FITZHUGH_NAGUMO_READY) {
         fitzhugh_nagumo_reset(s);
-        status = FITZHUGH_NAGUMO_UNINITIALISED;
+        status |= FITZHUGH_NAGUMO_UNINITIALISED;
+    }
+    if (p->ready != FITZHUGH_NAGUMO_READY) {
+        fitzhugh_nagumo_reset(s);
+        status |= FITZHUGH_NAGUMO_NO_PARAMETERS;
     }
     return status;
 }
 
 FITZHUGH_NAGUMO_RARELY
-static void fitzhugh_nagumo_clear_doubt(fitzhugh_nagumo_state *s)
+static void fitzhugh_nagumo_clear_fault_counts(fitzhugh_nagumo_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 1023.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1023.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 1023.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 1023.0f;
+    s->fault_checksum = 0.0f;
 }
 
 FITZHUGH_NAGUMO_RARELY
@@ -296,7 +301,7 @@ static unsigned fitzhugh_nagumo_keep_in_box(fitzhugh_nagumo_state *s, const fitz
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
         status |= FITZHUGH_NAGUMO_RESTARTED;
-        fitzhugh_nagumo_clear_doubt(s);
+        fitzhugh_nagumo_clear_fault_counts(s);
         fitzhugh_nagumo_clear_rest(s);
     }
     /* keep z in its box */
@@ -343,10 +348,11 @@ static unsigned fitzhugh_nagumo_keep_in_box(fitzhugh_nagumo_state *s, const fitz
     return status;
 }
 
-unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+/* part of a step: advance the estimate to now */
+static unsigned fitzhugh_nagumo_run_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_input *in)
 {
-    unsigned status = fitzhugh_nagumo_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -521,6 +527,7 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             status |= fitzhugh_nagumo_keep_in_box(s, p);
         }
     } else {
+        status |= fitzhugh_nagumo_keep_in_box(s, p);
         for (unsigned k = 0u; k < 5u; ++k) {
             fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
             /* from the estimate */
@@ -541,19 +548,21 @@ static unsigned fitzhugh_nagumo_run_update_y(fitzhugh_nagumo_state *s, const fit
     const fitzhugh_nagumo_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -628,109 +637,143 @@ static unsigned fitzhugh_nagumo_run_update_y(fitzhugh_nagumo_state *s, const fit
             if (t1) {
                 status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
             }
-            doubtful = fitzhugh_nagumo_abs(output_error) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = fitzhugh_nagumo_abs(output_error) > 1.0f || t1 || !(s->fault_checksum <= 0.0f)
+                || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (fitzhugh_nagumo_within(measurement, 3e+38f)
                 && fitzhugh_nagumo_within(measurement, 15.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = fitzhugh_nagumo_abs(patience_y - 1023.0f + doubt_y
-                        + (patience_range - 1023.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 1047552.0f
-                        && patience_y >= 1023.0f && patience_y <= 1047552.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 1047552.0f
-                        && patience_range >= 1023.0f && patience_range <= 1047552.0f;
-                    spoiled = !t3;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 1023.0f + fitzhugh_nagumo_abs(fault_count_y)
+                        + (fault_limit_range - 1023.0f + fault_count_range);
+                    const bool t2 = fitzhugh_nagumo_abs(t1 - s->fault_checksum) < 0.5f
+                        && fitzhugh_nagumo_within(fault_count_y, 1047552.0f);
+                    const bool t3 = t2 && fault_limit_y >= 1023.0f && fault_limit_y <= 1047552.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 1047552.0f;
+                    spoiled = !(t3 && fault_limit_range >= 1023.0f && fault_limit_range <= 1047552.0f);
                 }
                 if (spoiled) {
-                    fitzhugh_nagumo_clear_doubt(s);
+                    fitzhugh_nagumo_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                {
+                    const bool t1 = fitzhugh_nagumo_abs(s->z[0]) > 3.85f
+                        || fitzhugh_nagumo_abs(s->z[1]) > 11.0f || fitzhugh_nagumo_abs(s->z[2]) > 8.8f;
+                    moves_range = t1 ? 1.0f : -1.0f;
+                }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fitzhugh_nagumo_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 1023.0f : fault_limit_range;
                 }
                 /* which signs show? */
-                shows_y = !fitzhugh_nagumo_within(output_error, 1.0f);
-                shows_range = fitzhugh_nagumo_abs(s->z[0]) > 3.85f || fitzhugh_nagumo_abs(s->z[1]) > 11.0f
-                    || fitzhugh_nagumo_abs(s->z[2]) > 8.8f;
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = fitzhugh_nagumo_min(doubt_y + 1.0f, 1047552.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = fitzhugh_nagumo_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 1023.0f : patience_y;
-                        over_y = false;
-                    }
+                {
+                    const bool t1 = fitzhugh_nagumo_within(output_error, 1.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -39.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = fitzhugh_nagumo_min(doubt_range + 1.0f, 1047552.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = fitzhugh_nagumo_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 1023.0f : patience_range;
-                        over_range = false;
-                    }
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = fitzhugh_nagumo_max(fitzhugh_nagumo_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 1023.0f : fault_limit_y;
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* does a guard act? */
+                acts = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= fitzhugh_nagumo_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = fitzhugh_nagumo_abs(s->z[0]) > 7.0f
+                            || fitzhugh_nagumo_abs(s->z[1]) > 20.0f || fitzhugh_nagumo_abs(s->z[2]) > 16.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 1023.0f || t3));
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = fitzhugh_nagumo_min(patience_y, 523776.0f);
-                            s->patience_y = fitzhugh_nagumo_min(2.0f*patience_y, 1047552.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = fitzhugh_nagumo_min(fault_limit_y, 523776.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = fitzhugh_nagumo_min(2.0f*fault_limit_y, 1047552.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = fitzhugh_nagumo_min(patience_range, 523776.0f);
-                            s->patience_range = fitzhugh_nagumo_min(2.0f*patience_range, 1047552.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = fitzhugh_nagumo_min(fault_limit_range, 523776.0f);
+                            s->fault_limit_range = fitzhugh_nagumo_min(2.0f*fault_limit_range, 1047552.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        s->z[0] = fitzhugh_nagumo_keep(measurement, -3.5f, 3.5f, z1, 1e+30f);
-                        s->z[1] = fitzhugh_nagumo_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
-                        s->z[2] = fitzhugh_nagumo_keep(z3, -8.0f, 8.0f, z3, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = fitzhugh_nagumo_keep(measurement, -3.5f, 3.5f, z1, 1e+30f);
+                            s->z[1] = fitzhugh_nagumo_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
+                            s->z[2] = fitzhugh_nagumo_keep(z3, -8.0f, 8.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
+                        fitzhugh_nagumo_clear_rest(s);
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float t1 = z1 - fitzhugh_nagumo_limit(z1, 3.5f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L[0];
+                            const float t2 = L21*D1;
+                            const float t3 = t1/D1;
+                            const float t4 = z2 - t2*t3;
+                            const float t5 = t4 - fitzhugh_nagumo_limit(t4, 10.0f);
+                            const float D2 = s->D[1];
+                            const float t6 = t5/(t2*L21 + D2);
+                            const float L31 = s->L[1];
+                            const float t7 = L31*D1;
+                            const float L32 = s->L[2];
+                            const float t8 = L32*D2;
+                            const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+                            const float t10 = t9 - fitzhugh_nagumo_limit(t9, 8.0f);
+                            const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
+                            s->z[0] = fitzhugh_nagumo_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11, 10.5f);
+                            s->z[1] = fitzhugh_nagumo_limit(t4 - t5 - (t2*L31 + D2*L32)*t11, 80.0f);
+                            s->z[2] = fitzhugh_nagumo_limit(t9 - t10, 512.0f);
+                            status |= FITZHUGH_NAGUMO_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
-                    fitzhugh_nagumo_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 1023.0f + s->doubt_y
-                    + (s->patience_range - 1023.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 1023.0f + fitzhugh_nagumo_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 1023.0f + s->fault_count_range);
             }
         }
     } else {
@@ -825,18 +868,57 @@ static unsigned fitzhugh_nagumo_run_adapt(fitzhugh_nagumo_state *s, const fitzhu
     return status;
 }
 
+FITZHUGH_NAGUMO_RARELY
+/* nominal parameters */
+static void fitzhugh_nagumo_nominal(fitzhugh_nagumo_params *p)
+{
+    p->ready = FITZHUGH_NAGUMO_READY;
+    p->gain.Q[0] = 0.1f;
+    p->gain.Q[1] = 0.01f;
+    p->gain.Q[2] = 0.00023f;
+    p->gain.R = 1.0f;
+    p->gain.theta_1 = 4.0f;
+    p->gain.rise_time = 0.1f;
+    p->gain.rate = 1.0f;
+    p->gain.gamma_0 = 0.16f;
+    p->gain.gamma_1 = 0.32f;
+}
+
+unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    const fitzhugh_nagumo_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != FITZHUGH_NAGUMO_READY) || (p->ready != FITZHUGH_NAGUMO_READY)) {
+        status = fitzhugh_nagumo_ready(s, p);
+    }
+    if ((status & FITZHUGH_NAGUMO_NO_PARAMETERS) == 0u) {
+        status |= fitzhugh_nagumo_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
     const fitzhugh_nagumo_output *out)
 {
-    unsigned status = fitzhugh_nagumo_ready(s);
-    status |= fitzhugh_nagumo_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != FITZHUGH_NAGUMO_READY) || (p->ready != FITZHUGH_NAGUMO_READY)) {
+        status = fitzhugh_nagumo_ready(s, p);
+    }
+    if ((status & FITZHUGH_NAGUMO_NO_PARAMETERS) == 0u) {
+        status |= fitzhugh_nagumo_run_update_y(s, p, out);
+    }
     return status;
 }
 
 unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
 {
-    unsigned status = fitzhugh_nagumo_ready(s);
-    status |= fitzhugh_nagumo_run_adapt(s, p);
+    unsigned status = 0u;
+    if ((s->ready != FITZHUGH_NAGUMO_READY) || (p->ready != FITZHUGH_NAGUMO_READY)) {
+        status = fitzhugh_nagumo_ready(s, p);
+    }
+    if ((status & FITZHUGH_NAGUMO_NO_PARAMETERS) == 0u) {
+        status |= fitzhugh_nagumo_run_adapt(s, p);
+    }
     return status;
 }
 
@@ -844,9 +926,14 @@ unsigned fitzhugh_nagumo_step(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_pa
     const fitzhugh_nagumo_input *in, const fitzhugh_nagumo_output *out)
 {
     unsigned status = 0u;
-    status |= fitzhugh_nagumo_predict(s, p, in);
-    status |= fitzhugh_nagumo_run_update_y(s, p, out);
-    status |= fitzhugh_nagumo_run_adapt(s, p);
+    if ((s->ready != FITZHUGH_NAGUMO_READY) || (p->ready != FITZHUGH_NAGUMO_READY)) {
+        status = fitzhugh_nagumo_ready(s, p);
+    }
+    if ((status & FITZHUGH_NAGUMO_NO_PARAMETERS) == 0u) {
+        status |= fitzhugh_nagumo_run_predict(s, p, in);
+        status |= fitzhugh_nagumo_run_update_y(s, p, out);
+        status |= fitzhugh_nagumo_run_adapt(s, p);
+    }
     return status;
 }
 
@@ -863,6 +950,10 @@ void fitzhugh_nagumo_estimate(const fitzhugh_nagumo_state *s, const fitzhugh_nag
 unsigned fitzhugh_nagumo_tune(fitzhugh_nagumo_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != FITZHUGH_NAGUMO_READY) {
+        fitzhugh_nagumo_nominal(p);
+        status = FITZHUGH_NAGUMO_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         static const struct {
@@ -912,21 +1003,76 @@ void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    fitzhugh_nagumo_clear_doubt(s);
+    fitzhugh_nagumo_clear_fault_counts(s);
     fitzhugh_nagumo_clear_rest(s);
 }
 
 void fitzhugh_nagumo_init(fitzhugh_nagumo_state *s, fitzhugh_nagumo_params *p)
 {
-    p->gain.Q[0] = 0.1f;
-    p->gain.Q[1] = 0.01f;
-    p->gain.Q[2] = 0.00023f;
-    p->gain.R = 1.0f;
-    p->gain.theta_1 = 4.0f;
-    p->gain.rise_time = 0.1f;
-    p->gain.rate = 1.0f;
-    p->gain.gamma_0 = 0.16f;
-    p->gain.gamma_1 = 0.32f;
+    fitzhugh_nagumo_nominal(p);
     (void)fitzhugh_nagumo_tune(p);
     fitzhugh_nagumo_reset(s);
+}
+
+static const unsigned char fitzhugh_nagumo_layout[8] = {
+    0x38u, 0x99u, 0xDEu, 0xE1u, 0x7Cu, 0x2Fu, 0x64u, 0x24u
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t fitzhugh_nagumo_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void fitzhugh_nagumo_save(const fitzhugh_nagumo_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = fitzhugh_nagumo_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = fitzhugh_nagumo_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned fitzhugh_nagumo_restore(fitzhugh_nagumo_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == FITZHUGH_NAGUMO_SAVED) {
+        refused = 0u;
+        uint32_t sum = fitzhugh_nagumo_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == fitzhugh_nagumo_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = FITZHUGH_NAGUMO_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "flexible_joint.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(FLEXIBLE_JOINT_USE_LIBM)
 #include <math.h>
 #elif defined(FLEXIBLE_JOINT_USE_CMSIS)
@@ -125,308 +126,358 @@ static void flexible_joint_rate(const flexible_joint_params *p, float z1, float 
         + p->derived.K[3]*t1;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned flexible_joint_ready(flexible_joint_state *s)
+FLEXIBLE_JOINT_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned flexible_joint_ready(flexible_joint_state *s, const flexible_joint_params *p)
 {
     unsigned status = 0u;
     if (s->ready != FLEXIBLE_JOINT_READY) {
         flexible_joint_reset(s);
-        status = FLEXIBLE_JOINT_UNINITIALISED;
+        status |= FLEXIBLE_JOINT_UNINITIALISED;
+    }
+    if (p->ready != FLEXIBLE_JOINT_READY) {
+        flexible_joint_reset(s);
+        status |= FLEXIBLE_JOINT_NO_PARAMETERS;
     }
     return status;
 }
 
 FLEXIBLE_JOINT_RARELY
-static void flexible_joint_clear_doubt(flexible_joint_state *s)
+static void flexible_joint_clear_fault_counts(flexible_joint_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 2303.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 2303.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 2303.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 2303.0f;
+    s->fault_checksum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned flexible_joint_keep_in_box(flexible_joint_state *s, const flexible_joint_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = flexible_joint_within(s->z[0], 1e+30f) && flexible_joint_within(s->z[1], 1e+30f)
+            && flexible_joint_within(s->z[2], 1e+30f);
+        lost = !(t1 && flexible_joint_within(s->z[3], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        s->z[3] = 0.0f;
+        status |= FLEXIBLE_JOINT_RESTARTED;
+        flexible_joint_clear_fault_counts(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t1 = flexible_joint_abs(z1) > 9.0f || flexible_joint_abs(z2) > 100.0f
+            || flexible_joint_abs(z3) > 400.0f;
+        s->z[0] = flexible_joint_limit(z1, 9.0f);
+        s->z[1] = flexible_joint_limit(z2, 100.0f);
+        s->z[2] = flexible_joint_limit(z3, 400.0f);
+        s->z[3] = flexible_joint_limit(z4, 20000.0f);
+        if (t1 || flexible_joint_abs(z4) > 20000.0f) {
+            status |= FLEXIBLE_JOINT_STATE_LIMITED;
+        }
+    }
+    return status;
+}
+
+FLEXIBLE_JOINT_RARELY
+/* nominal parameters */
+static void flexible_joint_nominal(flexible_joint_params *p)
+{
+    p->ready = FLEXIBLE_JOINT_READY;
+    p->gain.theta = 10.0f;
 }
 
 unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_params *p,
     const flexible_joint_input *in, const flexible_joint_output *out)
 {
-    unsigned status = flexible_joint_ready(s);
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool doubtful = false;
-    float fraction = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y = false;
-    bool spoiled = false;
-    float u = 0.0f;
-    float valid = 0.0f;
-    float y = 0.0f;
-    float y_last = 0.0f;
-    float z_at[4];
-    float z_sum[4];
-    /* guard the input */
-    {
-        const float u_given = in->u;
-        const bool u_usable = flexible_joint_within(u_given, 1e+15f);
-        const float u_taken = u_usable ? u_given : s->u;
-        u = flexible_joint_limit(u_taken, 50.0f);
-        if (!u_usable) {
-            status |= FLEXIBLE_JOINT_REUSED_U;
-        }
-        if (flexible_joint_abs(u_taken) > 50.0f) {
-            status |= FLEXIBLE_JOINT_CLAMPED_U;
-        }
+    unsigned status = 0u;
+    if ((s->ready != FLEXIBLE_JOINT_READY) || (p->ready != FLEXIBLE_JOINT_READY)) {
+        status = flexible_joint_ready(s, p);
     }
-    /* guard the measurements */
-    {
-        const float measurement = out->y;
-        const bool t1 = flexible_joint_within(measurement, 3e+38f);
-        const float z1 = s->z[0];
-        const bool t2 = t1 && flexible_joint_within(measurement, 9.0f)
-            && flexible_joint_within(measurement - z1, 1e+16f);
-        const float t3 = t2 ? measurement : z1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= FLEXIBLE_JOINT_MISSING_Y;
-        }
-        if (t1 && !t2) {
-            status |= FLEXIBLE_JOINT_REJECTED_Y;
-        }
-    }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* z: one step of classical Runge-Kutta */
-        z_sum[0] = 0.0f;
-        z_sum[1] = 0.0f;
-        z_sum[2] = 0.0f;
-        z_sum[3] = 0.0f;
-        z_at[0] = s->z[0];
-        z_at[1] = s->z[1];
-        z_at[2] = s->z[2];
-        z_at[3] = s->z[3];
+    if ((status & FLEXIBLE_JOINT_NO_PARAMETERS) == 0u) {
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        float fraction = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y = 0.0f;
+        bool over_range = false;
+        bool over_y = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float u = 0.0f;
+        float valid = 0.0f;
+        float y = 0.0f;
+        float y_last = 0.0f;
+        float z_at[4];
+        float z_sum[4];
+        /* guard the input */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float z_at1 = z_at[0];
-                    const float z_at2 = z_at[1];
-                    const float z_at3 = z_at[2];
-                    const float z_at4 = z_at[3];
-                    const float z_sum1 = z_sum[0];
-                    const float z_sum2 = z_sum[1];
-                    const float z_sum3 = z_sum[2];
-                    const float z_sum4 = z_sum[3];
-                    const float u_before = s->u;
-                    float k_z[4];
-                    flexible_joint_rate(p, z_at1, z_at2, z_at3, z_at4, u_before + fraction*(u - u_before),
-                        y_last + fraction*(y - y_last), valid, k_z);
-                    z_sum[0] = z_sum1 + share*k_z[0];
-                    z_sum[1] = z_sum2 + share*k_z[1];
-                    z_sum[2] = z_sum3 + share*k_z[2];
-                    z_sum[3] = z_sum4 + share*k_z[3];
-                    z_at[0] = s->z[0] + ahead*k_z[0];
-                    z_at[1] = s->z[1] + ahead*k_z[1];
-                    z_at[2] = s->z[2] + ahead*k_z[2];
-                    z_at[3] = s->z[3] + ahead*k_z[3];
+            const float u_given = in->u;
+            const bool u_usable = flexible_joint_within(u_given, 1e+15f);
+            const float u_taken = u_usable ? u_given : s->u;
+            u = flexible_joint_limit(u_taken, 50.0f);
+            if (!u_usable) {
+                status |= FLEXIBLE_JOINT_REUSED_U;
+            }
+            if (flexible_joint_abs(u_taken) > 50.0f) {
+                status |= FLEXIBLE_JOINT_CLAMPED_U;
+            }
+        }
+        /* guard the measurements */
+        {
+            const float measurement = out->y;
+            const bool t1 = flexible_joint_within(measurement, 3e+38f);
+            const float z1 = s->z[0];
+            const bool t2 = t1 && flexible_joint_within(measurement, 9.0f)
+                && flexible_joint_within(measurement - z1, 1e+16f);
+            const float t3 = t2 ? measurement : z1;
+            y = t3;
+            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+            valid = t2 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= FLEXIBLE_JOINT_MISSING_Y;
+            }
+            if (t1 && !t2) {
+                status |= FLEXIBLE_JOINT_REJECTED_Y;
+            }
+        }
+        /* the first call advances no time */
+        {
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
+        }
+        if (running) {
+            /* z: one step of classical Runge-Kutta */
+            z_sum[0] = 0.0f;
+            z_sum[1] = 0.0f;
+            z_sum[2] = 0.0f;
+            z_sum[3] = 0.0f;
+            z_at[0] = s->z[0];
+            z_at[1] = s->z[1];
+            z_at[2] = s->z[2];
+            z_at[3] = s->z[3];
+            {
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float z_at1 = z_at[0];
+                        const float z_at2 = z_at[1];
+                        const float z_at3 = z_at[2];
+                        const float z_at4 = z_at[3];
+                        const float z_sum1 = z_sum[0];
+                        const float z_sum2 = z_sum[1];
+                        const float z_sum3 = z_sum[2];
+                        const float z_sum4 = z_sum[3];
+                        const float u_before = s->u;
+                        float k_z[4];
+                        flexible_joint_rate(p, z_at1, z_at2, z_at3, z_at4, u_before
+                            + fraction*(u - u_before), y_last + fraction*(y - y_last), valid, k_z);
+                        z_sum[0] = z_sum1 + share*k_z[0];
+                        z_sum[1] = z_sum2 + share*k_z[1];
+                        z_sum[2] = z_sum3 + share*k_z[2];
+                        z_sum[3] = z_sum4 + share*k_z[3];
+                        z_at[0] = s->z[0] + ahead*k_z[0];
+                        z_at[1] = s->z[1] + ahead*k_z[1];
+                        z_at[2] = s->z[2] + ahead*k_z[2];
+                        z_at[3] = s->z[3] + ahead*k_z[3];
+                    }
                 }
             }
-        }
-        /* the slopes of all stages */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const float z4 = s->z[3];
-            s->z[0] = z1 + 0.00016666666f*z_sum[0];
-            s->z[1] = z2 + 0.00016666666f*z_sum[1];
-            s->z[2] = z3 + 0.00016666666f*z_sum[2];
-            s->z[3] = z4 + 0.00016666666f*z_sum[3];
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const bool t1 = flexible_joint_within(s->z[0], 9.0f) && flexible_joint_within(s->z[1], 100.0f)
-                && flexible_joint_within(s->z[2], 400.0f);
-            beyond = !(t1 && flexible_joint_within(s->z[3], 20000.0f));
-        }
-        if (flexible_joint_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = flexible_joint_within(s->z[0], 1e+30f)
-                    && flexible_joint_within(s->z[1], 1e+30f) && flexible_joint_within(s->z[2], 1e+30f);
-                lost = !(t1 && flexible_joint_within(s->z[3], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->z[3] = 0.0f;
-                status |= FLEXIBLE_JOINT_RESTARTED;
-                flexible_joint_clear_doubt(s);
-            }
-            /* keep z in its box */
+            /* the slopes of all stages */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
                 const float z4 = s->z[3];
-                const bool t1 = flexible_joint_abs(z1) > 9.0f || flexible_joint_abs(z2) > 100.0f
-                    || flexible_joint_abs(z3) > 400.0f;
-                s->z[0] = flexible_joint_limit(z1, 9.0f);
-                s->z[1] = flexible_joint_limit(z2, 100.0f);
-                s->z[2] = flexible_joint_limit(z3, 400.0f);
-                s->z[3] = flexible_joint_limit(z4, 20000.0f);
-                if (t1 || flexible_joint_abs(z4) > 20000.0f) {
-                    status |= FLEXIBLE_JOINT_STATE_LIMITED;
-                }
+                s->z[0] = z1 + 0.00016666666f*z_sum[0];
+                s->z[1] = z2 + 0.00016666666f*z_sum[1];
+                s->z[2] = z3 + 0.00016666666f*z_sum[2];
+                s->z[3] = z4 + 0.00016666666f*z_sum[3];
             }
+            /* is a value beyond its box, or lost? */
+            {
+                const bool t1 = flexible_joint_within(s->z[0], 9.0f)
+                    && flexible_joint_within(s->z[1], 100.0f) && flexible_joint_within(s->z[2], 400.0f);
+                beyond = !(t1 && flexible_joint_within(s->z[3], 20000.0f));
+            }
+            if (flexible_joint_acts(beyond)) {
+                status |= flexible_joint_keep_in_box(s, p);
+            }
+        } else {
+            status |= flexible_joint_keep_in_box(s, p);
         }
-    }
-    /* remember the input */
-    s->u = u;
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
-    /* is the estimate where it cannot be for long? */
-    {
-        const float z1 = s->z[0];
-        const bool t1 = flexible_joint_abs(z1) > 3.0f || flexible_joint_abs(s->z[1]) > 10.0f
-            || flexible_joint_abs(s->z[2]) > 4.0f;
-        const bool t2 = t1 || flexible_joint_abs(s->z[3]) > 20.0f;
-        if (t2) {
-            status |= FLEXIBLE_JOINT_OUTSIDE_BOX;
-        }
-        doubtful = flexible_joint_abs(out->y - z1) > 0.6f || t2 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
+        /* remember the input */
+        s->u = u;
+        /* remember the sample */
+        s->y = y;
+        s->y_valid = valid;
+        /* is the estimate where it cannot be for long? */
         {
-            const float measurement = out->y;
-            sampled = valid > 0.0f || (flexible_joint_within(measurement, 3e+38f)
-                && flexible_joint_within(measurement, 9.0f));
+            const float z1 = s->z[0];
+            const bool t1 = flexible_joint_abs(z1) > 3.0f || flexible_joint_abs(s->z[1]) > 10.0f
+                || flexible_joint_abs(s->z[2]) > 4.0f;
+            const bool t2 = t1 || flexible_joint_abs(s->z[3]) > 20.0f;
+            if (t2) {
+                status |= FLEXIBLE_JOINT_OUTSIDE_BOX;
+            }
+            suspect = flexible_joint_abs(out->y - z1) > 0.6f || t2 || !(s->fault_checksum <= 0.0f)
+                || !(valid > 0.0f);
         }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
+        if (suspect) {
+            /* is there a sample to judge by? */
             {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = flexible_joint_abs(patience_y - 2303.0f + doubt_y
-                    + (patience_range - 2303.0f + doubt_range) - s->doubt_sum);
-                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 2358272.0f
-                    && patience_y >= 2303.0f && patience_y <= 2358272.0f;
-                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 2358272.0f
-                    && patience_range >= 2303.0f && patience_range <= 2358272.0f;
-                spoiled = !t3;
+                const float measurement = out->y;
+                sampled = valid > 0.0f || (flexible_joint_within(measurement, 3e+38f)
+                    && flexible_joint_within(measurement, 9.0f));
             }
-            if (spoiled) {
-                flexible_joint_clear_doubt(s);
-            }
-            /* which signs show? */
-            {
-                const float z1 = s->z[0];
-                const bool t1 = flexible_joint_abs(z1) > 3.3f || flexible_joint_abs(s->z[1]) > 11.0f
-                    || flexible_joint_abs(s->z[2]) > 4.4f;
-                shows_y = !flexible_joint_within(out->y - z1, 0.6f);
-                shows_range = t1 || flexible_joint_abs(s->z[3]) > 22.0f;
-            }
-            if (shows_y) {
-                /* more doubt */
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = flexible_joint_min(doubt_y + 1.0f, 2358272.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 2303.0f + flexible_joint_abs(fault_count_y)
+                        + (fault_limit_range - 2303.0f + fault_count_range);
+                    const bool t2 = flexible_joint_abs(t1 - s->fault_checksum) < 0.5f
+                        && flexible_joint_within(fault_count_y, 2358272.0f);
+                    const bool t3 = t2 && fault_limit_y >= 2303.0f && fault_limit_y <= 2358272.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 2358272.0f;
+                    spoiled = !(t3 && fault_limit_range >= 2303.0f && fault_limit_range <= 2358272.0f);
                 }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
+                if (spoiled) {
+                    flexible_joint_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = flexible_joint_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 2303.0f : patience_y;
-                    over_y = false;
+                    const bool t1 = flexible_joint_abs(s->z[0]) > 3.3f || flexible_joint_abs(s->z[1]) > 11.0f
+                        || flexible_joint_abs(s->z[2]) > 4.4f;
+                    moves_range = (t1 || flexible_joint_abs(s->z[3]) > 22.0f) ? 1.0f : -1.0f;
                 }
-            }
-            if (shows_range) {
-                /* more doubt */
+                /* count of range */
                 {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = flexible_joint_min(doubt_range + 1.0f, 2358272.0f);
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = flexible_joint_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 2303.0f : fault_limit_range;
                 }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
+                /* which signs show? */
                 {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = flexible_joint_max(doubt_range - 1.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 2303.0f : patience_range;
-                    over_range = false;
+                    const float t1 = out->y - s->z[0];
+                    const bool t2 = flexible_joint_within(t1, 0.6f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -179.0f : 1.0f))
+                        + (t2 ? -1.0f : 0.0f);
+                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
                 }
-            }
-            /* is it lost? */
-            lost = over_y || over_range;
-            if (lost) {
-                if (over_y) {
-                    /* patience doubles */
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = flexible_joint_max(flexible_joint_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 2303.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = flexible_joint_min(patience_y, 1179136.0f);
-                        s->patience_y = flexible_joint_min(2.0f*patience_y, 2358272.0f);
+                        const bool t1 = s->fault_limit_y <= flexible_joint_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = flexible_joint_abs(s->z[0]) > 6.0f
+                            || flexible_joint_abs(s->z[1]) > 20.0f || flexible_joint_abs(s->z[2]) > 8.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 2303.0f || t3
+                            || flexible_joint_abs(s->z[3]) > 40.0f));
+                    }
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = flexible_joint_min(fault_limit_y, 1179136.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = flexible_joint_min(2.0f*fault_limit_y, 2358272.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = flexible_joint_min(fault_limit_range, 1179136.0f);
+                            s->fault_limit_range = flexible_joint_min(2.0f*fault_limit_range, 2358272.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        s->z[3] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            s->z[0] = flexible_joint_keep(out->y, -3.0f, 3.0f, z1, 1e+30f);
+                            s->z[1] = flexible_joint_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
+                            s->z[2] = flexible_joint_keep(z3, -4.0f, 4.0f, z3, 1e+30f);
+                            s->z[3] = flexible_joint_keep(z4, -20.0f, 20.0f, z4, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= FLEXIBLE_JOINT_RESTARTED_FROM_SAMPLE;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            s->z[0] = flexible_joint_limit(z1, 3.0f);
+                            s->z[1] = flexible_joint_limit(z2, 10.0f);
+                            s->z[2] = flexible_joint_limit(z3, 4.0f);
+                            s->z[3] = flexible_joint_limit(z4, 20.0f);
+                            status |= FLEXIBLE_JOINT_PROJECTED_ONTO_RANGES;
+                        }
                     }
                 }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = flexible_joint_min(patience_range, 1179136.0f);
-                        s->patience_range = flexible_joint_min(2.0f*patience_range, 2358272.0f);
-                    }
-                }
-                /* the estimate restarts */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                s->z[3] = 0.0f;
-                /* from the sample of y */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    s->z[0] = flexible_joint_keep(out->y, -3.0f, 3.0f, z1, 1e+30f);
-                    s->z[1] = flexible_joint_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
-                    s->z[2] = flexible_joint_keep(z3, -4.0f, 4.0f, z3, 1e+30f);
-                    s->z[3] = flexible_joint_keep(z4, -20.0f, 20.0f, z4, 1e+30f);
-                }
-                /* the estimate has restarted from the sample */
-                status |= FLEXIBLE_JOINT_RESTARTED_FROM_SAMPLE;
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 2303.0f + flexible_joint_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 2303.0f + s->fault_count_range);
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 2303.0f + s->doubt_y
-                + (s->patience_range - 2303.0f + s->doubt_range);
         }
     }
     return status;
@@ -446,6 +497,10 @@ void flexible_joint_estimate(const flexible_joint_state *s, const flexible_joint
 unsigned flexible_joint_tune(flexible_joint_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != FLEXIBLE_JOINT_READY) {
+        flexible_joint_nominal(p);
+        status = FLEXIBLE_JOINT_NO_PARAMETERS;
+    }
     /* theta in its range */
     {
         const float theta = p->gain.theta;
@@ -479,12 +534,75 @@ void flexible_joint_reset(flexible_joint_state *s)
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
-    flexible_joint_clear_doubt(s);
+    flexible_joint_clear_fault_counts(s);
 }
 
 void flexible_joint_init(flexible_joint_state *s, flexible_joint_params *p)
 {
-    p->gain.theta = 10.0f;
+    flexible_joint_nominal(p);
     (void)flexible_joint_tune(p);
     flexible_joint_reset(s);
+}
+
+static const unsigned char flexible_joint_layout[8] = {
+    0xEDu, 0x9Cu, 0xC8u, 0x94u, 0x96u, 0xCCu, 0x36u, 0x31u
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t flexible_joint_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void flexible_joint_save(const flexible_joint_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = flexible_joint_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = flexible_joint_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned flexible_joint_restore(flexible_joint_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == FLEXIBLE_JOINT_SAVED) {
+        refused = 0u;
+        uint32_t sum = flexible_joint_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == flexible_joint_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = FLEXIBLE_JOINT_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

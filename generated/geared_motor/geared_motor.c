@@ -92,6 +92,11 @@ static float geared_motor_keep(float v, float low, float high, float otherwise, 
 /* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
  * Define GEARED_MOTOR_USE_LIBM for those of <math.h>, or GEARED_MOTOR_USE_CMSIS for CMSIS-DSP. */
 #if defined(GEARED_MOTOR_USE_LIBM)
+static float geared_motor_sqrt(float x)
+{
+    return sqrtf(x);
+}
+
 static float geared_motor_exp(float x)
 {
     return expf(x);
@@ -103,6 +108,11 @@ static float geared_motor_tanh(float x)
 }
 
 #elif defined(GEARED_MOTOR_USE_CMSIS)
+static float geared_motor_sqrt(float x)
+{
+    return sqrtf(x);
+}
+
 static float geared_motor_exp(float x)
 {
     return expf(x);
@@ -130,6 +140,12 @@ static float geared_motor_inf(void)
 {
     const float large = 3e38f;
     return large*large;
+}
+
+static float geared_motor_nan(void)
+{
+    const float large = geared_motor_inf();
+    return large - large;
 }
 
 /* 2^x for whole x, where that is a normal number */
@@ -163,6 +179,29 @@ static float geared_motor_power_of_two(float x)
         (1.0f + (t14 ? 3.0f : 0.0f))*(1.0f + ((t13 - (t14 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f));
     return t1*t15*t1;
 #endif
+}
+
+static float geared_motor_sqrt(float x)
+{
+    const float t1 = x*(1.0f + ((x < 1.0f) ? 8.507059e+37f : 0.0f));
+    const bool t2 = t1 < 1.8446744e+19f;
+    const float t3 = t1*(5.421011e-20f + (t2 ? 1.0f : 0.0f));
+    const bool t4 = t3 < 4.2949673e+09f;
+    const float t5 = t3*(2.3283064e-10f + (t4 ? 1.0f : 0.0f));
+    const bool t6 = t5 < 65536.0f;
+    const float t7 = t5*(1.5258789e-05f + (t6 ? 0.99998474f : 0.0f));
+    const bool t8 = t7 < 256.0f;
+    const float t9 = t7*(0.00390625f + (t8 ? 0.99609375f : 0.0f));
+    const bool t10 = t9 < 16.0f;
+    const float t11 = t9*(0.0625f + (t10 ? 0.9375f : 0.0f));
+    const float t12 = 0.22222222f*t11 + 0.8888889f;
+    const float t13 = 0.5f*(t12 + t11/t12);
+    const float t14 = 0.5f*(t13 + t11/t13);
+    const float t15 = (2.3283064e-10f + (t2 ? 1.0f : 0.0f))*(1.5258789e-05f + (t4 ? 0.99998474f : 0.0f))*
+        (0.00390625f + (t6 ? 0.99609375f : 0.0f));
+    const float t16 = 0.5f*(t14 + t11/t14)/(t15*(0.0625f + (t8 ? 0.9375f : 0.0f))*
+        (0.25f + (t10 ? 0.75f : 0.0f)))*(1.0842022e-19f + ((x >= 1.0f) ? 1.0f : 0.0f));
+    return (x < 1.1754944e-38f) ? ((x < 0.0f) ? geared_motor_nan() : 0.0f) : ((x > 3.4028235e+38f) ? x : t16);
 }
 
 static float geared_motor_exp(float x)
@@ -209,28 +248,33 @@ static void geared_motor_jacobian(float z3, float F[1])
     F[0] = -(0.1f + 10.0f*(1.0f - t1*t1)); /* F_33 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned geared_motor_ready(geared_motor_state *s)
+GEARED_MOTOR_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned geared_motor_ready(geared_motor_state *s, const geared_motor_params *p)
 {
     unsigned status = 0u;
     if (s->ready != GEARED_MOTOR_READY) {
         geared_motor_reset(s);
-        status = GEARED_MOTOR_UNINITIALISED;
+        status |= GEARED_MOTOR_UNINITIALISED;
+    }
+    if (p->ready != GEARED_MOTOR_READY) {
+        geared_motor_reset(s);
+        status |= GEARED_MOTOR_NO_PARAMETERS;
     }
     return status;
 }
 
 GEARED_MOTOR_RARELY
-static void geared_motor_clear_doubt(geared_motor_state *s)
+static void geared_motor_clear_fault_counts(geared_motor_state *s)
 {
     /* as after a reset */
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 80.0f;
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 80.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 160.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y_y2 = 0.0f;
+    s->fault_limit_y_y2 = 80.0f;
+    s->fault_count_y_y1 = 0.0f;
+    s->fault_limit_y_y1 = 80.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 160.0f;
+    s->fault_checksum = 0.0f;
 }
 
 GEARED_MOTOR_RARELY
@@ -295,7 +339,7 @@ static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_mot
         s->z[2] = 0.0f;
         s->z[3] = 0.0f;
         status |= GEARED_MOTOR_RESTARTED;
-        geared_motor_clear_doubt(s);
+        geared_motor_clear_fault_counts(s);
         geared_motor_clear_rest(s);
     }
     /* keep z in its box */
@@ -353,10 +397,104 @@ static unsigned geared_motor_keep_in_box(geared_motor_state *s, const geared_mot
     return status;
 }
 
-unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *p,
+/* part of a step: check the fault counts, and count the range */
+static unsigned geared_motor_count_range(geared_motor_state *s, const geared_motor_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    float moves_range = 0.0f;
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        const float fault_limit_y_y2 = s->fault_limit_y_y2;
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        const float fault_limit_y_y1 = s->fault_limit_y_y1;
+        const float t1 = fault_limit_y_y2 - 80.0f + geared_motor_abs(fault_count_y_y2)
+            + (fault_limit_y_y1 - 80.0f + geared_motor_abs(fault_count_y_y1));
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = geared_motor_abs(fault_limit_range - 160.0f + fault_count_range + t1
+            - s->fault_checksum) < 0.5f;
+        const bool t3 = t2 && geared_motor_within(fault_count_y_y2, 81920.0f) && fault_limit_y_y2 >= 80.0f
+            && fault_limit_y_y2 <= 81920.0f;
+        const bool t4 = t3 && geared_motor_within(fault_count_y_y1, 81920.0f) && fault_limit_y_y1 >= 80.0f
+            && fault_limit_y_y1 <= 81920.0f;
+        const bool t5 = t4 && fault_count_range >= 0.0f && fault_count_range <= 163840.0f
+            && fault_limit_range >= 160.0f && fault_limit_range <= 163840.0f;
+        spoiled = !t5;
+    }
+    if (spoiled) {
+        geared_motor_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const bool t1 = geared_motor_abs(s->z[0]) > 220.0f || geared_motor_abs(s->z[1]) > 16.5f
+            || geared_motor_abs(s->z[2]) > 330.0f;
+        moves_range = (t1 || geared_motor_abs(s->z[3]) > 0.22f) ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = geared_motor_max(fault_count_range + moves_range, 0.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 160.0f : fault_limit_range;
+    }
+    return status;
+}
+
+/* part of a step: project the estimate onto its declared ranges */
+static unsigned geared_motor_project_onto_ranges(geared_motor_state *s, const geared_motor_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    /* the estimate back onto its declared ranges */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float t1 = z1 - geared_motor_limit(z1, 200.0f);
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float t2 = L21*D1;
+        const float t3 = t1/D1;
+        const float t4 = z2 - t2*t3;
+        const float t5 = t4 - geared_motor_limit(t4, 15.0f);
+        const float D2 = s->D[1];
+        const float t6 = t5/(t2*L21 + D2);
+        const float L31 = s->L[1];
+        const float t7 = L31*D1;
+        const float L32 = s->L[3];
+        const float t8 = L32*D2;
+        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+        const float t10 = t9 - geared_motor_limit(t9, 300.0f);
+        const float D3 = s->D[2];
+        const float t11 = t10/(t7*L31 + t8*L32 + D3);
+        const float L41 = s->L[2];
+        const float t12 = L41*D1;
+        const float L42 = s->L[4];
+        const float t13 = L42*D2;
+        const float L43 = s->L[5];
+        const float t14 = L43*D3;
+        const float t15 = z4 - t12*t3 - (t12*L21 + t13)*t6 - (t12*L31 + t13*L32 + t14)*t11;
+        const float t16 = t15 - geared_motor_limit(t15, 0.2f);
+        const float t17 = t16/(t12*L41 + t13*L42 + t14*L43 + s->D[3]);
+        s->z[0] = geared_motor_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11 - D1*L41*t17, 3200.0f);
+        s->z[1] = geared_motor_limit(t4 - t5 - (t2*L31 + D2*L32)*t11 - (t2*L41 + D2*L42)*t17, 45.0f);
+        s->z[2] = geared_motor_limit(t9 - t10 - (t7*L41 + t8*L42 + D3*L43)*t17, 1200.0f);
+        s->z[3] = geared_motor_limit(t15 - t16, 3.2f);
+        status |= GEARED_MOTOR_PROJECTED_ONTO_RANGES;
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static unsigned geared_motor_run_predict(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_input *in)
 {
-    unsigned status = geared_motor_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -605,6 +743,7 @@ unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *
             status |= geared_motor_keep_in_box(s, p);
         }
     } else {
+        status |= geared_motor_keep_in_box(s, p);
         for (unsigned k = 0u; k < 5u; ++k) {
             geared_motor_predictor *const predictor = &s->predictor[k];
             /* from the estimate */
@@ -627,19 +766,19 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
     const geared_motor_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y1 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y1 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y1 = false;
-    bool spoiled = false;
+    float side_y_y1 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y1 awaited? */
     fresh = s->used_y1 < 1u;
@@ -716,121 +855,95 @@ static unsigned geared_motor_run_update_y1(geared_motor_state *s, const geared_m
             const bool t1 = geared_motor_abs(s->z[0]) > 200.0f || geared_motor_abs(s->z[1]) > 15.0f
                 || geared_motor_abs(s->z[2]) > 300.0f;
             const bool t2 = geared_motor_abs(output_error) > 40.0f || t1 || geared_motor_abs(s->z[3]) > 0.2f
-                || !(s->doubt_sum <= 0.0f);
-            doubtful = t2 || !valid;
+                || !(s->fault_checksum <= 0.0f);
+            suspect = t2 || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (geared_motor_within(measurement, 3e+38f)
                 && geared_motor_within(measurement, 600.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y2 - 80.0f + doubt_y_y2
-                        + (patience_y_y1 - 80.0f + doubt_y_y1) + (patience_range - 160.0f + doubt_range);
-                    const bool t2 = geared_motor_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y2 >= 0.0f
-                        && doubt_y_y2 <= 81920.0f && patience_y_y2 >= 80.0f && patience_y_y2 <= 81920.0f;
-                    const bool t3 = t2 && doubt_y_y1 >= 0.0f && doubt_y_y1 <= 81920.0f
-                        && patience_y_y1 >= 80.0f && patience_y_y1 <= 81920.0f;
-                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 163840.0f
-                        && patience_range >= 160.0f && patience_range <= 163840.0f;
-                    spoiled = !t4;
-                }
-                if (spoiled) {
-                    geared_motor_clear_doubt(s);
-                }
+                status |= geared_motor_count_range(s, p);
                 /* which signs show? */
                 {
-                    const bool t1 = geared_motor_abs(s->z[0]) > 220.0f || geared_motor_abs(s->z[1]) > 16.5f
-                        || geared_motor_abs(s->z[2]) > 330.0f;
-                    shows_y_y1 = !geared_motor_within(output_error, 40.0f);
-                    shows_range = t1 || geared_motor_abs(s->z[3]) > 0.22f;
+                    const bool t1 = geared_motor_within(output_error, 40.0f);
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -40.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
                 }
-                if (shows_y_y1) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        s->doubt_y_y1 = geared_motor_min(doubt_y_y1 + 1.0f, 81920.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        const float patience_y_y1 = s->patience_y_y1;
-                        s->doubt_y_y1 = geared_motor_max(doubt_y_y1 - 1.0f, 0.0f);
-                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 80.0f : patience_y_y1;
-                        over_y_y1 = false;
-                    }
+                /* count of y_y1 */
+                {
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                    const float t1 = geared_motor_max(geared_motor_abs(fault_count_y_y1) + moves_y_y1, 0.0f);
+                    s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y1 = (t1 <= 0.0f) ? 80.0f : fault_limit_y_y1;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y1 <= geared_motor_abs(s->fault_count_y_y1)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = geared_motor_min(doubt_range + 1.0f, 163840.0f);
+                        const bool t1 = s->fault_limit_y_y1 <= geared_motor_abs(s->fault_count_y_y1);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = geared_motor_abs(s->z[0]) > 400.0f
+                            || geared_motor_abs(s->z[1]) > 30.0f || geared_motor_abs(s->z[2]) > 600.0f;
+                        over_y_y1 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 160.0f || t3
+                            || geared_motor_abs(s->z[3]) > 0.4f));
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = geared_motor_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 160.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y1 || over_range;
-                if (lost) {
                     if (over_y_y1) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y1 = s->patience_y_y1;
-                            s->doubt_y_y1 = geared_motor_min(patience_y_y1, 40960.0f);
-                            s->patience_y_y1 = geared_motor_min(2.0f*patience_y_y1, 81920.0f);
+                            const float fault_count_y_y1 = s->fault_count_y_y1;
+                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                            const float t1 = geared_motor_min(fault_limit_y_y1, 40960.0f);
+                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y1 = geared_motor_min(2.0f*fault_limit_y_y1, 81920.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = geared_motor_min(patience_range, 81920.0f);
-                            s->patience_range = geared_motor_min(2.0f*patience_range, 163840.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = geared_motor_min(fault_limit_range, 81920.0f);
+                            s->fault_limit_range = geared_motor_min(2.0f*fault_limit_range, 163840.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    /* from the sample of y1 */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        s->z[0] = geared_motor_keep(measurement, -200.0f, 200.0f, z1, 1e+30f);
-                        s->z[1] = geared_motor_keep(z2, -15.0f, 15.0f, z2, 1e+30f);
-                        s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
-                        s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        s->z[3] = 0.0f;
+                        /* from the sample of y1 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            s->z[0] = geared_motor_keep(measurement, -200.0f, 200.0f, z1, 1e+30f);
+                            s->z[1] = geared_motor_keep(z2, -15.0f, 15.0f, z2, 1e+30f);
+                            s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                            s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
+                        geared_motor_clear_rest(s);
+                    } else {
+                        status |= geared_motor_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
-                    geared_motor_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y2 - 80.0f + s->doubt_y_y2
-                    + (s->patience_y_y1 - 80.0f + s->doubt_y_y1) + (s->patience_range - 160.0f
-                        + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y2 - 80.0f + geared_motor_abs(s->fault_count_y_y2)
+                        + (s->fault_limit_y_y1 - 80.0f + geared_motor_abs(s->fault_count_y_y1));
+                    s->fault_checksum = s->fault_limit_range - 160.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -845,19 +958,19 @@ static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_m
     const geared_motor_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y2 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y2 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y2 = false;
-    bool spoiled = false;
+    float side_y_y2 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y2 awaited? */
     fresh = s->used_y2 < 1u;
@@ -953,120 +1066,99 @@ static unsigned geared_motor_run_update_y2(geared_motor_state *s, const geared_m
             if (t2) {
                 status |= GEARED_MOTOR_OUTSIDE_BOX;
             }
-            doubtful = geared_motor_abs(output_error) > 3.0f || t2 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = geared_motor_abs(output_error) > 3.0f || t2 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (geared_motor_within(measurement, 3e+38f)
                 && geared_motor_within(measurement, 45.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y2 - 80.0f + doubt_y_y2
-                        + (patience_y_y1 - 80.0f + doubt_y_y1) + (patience_range - 160.0f + doubt_range);
-                    const bool t2 = geared_motor_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y2 >= 0.0f
-                        && doubt_y_y2 <= 81920.0f && patience_y_y2 >= 80.0f && patience_y_y2 <= 81920.0f;
-                    const bool t3 = t2 && doubt_y_y1 >= 0.0f && doubt_y_y1 <= 81920.0f
-                        && patience_y_y1 >= 80.0f && patience_y_y1 <= 81920.0f;
-                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 163840.0f
-                        && patience_range >= 160.0f && patience_range <= 163840.0f;
-                    spoiled = !t4;
-                }
-                if (spoiled) {
-                    geared_motor_clear_doubt(s);
-                }
+                status |= geared_motor_count_range(s, p);
                 /* which signs show? */
                 {
-                    const bool t1 = geared_motor_abs(s->z[0]) > 220.0f || geared_motor_abs(s->z[1]) > 16.5f
-                        || geared_motor_abs(s->z[2]) > 330.0f;
-                    shows_y_y2 = !geared_motor_within(output_error, 3.0f);
-                    shows_range = t1 || geared_motor_abs(s->z[3]) > 0.22f;
+                    const float t1 = p->gain.R[1]/(0.001f*s->theta);
+                    const float L21 = s->L[0];
+                    const float t2 = geared_motor_sqrt(t1*t1/geared_motor_max(t1
+                        - (L21*s->D[0]*L21 + s->D[1]), 9.536743e-07f*t1));
+                    const bool t3 = geared_motor_within(output_error,
+                        geared_motor_max(3.0f, geared_motor_min(3.0f*t2, 400.0f)));
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    moves_y_y2 = (t3 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -40.0f : 1.0f))
+                        + (t3 ? -1.0f : 0.0f);
+                    side_y_y2 = (t3 ? 0.0f : output_error) + (t3 ? fault_count_y_y2 : 0.0f);
                 }
-                if (shows_y_y2) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        s->doubt_y_y2 = geared_motor_min(doubt_y_y2 + 1.0f, 81920.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        const float patience_y_y2 = s->patience_y_y2;
-                        s->doubt_y_y2 = geared_motor_max(doubt_y_y2 - 1.0f, 0.0f);
-                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 80.0f : patience_y_y2;
-                        over_y_y2 = false;
-                    }
+                /* count of y_y2 */
+                {
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                    const float t1 = geared_motor_max(geared_motor_abs(fault_count_y_y2) + moves_y_y2, 0.0f);
+                    s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y2 = (t1 <= 0.0f) ? 80.0f : fault_limit_y_y2;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y2 <= geared_motor_abs(s->fault_count_y_y2)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = geared_motor_min(doubt_range + 1.0f, 163840.0f);
+                        const bool t1 = s->fault_limit_y_y2 <= geared_motor_abs(s->fault_count_y_y2);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = geared_motor_abs(s->z[0]) > 400.0f
+                            || geared_motor_abs(s->z[1]) > 30.0f || geared_motor_abs(s->z[2]) > 600.0f;
+                        over_y_y2 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 160.0f || t3
+                            || geared_motor_abs(s->z[3]) > 0.4f));
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = geared_motor_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 160.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y2 || over_range;
-                if (lost) {
                     if (over_y_y2) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y2 = s->patience_y_y2;
-                            s->doubt_y_y2 = geared_motor_min(patience_y_y2, 40960.0f);
-                            s->patience_y_y2 = geared_motor_min(2.0f*patience_y_y2, 81920.0f);
+                            const float fault_count_y_y2 = s->fault_count_y_y2;
+                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                            const float t1 = geared_motor_min(fault_limit_y_y2, 40960.0f);
+                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y2 = geared_motor_min(2.0f*fault_limit_y_y2, 81920.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = geared_motor_min(patience_range, 81920.0f);
-                            s->patience_range = geared_motor_min(2.0f*patience_range, 163840.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = geared_motor_min(fault_limit_range, 81920.0f);
+                            s->fault_limit_range = geared_motor_min(2.0f*fault_limit_range, 163840.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    /* from the sample of y2 */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        s->z[0] = geared_motor_keep(z1, -200.0f, 200.0f, z1, 1e+30f);
-                        s->z[1] = geared_motor_keep(measurement, -15.0f, 15.0f, z2, 1e+30f);
-                        s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
-                        s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        s->z[3] = 0.0f;
+                        /* from the sample of y2 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            s->z[0] = geared_motor_keep(z1, -200.0f, 200.0f, z1, 1e+30f);
+                            s->z[1] = geared_motor_keep(measurement, -15.0f, 15.0f, z2, 1e+30f);
+                            s->z[2] = geared_motor_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                            s->z[3] = geared_motor_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
+                        geared_motor_clear_rest(s);
+                    } else {
+                        status |= geared_motor_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= GEARED_MOTOR_RESTARTED_FROM_SAMPLE;
-                    geared_motor_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y2 - 80.0f + s->doubt_y_y2
-                    + (s->patience_y_y1 - 80.0f + s->doubt_y_y1) + (s->patience_range - 160.0f
-                        + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y2 - 80.0f + geared_motor_abs(s->fault_count_y_y2)
+                        + (s->fault_limit_y_y1 - 80.0f + geared_motor_abs(s->fault_count_y_y1));
+                    s->fault_checksum = s->fault_limit_range - 160.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -1169,26 +1261,72 @@ static unsigned geared_motor_run_adapt(geared_motor_state *s, const geared_motor
     return status;
 }
 
+GEARED_MOTOR_RARELY
+/* nominal parameters */
+static void geared_motor_nominal(geared_motor_params *p)
+{
+    p->ready = GEARED_MOTOR_READY;
+    p->gain.Q[0] = 0.001f;
+    p->gain.Q[1] = 1.0f;
+    p->gain.Q[2] = 10.0f;
+    p->gain.Q[3] = 1e-05f;
+    p->gain.R[0] = 1e-08f;
+    p->gain.R[1] = 1e-06f;
+    p->gain.theta_1 = 2.0f;
+    p->gain.rise_time = 0.02f;
+    p->gain.rate = 20.0f;
+    p->gain.gamma_0 = 400.0f;
+    p->gain.gamma_1 = 4000.0f;
+}
+
+unsigned geared_motor_predict(geared_motor_state *s, const geared_motor_params *p,
+    const geared_motor_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
+        status = geared_motor_ready(s, p);
+    }
+    if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= geared_motor_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned geared_motor_update_y1(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_output *out)
 {
-    unsigned status = geared_motor_ready(s);
-    status |= geared_motor_run_update_y1(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
+        status = geared_motor_ready(s, p);
+    }
+    if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= geared_motor_run_update_y1(s, p, out);
+    }
     return status;
 }
 
 unsigned geared_motor_update_y2(geared_motor_state *s, const geared_motor_params *p,
     const geared_motor_output *out)
 {
-    unsigned status = geared_motor_ready(s);
-    status |= geared_motor_run_update_y2(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
+        status = geared_motor_ready(s, p);
+    }
+    if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= geared_motor_run_update_y2(s, p, out);
+    }
     return status;
 }
 
 unsigned geared_motor_adapt(geared_motor_state *s, const geared_motor_params *p)
 {
-    unsigned status = geared_motor_ready(s);
-    status |= geared_motor_run_adapt(s, p);
+    unsigned status = 0u;
+    if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
+        status = geared_motor_ready(s, p);
+    }
+    if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= geared_motor_run_adapt(s, p);
+    }
     return status;
 }
 
@@ -1196,10 +1334,15 @@ unsigned geared_motor_step(geared_motor_state *s, const geared_motor_params *p, 
     const geared_motor_output *out)
 {
     unsigned status = 0u;
-    status |= geared_motor_predict(s, p, in);
-    status |= geared_motor_run_update_y1(s, p, out);
-    status |= geared_motor_run_update_y2(s, p, out);
-    status |= geared_motor_run_adapt(s, p);
+    if ((s->ready != GEARED_MOTOR_READY) || (p->ready != GEARED_MOTOR_READY)) {
+        status = geared_motor_ready(s, p);
+    }
+    if ((status & GEARED_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= geared_motor_run_predict(s, p, in);
+        status |= geared_motor_run_update_y1(s, p, out);
+        status |= geared_motor_run_update_y2(s, p, out);
+        status |= geared_motor_run_adapt(s, p);
+    }
     return status;
 }
 
@@ -1216,6 +1359,10 @@ void geared_motor_estimate(const geared_motor_state *s, const geared_motor_param
 unsigned geared_motor_tune(geared_motor_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != GEARED_MOTOR_READY) {
+        geared_motor_nominal(p);
+        status = GEARED_MOTOR_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         static const struct {
@@ -1271,23 +1418,74 @@ void geared_motor_reset(geared_motor_state *s)
     s->used_y1 = 1u;
     s->used_y2 = 1u;
     s->u = 0.0f;
-    geared_motor_clear_doubt(s);
+    geared_motor_clear_fault_counts(s);
     geared_motor_clear_rest(s);
 }
 
 void geared_motor_init(geared_motor_state *s, geared_motor_params *p)
 {
-    p->gain.Q[0] = 0.001f;
-    p->gain.Q[1] = 1.0f;
-    p->gain.Q[2] = 10.0f;
-    p->gain.Q[3] = 1e-05f;
-    p->gain.R[0] = 1e-08f;
-    p->gain.R[1] = 1e-06f;
-    p->gain.theta_1 = 2.0f;
-    p->gain.rise_time = 0.02f;
-    p->gain.rate = 20.0f;
-    p->gain.gamma_0 = 400.0f;
-    p->gain.gamma_1 = 4000.0f;
+    geared_motor_nominal(p);
     (void)geared_motor_tune(p);
     geared_motor_reset(s);
+}
+
+static const unsigned char geared_motor_layout[8] = {0xF4u, 0x80u, 0xF0u, 0x67u, 0xF2u, 0xC2u, 0xEBu, 0xD5u};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t geared_motor_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void geared_motor_save(const geared_motor_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = geared_motor_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = geared_motor_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned geared_motor_restore(geared_motor_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == GEARED_MOTOR_SAVED) {
+        refused = 0u;
+        uint32_t sum = geared_motor_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == geared_motor_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = GEARED_MOTOR_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

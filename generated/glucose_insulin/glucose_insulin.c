@@ -2,6 +2,7 @@
 #include "glucose_insulin.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -98,26 +99,31 @@ static void glucose_insulin_jacobian(float z1, float z2, float F[2])
     F[1] = glucose_insulin_clamp(z1, 40.0f, 400.0f); /* F_12 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned glucose_insulin_ready(glucose_insulin_state *s)
+GLUCOSE_INSULIN_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned glucose_insulin_ready(glucose_insulin_state *s, const glucose_insulin_params *p)
 {
     unsigned status = 0u;
     if (s->ready != GLUCOSE_INSULIN_READY) {
         glucose_insulin_reset(s);
-        status = GLUCOSE_INSULIN_UNINITIALISED;
+        status |= GLUCOSE_INSULIN_UNINITIALISED;
+    }
+    if (p->ready != GLUCOSE_INSULIN_READY) {
+        glucose_insulin_reset(s);
+        status |= GLUCOSE_INSULIN_NO_PARAMETERS;
     }
     return status;
 }
 
 GLUCOSE_INSULIN_RARELY
-static void glucose_insulin_clear_doubt(glucose_insulin_state *s)
+static void glucose_insulin_clear_fault_counts(glucose_insulin_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 450.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 450.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 450.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 450.0f;
+    s->fault_checksum = 0.0f;
 }
 
 GLUCOSE_INSULIN_RARELY
@@ -154,7 +160,7 @@ static unsigned glucose_insulin_keep_in_box(glucose_insulin_state *s, const gluc
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
         status |= GLUCOSE_INSULIN_RESTARTED;
-        glucose_insulin_clear_doubt(s);
+        glucose_insulin_clear_fault_counts(s);
         glucose_insulin_clear_rest(s);
     }
     /* keep z in its box */
@@ -190,10 +196,11 @@ static unsigned glucose_insulin_keep_in_box(glucose_insulin_state *s, const gluc
     return status;
 }
 
-unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
+/* part of a step: advance the estimate to now */
+static unsigned glucose_insulin_run_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_input *in)
 {
-    unsigned status = glucose_insulin_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -338,6 +345,8 @@ unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin
         if (glucose_insulin_acts(beyond)) {
             status |= glucose_insulin_keep_in_box(s, p);
         }
+    } else {
+        status |= glucose_insulin_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -351,19 +360,21 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
     const glucose_insulin_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -430,9 +441,10 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
             if (t1) {
                 status |= GLUCOSE_INSULIN_OUTSIDE_BOX;
             }
-            doubtful = glucose_insulin_abs(output_error) > 36.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = glucose_insulin_abs(output_error) > 36.0f || t1 || !(s->fault_checksum <= 0.0f)
+                || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             {
                 const bool t1 = glucose_insulin_within(measurement, 3e+38f) && measurement >= -320.0f
@@ -440,107 +452,141 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
                 sampled = valid || t1;
             }
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = glucose_insulin_abs(patience_y - 450.0f + doubt_y
-                        + (patience_range - 450.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 460800.0f
-                        && patience_y >= 450.0f && patience_y <= 460800.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 460800.0f
-                        && patience_range >= 450.0f && patience_range <= 460800.0f;
-                    spoiled = !t3;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 450.0f + glucose_insulin_abs(fault_count_y)
+                        + (fault_limit_range - 450.0f + fault_count_range);
+                    const bool t2 = glucose_insulin_abs(t1 - s->fault_checksum) < 0.5f
+                        && glucose_insulin_within(fault_count_y, 460800.0f);
+                    const bool t3 = t2 && fault_limit_y >= 450.0f && fault_limit_y <= 460800.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 460800.0f;
+                    spoiled = !(t3 && fault_limit_range >= 450.0f && fault_limit_range <= 460800.0f);
                 }
                 if (spoiled) {
-                    glucose_insulin_clear_doubt(s);
+                    glucose_insulin_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
                     const float z3 = s->z[2];
-                    shows_y = !glucose_insulin_within(output_error, 36.0f);
-                    shows_range = z1 < 22.0f || z1 > 418.0f || z2 < -0.0525f || z2 > 0.0025f || z3 < -210.0f
-                        || z3 > 10.0f;
+                    moves_range = (z1 < 22.0f || z1 > 418.0f || z2 < -0.0525f || z2 > 0.0025f || z3 < -210.0f
+                        || z3 > 10.0f) ? 1.0f : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = glucose_insulin_min(doubt_y + 1.0f, 460800.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = glucose_insulin_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 450.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = glucose_insulin_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 450.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = glucose_insulin_min(doubt_range + 1.0f, 460800.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = glucose_insulin_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 450.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = glucose_insulin_within(output_error, 36.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -225.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
-                    if (over_y) {
-                        /* patience doubles */
-                        {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = glucose_insulin_min(patience_y, 230400.0f);
-                            s->patience_y = glucose_insulin_min(2.0f*patience_y, 460800.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* patience doubles */
-                        {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = glucose_insulin_min(patience_range, 230400.0f);
-                            s->patience_range = glucose_insulin_min(2.0f*patience_range, 460800.0f);
-                        }
-                    }
-                    /* the estimate restarts */
-                    s->z[0] = 40.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    /* from the sample of y */
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = glucose_insulin_max(glucose_insulin_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 450.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
+                        const bool t1 = s->fault_limit_y <= glucose_insulin_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
                         const float z1 = s->z[0];
                         const float z2 = s->z[1];
                         const float z3 = s->z[2];
-                        s->z[0] = glucose_insulin_keep(measurement, 40.0f, 400.0f, z1, 1e+30f);
-                        s->z[1] = glucose_insulin_keep(z2, -0.05f, 0.0f, z2, 1e+30f);
-                        s->z[2] = glucose_insulin_keep(z3, -200.0f, 0.0f, z3, 1e+30f);
+                        const bool t3 = fault_limit_range > 450.0f || z1 < -140.0f || z1 > 580.0f
+                            || z2 < -0.075f || z2 > 0.025f || z3 < -300.0f || z3 > 100.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t3);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= GLUCOSE_INSULIN_RESTARTED_FROM_SAMPLE;
-                    glucose_insulin_clear_rest(s);
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = glucose_insulin_min(fault_limit_y, 230400.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = glucose_insulin_min(2.0f*fault_limit_y, 460800.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = glucose_insulin_min(fault_limit_range, 230400.0f);
+                            s->fault_limit_range = glucose_insulin_min(2.0f*fault_limit_range, 460800.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 40.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = glucose_insulin_keep(measurement, 40.0f, 400.0f, z1, 1e+30f);
+                            s->z[1] = glucose_insulin_keep(z2, -0.05f, 0.0f, z2, 1e+30f);
+                            s->z[2] = glucose_insulin_keep(z3, -200.0f, 0.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= GLUCOSE_INSULIN_RESTARTED_FROM_SAMPLE;
+                        glucose_insulin_clear_rest(s);
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float t1 = z1 - glucose_insulin_clamp(z1, 40.0f, 400.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L[0];
+                            const float t2 = L21*D1;
+                            const float t3 = t1/D1;
+                            const float t4 = z2 - t2*t3;
+                            const float t5 = t4 - glucose_insulin_clamp(t4, -0.05f, 0.0f);
+                            const float D2 = s->D[1];
+                            const float t6 = t5/(t2*L21 + D2);
+                            const float L31 = s->L[1];
+                            const float t7 = L31*D1;
+                            const float L32 = s->L[2];
+                            const float t8 = L32*D2;
+                            const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+                            const float t10 = t9 - glucose_insulin_clamp(t9, -200.0f, 0.0f);
+                            const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
+                            s->z[0] = glucose_insulin_clamp(z1 - t1 - D1*L21*t6 - D1*L31*t11, -320.0f,
+                                760.0f);
+                            s->z[1] = glucose_insulin_clamp(t4 - t5 - (t2*L31 + D2*L32)*t11, -0.1f, 0.05f);
+                            s->z[2] = glucose_insulin_clamp(t9 - t10, -400.0f, 200.0f);
+                            status |= GLUCOSE_INSULIN_PROJECTED_ONTO_RANGES;
+                        }
+                    }
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 450.0f + s->doubt_y
-                    + (s->patience_range - 450.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 450.0f + glucose_insulin_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 450.0f + s->fault_count_range);
             }
         }
     } else {
@@ -550,11 +596,40 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
     return status;
 }
 
+GLUCOSE_INSULIN_RARELY
+/* nominal parameters */
+static void glucose_insulin_nominal(glucose_insulin_params *p)
+{
+    p->ready = GLUCOSE_INSULIN_READY;
+    p->gain.Q[0] = 4.0f;
+    p->gain.Q[1] = 8e-08f;
+    p->gain.Q[2] = 1.0f;
+    p->gain.R = 0.1f;
+}
+
+unsigned glucose_insulin_predict(glucose_insulin_state *s, const glucose_insulin_params *p,
+    const glucose_insulin_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != GLUCOSE_INSULIN_READY) || (p->ready != GLUCOSE_INSULIN_READY)) {
+        status = glucose_insulin_ready(s, p);
+    }
+    if ((status & GLUCOSE_INSULIN_NO_PARAMETERS) == 0u) {
+        status |= glucose_insulin_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned glucose_insulin_update_y(glucose_insulin_state *s, const glucose_insulin_params *p,
     const glucose_insulin_output *out)
 {
-    unsigned status = glucose_insulin_ready(s);
-    status |= glucose_insulin_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != GLUCOSE_INSULIN_READY) || (p->ready != GLUCOSE_INSULIN_READY)) {
+        status = glucose_insulin_ready(s, p);
+    }
+    if ((status & GLUCOSE_INSULIN_NO_PARAMETERS) == 0u) {
+        status |= glucose_insulin_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -562,8 +637,13 @@ unsigned glucose_insulin_step(glucose_insulin_state *s, const glucose_insulin_pa
     const glucose_insulin_input *in, const glucose_insulin_output *out)
 {
     unsigned status = 0u;
-    status |= glucose_insulin_predict(s, p, in);
-    status |= glucose_insulin_run_update_y(s, p, out);
+    if ((s->ready != GLUCOSE_INSULIN_READY) || (p->ready != GLUCOSE_INSULIN_READY)) {
+        status = glucose_insulin_ready(s, p);
+    }
+    if ((status & GLUCOSE_INSULIN_NO_PARAMETERS) == 0u) {
+        status |= glucose_insulin_run_predict(s, p, in);
+        status |= glucose_insulin_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -580,6 +660,10 @@ void glucose_insulin_estimate(const glucose_insulin_state *s, const glucose_insu
 unsigned glucose_insulin_tune(glucose_insulin_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != GLUCOSE_INSULIN_READY) {
+        glucose_insulin_nominal(p);
+        status = GLUCOSE_INSULIN_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -609,16 +693,76 @@ void glucose_insulin_reset(glucose_insulin_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    glucose_insulin_clear_doubt(s);
+    glucose_insulin_clear_fault_counts(s);
     glucose_insulin_clear_rest(s);
 }
 
 void glucose_insulin_init(glucose_insulin_state *s, glucose_insulin_params *p)
 {
-    p->gain.Q[0] = 4.0f;
-    p->gain.Q[1] = 8e-08f;
-    p->gain.Q[2] = 1.0f;
-    p->gain.R = 0.1f;
+    glucose_insulin_nominal(p);
     (void)glucose_insulin_tune(p);
     glucose_insulin_reset(s);
+}
+
+static const unsigned char glucose_insulin_layout[8] = {
+    0xD6u, 0xCBu, 0x82u, 0xDCu, 0xBFu, 0x1Eu, 0xADu, 0xD1u
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t glucose_insulin_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void glucose_insulin_save(const glucose_insulin_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = glucose_insulin_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = glucose_insulin_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned glucose_insulin_restore(glucose_insulin_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == GLUCOSE_INSULIN_SAVED) {
+        refused = 0u;
+        uint32_t sum = glucose_insulin_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == glucose_insulin_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = GLUCOSE_INSULIN_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "haldane.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -105,26 +106,31 @@ static void haldane_jacobian(float z1, float z2, float u, float F[4])
     F[3] = -(u + t5); /* F_22 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned haldane_ready(haldane_state *s)
+HALDANE_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned haldane_ready(haldane_state *s, const haldane_params *p)
 {
     unsigned status = 0u;
     if (s->ready != HALDANE_READY) {
         haldane_reset(s);
-        status = HALDANE_UNINITIALISED;
+        status |= HALDANE_UNINITIALISED;
+    }
+    if (p->ready != HALDANE_READY) {
+        haldane_reset(s);
+        status |= HALDANE_NO_PARAMETERS;
     }
     return status;
 }
 
 HALDANE_RARELY
-static void haldane_clear_doubt(haldane_state *s)
+static void haldane_clear_fault_counts(haldane_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 897.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 897.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 897.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 897.0f;
+    s->fault_checksum = 0.0f;
 }
 
 /* part of a step: keep the state in its box, or make it anew */
@@ -144,7 +150,7 @@ static unsigned haldane_keep_in_box(haldane_state *s, const haldane_params *p)
         s->z[0] = 0.5f;
         s->z[1] = 0.0f;
         status |= HALDANE_RESTARTED;
-        haldane_clear_doubt(s);
+        haldane_clear_fault_counts(s);
         /* as after a reset */
         s->L = 0.0f;
         s->D[0] = 20.0f;
@@ -175,9 +181,10 @@ static unsigned haldane_keep_in_box(haldane_state *s, const haldane_params *p)
     return status;
 }
 
-unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldane_input *in)
+/* part of a step: advance the estimate to now */
+static unsigned haldane_run_predict(haldane_state *s, const haldane_params *p, const haldane_input *in)
 {
-    unsigned status = haldane_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -276,6 +283,8 @@ unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldan
         if (haldane_acts(beyond)) {
             status |= haldane_keep_in_box(s, p);
         }
+    } else {
+        status |= haldane_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -288,19 +297,21 @@ unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldan
 static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -358,112 +369,133 @@ static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, 
             if (t1) {
                 status |= HALDANE_OUTSIDE_BOX;
             }
-            doubtful = haldane_abs(output_error) > 0.95f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = haldane_abs(output_error) > 0.95f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (haldane_within(measurement, 3e+38f) && measurement >= -9.0f
                 && measurement <= 19.5f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = haldane_abs(patience_y - 897.0f + doubt_y
-                        + (patience_range - 897.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 918528.0f
-                        && patience_y >= 897.0f && patience_y <= 918528.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 918528.0f
-                        && patience_range >= 897.0f && patience_range <= 918528.0f;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 897.0f + haldane_abs(fault_count_y)
+                        + (fault_limit_range - 897.0f + fault_count_range);
+                    const bool t2 = haldane_abs(t1 - s->fault_checksum) < 0.5f
+                        && haldane_within(fault_count_y, 918528.0f) && fault_limit_y >= 897.0f
+                            && fault_limit_y <= 918528.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 918528.0f
+                        && fault_limit_range >= 897.0f && fault_limit_range <= 918528.0f;
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    haldane_clear_doubt(s);
+                    haldane_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    shows_y = !haldane_within(output_error, 0.95f);
-                    shows_range = z1 < 0.025f || z1 > 10.475f || z2 < -1.0f || z2 > 21.0f;
+                    moves_range = (z1 < 0.025f || z1 > 10.475f || z2 < -1.0f || z2 > 21.0f) ? 1.0f : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = haldane_min(doubt_y + 1.0f, 918528.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = haldane_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 897.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = haldane_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 897.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = haldane_min(doubt_range + 1.0f, 918528.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = haldane_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 897.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = haldane_within(output_error, 0.95f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -448.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = haldane_max(haldane_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 897.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= haldane_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= haldane_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const bool t3 = t2 && (fault_limit_range > 897.0f || z1 < -4.25f || z1 > 14.75f
+                            || z2 < -10.0f || z2 > 30.0f);
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || t3;
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = haldane_min(patience_y, 459264.0f);
-                            s->patience_y = haldane_min(2.0f*patience_y, 918528.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = haldane_min(fault_limit_y, 459264.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = haldane_min(2.0f*fault_limit_y, 918528.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = haldane_min(patience_range, 459264.0f);
-                            s->patience_range = haldane_min(2.0f*patience_range, 918528.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = haldane_min(fault_limit_range, 459264.0f);
+                            s->fault_limit_range = haldane_min(2.0f*fault_limit_range, 918528.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.5f;
-                    s->z[1] = 0.0f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        s->z[0] = haldane_keep(measurement, 0.5f, 10.0f, z1, 1e+30f);
-                        s->z[1] = haldane_keep(z2, 0.0f, 20.0f, z2, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.5f;
+                        s->z[1] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            s->z[0] = haldane_keep(measurement, 0.5f, 10.0f, z1, 1e+30f);
+                            s->z[1] = haldane_keep(z2, 0.0f, 20.0f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= HALDANE_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->L = 0.0f;
+                        s->D[0] = 20.0f;
+                        s->D[1] = 100.0f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - haldane_clamp(z1, 0.5f, 10.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L;
+                            const float t2 = L21*D1;
+                            const float t3 = z2 - t1/D1*t2;
+                            const float t4 = t3 - haldane_clamp(t3, 0.0f, 20.0f);
+                            s->z[0] = haldane_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -9.0f, 19.5f);
+                            s->z[1] = haldane_clamp(t3 - t4, -20.0f, 40.0f);
+                            status |= HALDANE_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= HALDANE_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L = 0.0f;
-                    s->D[0] = 20.0f;
-                    s->D[1] = 100.0f;
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 897.0f + s->doubt_y
-                    + (s->patience_range - 897.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 897.0f + haldane_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 897.0f + s->fault_count_range);
             }
         }
     } else {
@@ -473,10 +505,37 @@ static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, 
     return status;
 }
 
+HALDANE_RARELY
+/* nominal parameters */
+static void haldane_nominal(haldane_params *p)
+{
+    p->ready = HALDANE_READY;
+    p->gain.Q[0] = 0.02f;
+    p->gain.Q[1] = 0.1f;
+    p->gain.R = 1e-06f;
+}
+
+unsigned haldane_predict(haldane_state *s, const haldane_params *p, const haldane_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != HALDANE_READY) || (p->ready != HALDANE_READY)) {
+        status = haldane_ready(s, p);
+    }
+    if ((status & HALDANE_NO_PARAMETERS) == 0u) {
+        status |= haldane_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned haldane_update_y(haldane_state *s, const haldane_params *p, const haldane_output *out)
 {
-    unsigned status = haldane_ready(s);
-    status |= haldane_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != HALDANE_READY) || (p->ready != HALDANE_READY)) {
+        status = haldane_ready(s, p);
+    }
+    if ((status & HALDANE_NO_PARAMETERS) == 0u) {
+        status |= haldane_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -484,8 +543,13 @@ unsigned haldane_step(haldane_state *s, const haldane_params *p, const haldane_i
     const haldane_output *out)
 {
     unsigned status = 0u;
-    status |= haldane_predict(s, p, in);
-    status |= haldane_run_update_y(s, p, out);
+    if ((s->ready != HALDANE_READY) || (p->ready != HALDANE_READY)) {
+        status = haldane_ready(s, p);
+    }
+    if ((status & HALDANE_NO_PARAMETERS) == 0u) {
+        status |= haldane_run_predict(s, p, in);
+        status |= haldane_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -500,6 +564,10 @@ void haldane_estimate(const haldane_state *s, const haldane_params *p, haldane_p
 unsigned haldane_tune(haldane_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != HALDANE_READY) {
+        haldane_nominal(p);
+        status = HALDANE_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -528,14 +596,73 @@ void haldane_reset(haldane_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    haldane_clear_doubt(s);
+    haldane_clear_fault_counts(s);
 }
 
 void haldane_init(haldane_state *s, haldane_params *p)
 {
-    p->gain.Q[0] = 0.02f;
-    p->gain.Q[1] = 0.1f;
-    p->gain.R = 1e-06f;
+    haldane_nominal(p);
     (void)haldane_tune(p);
     haldane_reset(s);
+}
+
+static const unsigned char haldane_layout[8] = {0x87u, 0x07u, 0x2Au, 0xA1u, 0xACu, 0xE9u, 0x21u, 0x2Bu};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t haldane_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void haldane_save(const haldane_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = haldane_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = haldane_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned haldane_restore(haldane_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == HALDANE_SAVED) {
+        refused = 0u;
+        uint32_t sum = haldane_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == haldane_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = HALDANE_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "hindmarsh_rose.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -103,297 +104,347 @@ static void hindmarsh_rose_rate(const hindmarsh_rose_params *p, float z1, float 
     dz[2] = 0.024f*z1 - 0.006f*z3 + 0.0384f + ((t8*t9 - t14)/t10*K1 - t9/t10*K2 + t15)*t5;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s)
+HINDMARSH_ROSE_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned hindmarsh_rose_ready(hindmarsh_rose_state *s, const hindmarsh_rose_params *p)
 {
     unsigned status = 0u;
     if (s->ready != HINDMARSH_ROSE_READY) {
         hindmarsh_rose_reset(s);
-        status = HINDMARSH_ROSE_UNINITIALISED;
+        status |= HINDMARSH_ROSE_UNINITIALISED;
+    }
+    if (p->ready != HINDMARSH_ROSE_READY) {
+        hindmarsh_rose_reset(s);
+        status |= HINDMARSH_ROSE_NO_PARAMETERS;
     }
     return status;
 }
 
 HINDMARSH_ROSE_RARELY
-static void hindmarsh_rose_clear_doubt(hindmarsh_rose_state *s)
+static void hindmarsh_rose_clear_fault_counts(hindmarsh_rose_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 1101.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1101.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 1101.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 1101.0f;
+    s->fault_checksum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned hindmarsh_rose_keep_in_box(hindmarsh_rose_state *s, const hindmarsh_rose_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = hindmarsh_rose_within(s->z[0], 1e+30f) && hindmarsh_rose_within(s->z[1], 1e+30f)
+            && hindmarsh_rose_within(s->z[2], 1e+30f);
+        lost = !t1;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= HINDMARSH_ROSE_RESTARTED;
+        hindmarsh_rose_clear_fault_counts(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = hindmarsh_rose_clamp(z1, -249.5f, 250.5f);
+        s->z[1] = hindmarsh_rose_clamp(z2, -1109.0f, 1091.0f);
+        s->z[2] = hindmarsh_rose_clamp(z3, -247.5f, 252.5f);
+        if (z1 < -249.5f || z1 > 250.5f || z2 < -1109.0f || z2 > 1091.0f || z3 < -247.5f || z3 > 252.5f) {
+            status |= HINDMARSH_ROSE_STATE_LIMITED;
+        }
+    }
+    return status;
+}
+
+HINDMARSH_ROSE_RARELY
+/* nominal parameters */
+static void hindmarsh_rose_nominal(hindmarsh_rose_params *p)
+{
+    p->ready = HINDMARSH_ROSE_READY;
+    p->gain.theta = 10.0f;
 }
 
 unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_params *p,
     const hindmarsh_rose_input *in, const hindmarsh_rose_output *out)
 {
-    unsigned status = hindmarsh_rose_ready(s);
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool doubtful = false;
-    float fraction = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y = false;
-    bool spoiled = false;
-    float u = 0.0f;
-    float valid = 0.0f;
-    float y = 0.0f;
-    float y_last = 0.0f;
-    float z_at[3];
-    float z_sum[3];
-    /* guard the input */
-    {
-        const float u_given = in->u;
-        const bool u_usable = hindmarsh_rose_within(u_given, 1e+15f);
-        const float u_taken = u_usable ? u_given : s->u;
-        u = hindmarsh_rose_clamp(u_taken, 0.0f, 4.0f);
-        if (!u_usable) {
-            status |= HINDMARSH_ROSE_REUSED_U;
-        }
-        if (u_taken < 0.0f || u_taken > 4.0f) {
-            status |= HINDMARSH_ROSE_CLAMPED_U;
-        }
+    unsigned status = 0u;
+    if ((s->ready != HINDMARSH_ROSE_READY) || (p->ready != HINDMARSH_ROSE_READY)) {
+        status = hindmarsh_rose_ready(s, p);
     }
-    /* guard the measurements */
-    {
-        const float measurement = out->y;
-        const bool t1 = hindmarsh_rose_within(measurement, 3e+38f);
-        const float z1 = s->z[0];
-        const bool t2 = t1 && measurement >= -7.0f && measurement <= 8.0f
-            && hindmarsh_rose_within(measurement - z1, 1e+16f);
-        const float t3 = t2 ? measurement : z1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= HINDMARSH_ROSE_MISSING_Y;
-        }
-        if (t1 && !t2) {
-            status |= HINDMARSH_ROSE_REJECTED_Y;
-        }
-    }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* z: one step of classical Runge-Kutta */
-        z_sum[0] = 0.0f;
-        z_sum[1] = 0.0f;
-        z_sum[2] = 0.0f;
-        z_at[0] = s->z[0];
-        z_at[1] = s->z[1];
-        z_at[2] = s->z[2];
+    if ((status & HINDMARSH_ROSE_NO_PARAMETERS) == 0u) {
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        float fraction = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y = 0.0f;
+        bool over_range = false;
+        bool over_y = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float u = 0.0f;
+        float valid = 0.0f;
+        float y = 0.0f;
+        float y_last = 0.0f;
+        float z_at[3];
+        float z_sum[3];
+        /* guard the input */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.0025f, 0.0025f, 0.005f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float z_at1 = z_at[0];
-                    const float z_at2 = z_at[1];
-                    const float z_at3 = z_at[2];
-                    const float z_sum1 = z_sum[0];
-                    const float z_sum2 = z_sum[1];
-                    const float z_sum3 = z_sum[2];
-                    const float u_before = s->u;
-                    float k_z[3];
-                    hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_before + fraction*(u - u_before), y_last
-                        + fraction*(y - y_last), valid, k_z);
-                    z_sum[0] = z_sum1 + share*k_z[0];
-                    z_sum[1] = z_sum2 + share*k_z[1];
-                    z_sum[2] = z_sum3 + share*k_z[2];
-                    z_at[0] = s->z[0] + ahead*k_z[0];
-                    z_at[1] = s->z[1] + ahead*k_z[1];
-                    z_at[2] = s->z[2] + ahead*k_z[2];
-                }
+            const float u_given = in->u;
+            const bool u_usable = hindmarsh_rose_within(u_given, 1e+15f);
+            const float u_taken = u_usable ? u_given : s->u;
+            u = hindmarsh_rose_clamp(u_taken, 0.0f, 4.0f);
+            if (!u_usable) {
+                status |= HINDMARSH_ROSE_REUSED_U;
+            }
+            if (u_taken < 0.0f || u_taken > 4.0f) {
+                status |= HINDMARSH_ROSE_CLAMPED_U;
             }
         }
-        /* the slopes of all stages */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            s->z[0] = z1 + 0.00083333335f*z_sum[0];
-            s->z[1] = z2 + 0.00083333335f*z_sum[1];
-            s->z[2] = z3 + 0.00083333335f*z_sum[2];
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            const bool t1 = z1 >= -249.5f && z1 <= 250.5f && z2 >= -1109.0f && z2 <= 1091.0f && z3 >= -247.5f
-                && z3 <= 252.5f;
-            beyond = !t1;
-        }
-        if (hindmarsh_rose_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = hindmarsh_rose_within(s->z[0], 1e+30f)
-                    && hindmarsh_rose_within(s->z[1], 1e+30f) && hindmarsh_rose_within(s->z[2], 1e+30f);
-                lost = !t1;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                status |= HINDMARSH_ROSE_RESTARTED;
-                hindmarsh_rose_clear_doubt(s);
-            }
-            /* keep z in its box */
-            {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                s->z[0] = hindmarsh_rose_clamp(z1, -249.5f, 250.5f);
-                s->z[1] = hindmarsh_rose_clamp(z2, -1109.0f, 1091.0f);
-                s->z[2] = hindmarsh_rose_clamp(z3, -247.5f, 252.5f);
-                if (z1 < -249.5f || z1 > 250.5f || z2 < -1109.0f || z2 > 1091.0f || z3 < -247.5f
-                    || z3 > 252.5f) {
-                    status |= HINDMARSH_ROSE_STATE_LIMITED;
-                }
-            }
-        }
-    }
-    /* remember the input */
-    s->u = u;
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
-    /* is the estimate where it cannot be for long? */
-    {
-        const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        const float z3 = s->z[2];
-        const bool t1 = z1 < -2.0f || z1 > 3.0f || z2 < -20.0f || z2 > 2.0f || z3 < 0.0f || z3 > 5.0f;
-        if (t1) {
-            status |= HINDMARSH_ROSE_OUTSIDE_BOX;
-        }
-        doubtful = hindmarsh_rose_abs(out->y - z1) > 0.5f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
+        /* guard the measurements */
         {
             const float measurement = out->y;
-            sampled = valid > 0.0f || (hindmarsh_rose_within(measurement, 3e+38f) && measurement >= -7.0f
-                && measurement <= 8.0f);
+            const bool t1 = hindmarsh_rose_within(measurement, 3e+38f);
+            const float z1 = s->z[0];
+            const bool t2 = t1 && measurement >= -7.0f && measurement <= 8.0f
+                && hindmarsh_rose_within(measurement - z1, 1e+16f);
+            const float t3 = t2 ? measurement : z1;
+            y = t3;
+            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+            valid = t2 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= HINDMARSH_ROSE_MISSING_Y;
+            }
+            if (t1 && !t2) {
+                status |= HINDMARSH_ROSE_REJECTED_Y;
+            }
         }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
+        /* the first call advances no time */
+        {
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
+        }
+        if (running) {
+            /* z: one step of classical Runge-Kutta */
+            z_sum[0] = 0.0f;
+            z_sum[1] = 0.0f;
+            z_sum[2] = 0.0f;
+            z_at[0] = s->z[0];
+            z_at[1] = s->z[1];
+            z_at[2] = s->z[2];
             {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = hindmarsh_rose_abs(patience_y - 1101.0f + doubt_y
-                    + (patience_range - 1101.0f + doubt_range) - s->doubt_sum);
-                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 1127424.0f
-                    && patience_y >= 1101.0f && patience_y <= 1127424.0f;
-                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 1127424.0f
-                    && patience_range >= 1101.0f && patience_range <= 1127424.0f;
-                spoiled = !t3;
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.0025f, 0.0025f, 0.005f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float z_at1 = z_at[0];
+                        const float z_at2 = z_at[1];
+                        const float z_at3 = z_at[2];
+                        const float z_sum1 = z_sum[0];
+                        const float z_sum2 = z_sum[1];
+                        const float z_sum3 = z_sum[2];
+                        const float u_before = s->u;
+                        float k_z[3];
+                        hindmarsh_rose_rate(p, z_at1, z_at2, z_at3, u_before + fraction*(u - u_before),
+                            y_last + fraction*(y - y_last), valid, k_z);
+                        z_sum[0] = z_sum1 + share*k_z[0];
+                        z_sum[1] = z_sum2 + share*k_z[1];
+                        z_sum[2] = z_sum3 + share*k_z[2];
+                        z_at[0] = s->z[0] + ahead*k_z[0];
+                        z_at[1] = s->z[1] + ahead*k_z[1];
+                        z_at[2] = s->z[2] + ahead*k_z[2];
+                    }
+                }
             }
-            if (spoiled) {
-                hindmarsh_rose_clear_doubt(s);
-            }
-            /* which signs show? */
+            /* the slopes of all stages */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
-                shows_y = !hindmarsh_rose_within(out->y - z1, 0.5f);
-                shows_range = z1 < -2.25f || z1 > 3.25f || z2 < -21.1f || z2 > 3.1f || z3 < -0.25f
-                    || z3 > 5.25f;
+                s->z[0] = z1 + 0.00083333335f*z_sum[0];
+                s->z[1] = z2 + 0.00083333335f*z_sum[1];
+                s->z[2] = z3 + 0.00083333335f*z_sum[2];
             }
-            if (shows_y) {
-                /* more doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = hindmarsh_rose_min(doubt_y + 1.0f, 1127424.0f);
-                }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = hindmarsh_rose_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 1101.0f : patience_y;
-                    over_y = false;
-                }
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const bool t1 = z1 >= -249.5f && z1 <= 250.5f && z2 >= -1109.0f && z2 <= 1091.0f
+                    && z3 >= -247.5f && z3 <= 252.5f;
+                beyond = !t1;
             }
-            if (shows_range) {
-                /* more doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = hindmarsh_rose_min(doubt_range + 1.0f, 1127424.0f);
-                }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = hindmarsh_rose_max(doubt_range - 1.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 1101.0f : patience_range;
-                    over_range = false;
-                }
+            if (hindmarsh_rose_acts(beyond)) {
+                status |= hindmarsh_rose_keep_in_box(s, p);
             }
-            /* is it lost? */
-            lost = over_y || over_range;
-            if (lost) {
-                if (over_y) {
-                    /* patience doubles */
-                    {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = hindmarsh_rose_min(patience_y, 563712.0f);
-                        s->patience_y = hindmarsh_rose_min(2.0f*patience_y, 1127424.0f);
-                    }
+        } else {
+            status |= hindmarsh_rose_keep_in_box(s, p);
+        }
+        /* remember the input */
+        s->u = u;
+        /* remember the sample */
+        s->y = y;
+        s->y_valid = valid;
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const bool t1 = z1 < -2.0f || z1 > 3.0f || z2 < -20.0f || z2 > 2.0f || z3 < 0.0f || z3 > 5.0f;
+            if (t1) {
+                status |= HINDMARSH_ROSE_OUTSIDE_BOX;
+            }
+            suspect = hindmarsh_rose_abs(out->y - z1) > 0.5f || t1 || !(s->fault_checksum <= 0.0f)
+                || !(valid > 0.0f);
+        }
+        if (suspect) {
+            /* is there a sample to judge by? */
+            {
+                const float measurement = out->y;
+                sampled = valid > 0.0f || (hindmarsh_rose_within(measurement, 3e+38f) && measurement >= -7.0f
+                    && measurement <= 8.0f);
+            }
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 1101.0f + hindmarsh_rose_abs(fault_count_y)
+                        + (fault_limit_range - 1101.0f + fault_count_range);
+                    const bool t2 = hindmarsh_rose_abs(t1 - s->fault_checksum) < 0.5f
+                        && hindmarsh_rose_within(fault_count_y, 1127424.0f);
+                    const bool t3 = t2 && fault_limit_y >= 1101.0f && fault_limit_y <= 1127424.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 1127424.0f;
+                    spoiled = !(t3 && fault_limit_range >= 1101.0f && fault_limit_range <= 1127424.0f);
                 }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = hindmarsh_rose_min(patience_range, 563712.0f);
-                        s->patience_range = hindmarsh_rose_min(2.0f*patience_range, 1127424.0f);
-                    }
+                if (spoiled) {
+                    hindmarsh_rose_clear_fault_counts(s);
                 }
-                /* the estimate restarts */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                /* from the sample of y */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
                     const float z3 = s->z[2];
-                    s->z[0] = hindmarsh_rose_keep(out->y, -2.0f, 3.0f, z1, 1e+30f);
-                    s->z[1] = hindmarsh_rose_keep(z2, -20.0f, 2.0f, z2, 1e+30f);
-                    s->z[2] = hindmarsh_rose_keep(z3, 0.0f, 5.0f, z3, 1e+30f);
+                    moves_range = (z1 < -2.25f || z1 > 3.25f || z2 < -21.1f || z2 > 3.1f || z3 < -0.25f
+                        || z3 > 5.25f) ? 1.0f : -1.0f;
                 }
-                /* the estimate has restarted from the sample */
-                status |= HINDMARSH_ROSE_RESTARTED_FROM_SAMPLE;
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = hindmarsh_rose_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 1101.0f : fault_limit_range;
+                }
+                /* which signs show? */
+                {
+                    const float t1 = out->y - s->z[0];
+                    const bool t2 = hindmarsh_rose_within(t1, 0.5f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -550.0f : 1.0f))
+                        + (t2 ? -1.0f : 0.0f);
+                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+                }
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = hindmarsh_rose_max(hindmarsh_rose_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 1101.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= hindmarsh_rose_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const float z3 = s->z[2];
+                        const bool t3 = fault_limit_range > 1101.0f || z1 < -4.5f || z1 > 5.5f || z2 < -31.0f
+                            || z2 > 13.0f || z3 < -2.5f || z3 > 7.5f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t3);
+                    }
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = hindmarsh_rose_min(fault_limit_y, 563712.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = hindmarsh_rose_min(2.0f*fault_limit_y, 1127424.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = hindmarsh_rose_min(fault_limit_range, 563712.0f);
+                            s->fault_limit_range = hindmarsh_rose_min(2.0f*fault_limit_range, 1127424.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = hindmarsh_rose_keep(out->y, -2.0f, 3.0f, z1, 1e+30f);
+                            s->z[1] = hindmarsh_rose_keep(z2, -20.0f, 2.0f, z2, 1e+30f);
+                            s->z[2] = hindmarsh_rose_keep(z3, 0.0f, 5.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= HINDMARSH_ROSE_RESTARTED_FROM_SAMPLE;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = hindmarsh_rose_clamp(z1, -2.0f, 3.0f);
+                            s->z[1] = hindmarsh_rose_clamp(z2, -20.0f, 2.0f);
+                            s->z[2] = hindmarsh_rose_clamp(z3, 0.0f, 5.0f);
+                            status |= HINDMARSH_ROSE_PROJECTED_ONTO_RANGES;
+                        }
+                    }
+                }
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 1101.0f + hindmarsh_rose_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 1101.0f + s->fault_count_range);
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 1101.0f + s->doubt_y
-                + (s->patience_range - 1101.0f + s->doubt_range);
         }
     }
     return status;
@@ -412,6 +463,10 @@ void hindmarsh_rose_estimate(const hindmarsh_rose_state *s, const hindmarsh_rose
 unsigned hindmarsh_rose_tune(hindmarsh_rose_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != HINDMARSH_ROSE_READY) {
+        hindmarsh_rose_nominal(p);
+        status = HINDMARSH_ROSE_NO_PARAMETERS;
+    }
     /* theta in its range */
     {
         const float theta = p->gain.theta;
@@ -442,12 +497,75 @@ void hindmarsh_rose_reset(hindmarsh_rose_state *s)
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
-    hindmarsh_rose_clear_doubt(s);
+    hindmarsh_rose_clear_fault_counts(s);
 }
 
 void hindmarsh_rose_init(hindmarsh_rose_state *s, hindmarsh_rose_params *p)
 {
-    p->gain.theta = 10.0f;
+    hindmarsh_rose_nominal(p);
     (void)hindmarsh_rose_tune(p);
     hindmarsh_rose_reset(s);
+}
+
+static const unsigned char hindmarsh_rose_layout[8] = {
+    0xE9u, 0x4Du, 0x21u, 0x0Fu, 0x1Bu, 0x26u, 0xA4u, 0x6Eu
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t hindmarsh_rose_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void hindmarsh_rose_save(const hindmarsh_rose_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = hindmarsh_rose_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = hindmarsh_rose_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned hindmarsh_rose_restore(hindmarsh_rose_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == HINDMARSH_ROSE_SAVED) {
+        refused = 0u;
+        uint32_t sum = hindmarsh_rose_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == hindmarsh_rose_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = HINDMARSH_ROSE_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "hyperjerk.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -108,26 +109,31 @@ static void hyperjerk_rate(const hyperjerk_params *p, const float w[4], const fl
     deta[3] = theta*(theta*eta3 - 3.0f*eta4);
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned hyperjerk_ready(hyperjerk_state *s)
+HYPERJERK_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned hyperjerk_ready(hyperjerk_state *s, const hyperjerk_params *p)
 {
     unsigned status = 0u;
     if (s->ready != HYPERJERK_READY) {
         hyperjerk_reset(s);
-        status = HYPERJERK_UNINITIALISED;
+        status |= HYPERJERK_UNINITIALISED;
+    }
+    if (p->ready != HYPERJERK_READY) {
+        hyperjerk_reset(s);
+        status |= HYPERJERK_NO_PARAMETERS;
     }
     return status;
 }
 
 HYPERJERK_RARELY
-static void hyperjerk_clear_doubt(hyperjerk_state *s)
+static void hyperjerk_clear_fault_counts(hyperjerk_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 7523.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 7523.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 7523.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 7523.0f;
+    s->fault_checksum = 0.0f;
 }
 
 HYPERJERK_RARELY
@@ -140,308 +146,355 @@ static void hyperjerk_clear_rest(hyperjerk_state *s)
     s->eta[3] = 0.0f;
 }
 
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned hyperjerk_keep_in_box(hyperjerk_state *s, const hyperjerk_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = hyperjerk_within(s->w[0], 1e+30f) && hyperjerk_within(s->w[1], 1e+30f)
+            && hyperjerk_within(s->w[2], 1e+30f);
+        const bool t2 = t1 && hyperjerk_within(s->w[3], 1e+30f) && hyperjerk_within(s->eta[0], 1e+30f)
+            && hyperjerk_within(s->eta[1], 1e+30f);
+        lost = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->w[0] = 0.0f;
+        s->w[1] = 0.0f;
+        s->w[2] = 0.0f;
+        s->w[3] = 0.0f;
+        status |= HYPERJERK_RESTARTED;
+        hyperjerk_clear_fault_counts(s);
+        hyperjerk_clear_rest(s);
+    }
+    /* keep w in its box */
+    {
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        const float w3 = s->w[2];
+        const float w4 = s->w[3];
+        s->w[0] = hyperjerk_limit(w1, 9.0f);
+        s->w[1] = hyperjerk_limit(w2, 40.0f);
+        s->w[2] = hyperjerk_limit(w3, 600.0f);
+        s->w[3] = hyperjerk_limit(w4, 12000.0f);
+        if (hyperjerk_abs(w1) > 9.0f || hyperjerk_abs(w2) > 40.0f || hyperjerk_abs(w3) > 600.0f
+            || hyperjerk_abs(w4) > 12000.0f) {
+            status |= HYPERJERK_STATE_LIMITED;
+        }
+    }
+    /* keep eta in its box */
+    {
+        const float eta1 = s->eta[0];
+        const float eta2 = s->eta[1];
+        const float eta3 = s->eta[2];
+        const float eta4 = s->eta[3];
+        s->eta[0] = hyperjerk_limit(eta1, 1e+30f);
+        s->eta[1] = hyperjerk_limit(eta2, 1e+30f);
+        s->eta[2] = hyperjerk_limit(eta3, 1e+30f);
+        s->eta[3] = hyperjerk_limit(eta4, 1e+30f);
+    }
+    return status;
+}
+
+HYPERJERK_RARELY
+/* nominal parameters */
+static void hyperjerk_nominal(hyperjerk_params *p)
+{
+    p->ready = HYPERJERK_READY;
+    p->gain.theta = 10.0f;
+}
+
 unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
 {
-    unsigned status = hyperjerk_ready(s);
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool doubtful = false;
-    float eta_at[4];
-    float eta_sum[4];
-    float fraction = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y = false;
-    bool spoiled = false;
-    float valid = 0.0f;
-    float w_at[4];
-    float w_sum[4];
-    float y = 0.0f;
-    float y_last = 0.0f;
-    /* guard the measurements */
-    {
-        const float measurement = out->y;
-        const bool t1 = hyperjerk_within(measurement, 3e+38f);
-        const float w1 = s->w[0];
-        const bool t2 = t1 && hyperjerk_within(measurement, 9.0f)
-            && hyperjerk_within(measurement - w1, 1e+16f);
-        const float t3 = t2 ? measurement : w1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= HYPERJERK_MISSING_Y;
-        }
-        if (t1 && !t2) {
-            status |= HYPERJERK_REJECTED_Y;
-        }
+    unsigned status = 0u;
+    if ((s->ready != HYPERJERK_READY) || (p->ready != HYPERJERK_READY)) {
+        status = hyperjerk_ready(s, p);
     }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* w, eta: one step of classical Runge-Kutta */
-        w_sum[0] = 0.0f;
-        w_sum[1] = 0.0f;
-        w_sum[2] = 0.0f;
-        w_sum[3] = 0.0f;
-        eta_sum[0] = 0.0f;
-        eta_sum[1] = 0.0f;
-        eta_sum[2] = 0.0f;
-        eta_sum[3] = 0.0f;
-        w_at[0] = s->w[0];
-        w_at[1] = s->w[1];
-        w_at[2] = s->w[2];
-        w_at[3] = s->w[3];
-        eta_at[0] = s->eta[0];
-        eta_at[1] = s->eta[1];
-        eta_at[2] = s->eta[2];
-        eta_at[3] = s->eta[3];
+    if ((status & HYPERJERK_NO_PARAMETERS) == 0u) {
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        float eta_at[4];
+        float eta_sum[4];
+        float fraction = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y = 0.0f;
+        bool over_range = false;
+        bool over_y = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float valid = 0.0f;
+        float w_at[4];
+        float w_sum[4];
+        float y = 0.0f;
+        float y_last = 0.0f;
+        /* guard the measurements */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float eta_sum1 = eta_sum[0];
-                    const float eta_sum2 = eta_sum[1];
-                    const float eta_sum3 = eta_sum[2];
-                    const float eta_sum4 = eta_sum[3];
-                    const float w_sum1 = w_sum[0];
-                    const float w_sum2 = w_sum[1];
-                    const float w_sum3 = w_sum[2];
-                    const float w_sum4 = w_sum[3];
-                    float k_w[4];
-                    float k_eta[4];
-                    hyperjerk_rate(p, w_at, eta_at, y_last + fraction*(y - y_last), valid, k_w, k_eta);
-                    w_sum[0] = w_sum1 + share*k_w[0];
-                    w_sum[1] = w_sum2 + share*k_w[1];
-                    w_sum[2] = w_sum3 + share*k_w[2];
-                    w_sum[3] = w_sum4 + share*k_w[3];
-                    eta_sum[0] = eta_sum1 + share*k_eta[0];
-                    eta_sum[1] = eta_sum2 + share*k_eta[1];
-                    eta_sum[2] = eta_sum3 + share*k_eta[2];
-                    eta_sum[3] = eta_sum4 + share*k_eta[3];
-                    w_at[0] = s->w[0] + ahead*k_w[0];
-                    w_at[1] = s->w[1] + ahead*k_w[1];
-                    w_at[2] = s->w[2] + ahead*k_w[2];
-                    w_at[3] = s->w[3] + ahead*k_w[3];
-                    eta_at[0] = s->eta[0] + ahead*k_eta[0];
-                    eta_at[1] = s->eta[1] + ahead*k_eta[1];
-                    eta_at[2] = s->eta[2] + ahead*k_eta[2];
-                    eta_at[3] = s->eta[3] + ahead*k_eta[3];
-                }
-            }
-        }
-        /* the slopes of all stages */
-        {
-            const float eta1 = s->eta[0];
-            const float eta2 = s->eta[1];
-            const float eta3 = s->eta[2];
-            const float eta4 = s->eta[3];
+            const float measurement = out->y;
+            const bool t1 = hyperjerk_within(measurement, 3e+38f);
             const float w1 = s->w[0];
-            const float w2 = s->w[1];
-            const float w3 = s->w[2];
-            const float w4 = s->w[3];
-            s->w[0] = w1 + 0.00016666666f*w_sum[0];
-            s->w[1] = w2 + 0.00016666666f*w_sum[1];
-            s->w[2] = w3 + 0.00016666666f*w_sum[2];
-            s->w[3] = w4 + 0.00016666666f*w_sum[3];
-            s->eta[0] = eta1 + 0.00016666666f*eta_sum[0];
-            s->eta[1] = eta2 + 0.00016666666f*eta_sum[1];
-            s->eta[2] = eta3 + 0.00016666666f*eta_sum[2];
-            s->eta[3] = eta4 + 0.00016666666f*eta_sum[3];
+            const bool t2 = t1 && hyperjerk_within(measurement, 9.0f)
+                && hyperjerk_within(measurement - w1, 1e+16f);
+            const float t3 = t2 ? measurement : w1;
+            y = t3;
+            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+            valid = t2 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= HYPERJERK_MISSING_Y;
+            }
+            if (t1 && !t2) {
+                status |= HYPERJERK_REJECTED_Y;
+            }
         }
-        /* is a value beyond its box, or lost? */
+        /* the first call advances no time */
         {
-            const bool t1 = hyperjerk_within(s->w[0], 9.0f) && hyperjerk_within(s->w[1], 40.0f)
-                && hyperjerk_within(s->w[2], 600.0f);
-            const bool t2 = t1 && hyperjerk_within(s->w[3], 12000.0f) && hyperjerk_within(s->eta[0], 1e+30f)
-                && hyperjerk_within(s->eta[1], 1e+30f);
-            beyond = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
         }
-        if (hyperjerk_acts(beyond)) {
-            /* is a value lost? */
+        if (running) {
+            /* w, eta: one step of classical Runge-Kutta */
+            w_sum[0] = 0.0f;
+            w_sum[1] = 0.0f;
+            w_sum[2] = 0.0f;
+            w_sum[3] = 0.0f;
+            eta_sum[0] = 0.0f;
+            eta_sum[1] = 0.0f;
+            eta_sum[2] = 0.0f;
+            eta_sum[3] = 0.0f;
+            w_at[0] = s->w[0];
+            w_at[1] = s->w[1];
+            w_at[2] = s->w[2];
+            w_at[3] = s->w[3];
+            eta_at[0] = s->eta[0];
+            eta_at[1] = s->eta[1];
+            eta_at[2] = s->eta[2];
+            eta_at[3] = s->eta[3];
             {
-                const bool t1 = hyperjerk_within(s->w[0], 1e+30f) && hyperjerk_within(s->w[1], 1e+30f)
-                    && hyperjerk_within(s->w[2], 1e+30f);
-                const bool t2 = t1 && hyperjerk_within(s->w[3], 1e+30f)
-                    && hyperjerk_within(s->eta[0], 1e+30f) && hyperjerk_within(s->eta[1], 1e+30f);
-                lost = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->w[0] = 0.0f;
-                s->w[1] = 0.0f;
-                s->w[2] = 0.0f;
-                s->w[3] = 0.0f;
-                status |= HYPERJERK_RESTARTED;
-                hyperjerk_clear_doubt(s);
-                hyperjerk_clear_rest(s);
-            }
-            /* keep w in its box */
-            {
-                const float w1 = s->w[0];
-                const float w2 = s->w[1];
-                const float w3 = s->w[2];
-                const float w4 = s->w[3];
-                s->w[0] = hyperjerk_limit(w1, 9.0f);
-                s->w[1] = hyperjerk_limit(w2, 40.0f);
-                s->w[2] = hyperjerk_limit(w3, 600.0f);
-                s->w[3] = hyperjerk_limit(w4, 12000.0f);
-                if (hyperjerk_abs(w1) > 9.0f || hyperjerk_abs(w2) > 40.0f || hyperjerk_abs(w3) > 600.0f
-                    || hyperjerk_abs(w4) > 12000.0f) {
-                    status |= HYPERJERK_STATE_LIMITED;
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float eta_sum1 = eta_sum[0];
+                        const float eta_sum2 = eta_sum[1];
+                        const float eta_sum3 = eta_sum[2];
+                        const float eta_sum4 = eta_sum[3];
+                        const float w_sum1 = w_sum[0];
+                        const float w_sum2 = w_sum[1];
+                        const float w_sum3 = w_sum[2];
+                        const float w_sum4 = w_sum[3];
+                        float k_w[4];
+                        float k_eta[4];
+                        hyperjerk_rate(p, w_at, eta_at, y_last + fraction*(y - y_last), valid, k_w, k_eta);
+                        w_sum[0] = w_sum1 + share*k_w[0];
+                        w_sum[1] = w_sum2 + share*k_w[1];
+                        w_sum[2] = w_sum3 + share*k_w[2];
+                        w_sum[3] = w_sum4 + share*k_w[3];
+                        eta_sum[0] = eta_sum1 + share*k_eta[0];
+                        eta_sum[1] = eta_sum2 + share*k_eta[1];
+                        eta_sum[2] = eta_sum3 + share*k_eta[2];
+                        eta_sum[3] = eta_sum4 + share*k_eta[3];
+                        w_at[0] = s->w[0] + ahead*k_w[0];
+                        w_at[1] = s->w[1] + ahead*k_w[1];
+                        w_at[2] = s->w[2] + ahead*k_w[2];
+                        w_at[3] = s->w[3] + ahead*k_w[3];
+                        eta_at[0] = s->eta[0] + ahead*k_eta[0];
+                        eta_at[1] = s->eta[1] + ahead*k_eta[1];
+                        eta_at[2] = s->eta[2] + ahead*k_eta[2];
+                        eta_at[3] = s->eta[3] + ahead*k_eta[3];
+                    }
                 }
             }
-            /* keep eta in its box */
+            /* the slopes of all stages */
             {
                 const float eta1 = s->eta[0];
                 const float eta2 = s->eta[1];
                 const float eta3 = s->eta[2];
                 const float eta4 = s->eta[3];
-                s->eta[0] = hyperjerk_limit(eta1, 1e+30f);
-                s->eta[1] = hyperjerk_limit(eta2, 1e+30f);
-                s->eta[2] = hyperjerk_limit(eta3, 1e+30f);
-                s->eta[3] = hyperjerk_limit(eta4, 1e+30f);
-            }
-        }
-    }
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
-    /* is the estimate where it cannot be for long? */
-    {
-        const float w1 = s->w[0];
-        const bool t1 = hyperjerk_abs(w1) > 3.0f || hyperjerk_abs(s->w[1]) > 4.0f
-            || hyperjerk_abs(s->w[2]) > 6.0f || hyperjerk_abs(s->w[3]) > 12.0f;
-        if (t1) {
-            status |= HYPERJERK_OUTSIDE_BOX;
-        }
-        doubtful = hyperjerk_abs(out->y - w1) > 0.6f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
-        {
-            const float measurement = out->y;
-            sampled = valid > 0.0f || (hyperjerk_within(measurement, 3e+38f)
-                && hyperjerk_within(measurement, 9.0f));
-        }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
-            {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = hyperjerk_abs(patience_y - 7523.0f + doubt_y
-                    + (patience_range - 7523.0f + doubt_range) - s->doubt_sum);
-                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 4194304.0f
-                    && patience_y >= 7523.0f && patience_y <= 4194304.0f;
-                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 4194304.0f
-                    && patience_range >= 7523.0f && patience_range <= 4194304.0f;
-                spoiled = !t3;
-            }
-            if (spoiled) {
-                hyperjerk_clear_doubt(s);
-            }
-            /* which signs show? */
-            {
                 const float w1 = s->w[0];
-                shows_y = !hyperjerk_within(out->y - w1, 0.6f);
-                shows_range = hyperjerk_abs(w1) > 3.3f || hyperjerk_abs(s->w[1]) > 4.4f
-                    || hyperjerk_abs(s->w[2]) > 6.6f || hyperjerk_abs(s->w[3]) > 13.2f;
+                const float w2 = s->w[1];
+                const float w3 = s->w[2];
+                const float w4 = s->w[3];
+                s->w[0] = w1 + 0.00016666666f*w_sum[0];
+                s->w[1] = w2 + 0.00016666666f*w_sum[1];
+                s->w[2] = w3 + 0.00016666666f*w_sum[2];
+                s->w[3] = w4 + 0.00016666666f*w_sum[3];
+                s->eta[0] = eta1 + 0.00016666666f*eta_sum[0];
+                s->eta[1] = eta2 + 0.00016666666f*eta_sum[1];
+                s->eta[2] = eta3 + 0.00016666666f*eta_sum[2];
+                s->eta[3] = eta4 + 0.00016666666f*eta_sum[3];
             }
-            if (shows_y) {
-                /* more doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = hyperjerk_min(doubt_y + 1.0f, 4194304.0f);
-                }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = hyperjerk_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 7523.0f : patience_y;
-                    over_y = false;
-                }
+            /* is a value beyond its box, or lost? */
+            {
+                const bool t1 = hyperjerk_within(s->w[0], 9.0f) && hyperjerk_within(s->w[1], 40.0f)
+                    && hyperjerk_within(s->w[2], 600.0f);
+                const bool t2 = t1 && hyperjerk_within(s->w[3], 12000.0f)
+                    && hyperjerk_within(s->eta[0], 1e+30f) && hyperjerk_within(s->eta[1], 1e+30f);
+                beyond = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
             }
-            if (shows_range) {
-                /* more doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = hyperjerk_min(doubt_range + 1.0f, 4194304.0f);
-                }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = hyperjerk_max(doubt_range - 1.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 7523.0f : patience_range;
-                    over_range = false;
-                }
+            if (hyperjerk_acts(beyond)) {
+                status |= hyperjerk_keep_in_box(s, p);
             }
-            /* is it lost? */
-            lost = over_y || over_range;
-            if (lost) {
-                if (over_y) {
-                    /* patience doubles */
+        } else {
+            status |= hyperjerk_keep_in_box(s, p);
+        }
+        /* remember the sample */
+        s->y = y;
+        s->y_valid = valid;
+        /* is the estimate where it cannot be for long? */
+        {
+            const float w1 = s->w[0];
+            const bool t1 = hyperjerk_abs(w1) > 3.0f || hyperjerk_abs(s->w[1]) > 4.0f
+                || hyperjerk_abs(s->w[2]) > 6.0f || hyperjerk_abs(s->w[3]) > 12.0f;
+            if (t1) {
+                status |= HYPERJERK_OUTSIDE_BOX;
+            }
+            suspect = hyperjerk_abs(out->y - w1) > 0.6f || t1 || !(s->fault_checksum <= 0.0f)
+                || !(valid > 0.0f);
+        }
+        if (suspect) {
+            /* is there a sample to judge by? */
+            {
+                const float measurement = out->y;
+                sampled = valid > 0.0f || (hyperjerk_within(measurement, 3e+38f)
+                    && hyperjerk_within(measurement, 9.0f));
+            }
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 7523.0f + hyperjerk_abs(fault_count_y)
+                        + (fault_limit_range - 7523.0f + fault_count_range);
+                    const bool t2 = hyperjerk_abs(t1 - s->fault_checksum) < 0.5f
+                        && hyperjerk_within(fault_count_y, 4194304.0f) && fault_limit_y >= 7523.0f
+                            && fault_limit_y <= 4194304.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 4194304.0f
+                        && fault_limit_range >= 7523.0f && fault_limit_range <= 4194304.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    hyperjerk_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                {
+                    const bool t1 = hyperjerk_abs(s->w[0]) > 3.3f || hyperjerk_abs(s->w[1]) > 4.4f
+                        || hyperjerk_abs(s->w[2]) > 6.6f;
+                    moves_range = (t1 || hyperjerk_abs(s->w[3]) > 13.2f) ? 1.0f : -1.0f;
+                }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = hyperjerk_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 7523.0f : fault_limit_range;
+                }
+                /* which signs show? */
+                {
+                    const float t1 = out->y - s->w[0];
+                    const bool t2 = hyperjerk_within(t1, 0.6f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -448.0f : 1.0f))
+                        + (t2 ? -1.0f : 0.0f);
+                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+                }
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = hyperjerk_max(hyperjerk_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 7523.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = hyperjerk_min(patience_y, 2097152.0f);
-                        s->patience_y = hyperjerk_min(2.0f*patience_y, 4194304.0f);
+                        const bool t1 = s->fault_limit_y <= hyperjerk_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = hyperjerk_abs(s->w[0]) > 6.0f || hyperjerk_abs(s->w[1]) > 8.0f
+                            || hyperjerk_abs(s->w[2]) > 12.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 7523.0f || t3
+                            || hyperjerk_abs(s->w[3]) > 24.0f));
+                    }
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = hyperjerk_min(fault_limit_y, 2097152.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = hyperjerk_min(2.0f*fault_limit_y, 4194304.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = hyperjerk_min(fault_limit_range, 2097152.0f);
+                            s->fault_limit_range = hyperjerk_min(2.0f*fault_limit_range, 4194304.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->w[0] = 0.0f;
+                        s->w[1] = 0.0f;
+                        s->w[2] = 0.0f;
+                        s->w[3] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float w1 = s->w[0];
+                            const float w2 = s->w[1];
+                            const float w3 = s->w[2];
+                            const float w4 = s->w[3];
+                            s->w[0] = hyperjerk_keep(out->y, -3.0f, 3.0f, w1, 1e+30f);
+                            s->w[1] = hyperjerk_keep(w2, -4.0f, 4.0f, w2, 1e+30f);
+                            s->w[2] = hyperjerk_keep(w3, -6.0f, 6.0f, w3, 1e+30f);
+                            s->w[3] = hyperjerk_keep(w4, -12.0f, 12.0f, w4, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
+                        hyperjerk_clear_rest(s);
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float w1 = s->w[0];
+                            const float w2 = s->w[1];
+                            const float w3 = s->w[2];
+                            const float w4 = s->w[3];
+                            s->w[0] = hyperjerk_limit(w1, 3.0f);
+                            s->w[1] = hyperjerk_limit(w2, 4.0f);
+                            s->w[2] = hyperjerk_limit(w3, 6.0f);
+                            s->w[3] = hyperjerk_limit(w4, 12.0f);
+                            status |= HYPERJERK_PROJECTED_ONTO_RANGES;
+                        }
                     }
                 }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = hyperjerk_min(patience_range, 2097152.0f);
-                        s->patience_range = hyperjerk_min(2.0f*patience_range, 4194304.0f);
-                    }
-                }
-                /* the estimate restarts */
-                s->w[0] = 0.0f;
-                s->w[1] = 0.0f;
-                s->w[2] = 0.0f;
-                s->w[3] = 0.0f;
-                /* from the sample of y */
-                {
-                    const float w1 = s->w[0];
-                    const float w2 = s->w[1];
-                    const float w3 = s->w[2];
-                    const float w4 = s->w[3];
-                    s->w[0] = hyperjerk_keep(out->y, -3.0f, 3.0f, w1, 1e+30f);
-                    s->w[1] = hyperjerk_keep(w2, -4.0f, 4.0f, w2, 1e+30f);
-                    s->w[2] = hyperjerk_keep(w3, -6.0f, 6.0f, w3, 1e+30f);
-                    s->w[3] = hyperjerk_keep(w4, -12.0f, 12.0f, w4, 1e+30f);
-                }
-                /* the estimate has restarted from the sample */
-                status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
-                hyperjerk_clear_rest(s);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 7523.0f + hyperjerk_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 7523.0f + s->fault_count_range);
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 7523.0f + s->doubt_y
-                + (s->patience_range - 7523.0f + s->doubt_range);
         }
     }
     return status;
@@ -460,6 +513,10 @@ void hyperjerk_estimate(const hyperjerk_state *s, const hyperjerk_params *p, hyp
 unsigned hyperjerk_tune(hyperjerk_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != HYPERJERK_READY) {
+        hyperjerk_nominal(p);
+        status = HYPERJERK_NO_PARAMETERS;
+    }
     /* theta in its range */
     {
         const float theta = p->gain.theta;
@@ -482,13 +539,74 @@ void hyperjerk_reset(hyperjerk_state *s)
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
-    hyperjerk_clear_doubt(s);
+    hyperjerk_clear_fault_counts(s);
     hyperjerk_clear_rest(s);
 }
 
 void hyperjerk_init(hyperjerk_state *s, hyperjerk_params *p)
 {
-    p->gain.theta = 10.0f;
+    hyperjerk_nominal(p);
     (void)hyperjerk_tune(p);
     hyperjerk_reset(s);
+}
+
+static const unsigned char hyperjerk_layout[8] = {0x0Fu, 0xC5u, 0xF0u, 0x13u, 0x8Eu, 0x03u, 0x09u, 0x81u};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t hyperjerk_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void hyperjerk_save(const hyperjerk_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = hyperjerk_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = hyperjerk_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned hyperjerk_restore(hyperjerk_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == HYPERJERK_SAVED) {
+        refused = 0u;
+        uint32_t sum = hyperjerk_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == hyperjerk_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = HYPERJERK_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "induction_motor.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -119,28 +120,33 @@ static void induction_motor_jacobian(float z1, float z2, float z3, float z4, flo
     F[11] = 2.0f*t2; /* F_45 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned induction_motor_ready(induction_motor_state *s)
+INDUCTION_MOTOR_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static uint32_t induction_motor_ready(induction_motor_state *s, const induction_motor_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     if (s->ready != INDUCTION_MOTOR_READY) {
         induction_motor_reset(s);
-        status = INDUCTION_MOTOR_UNINITIALISED;
+        status |= INDUCTION_MOTOR_UNINITIALISED;
+    }
+    if (p->ready != INDUCTION_MOTOR_READY) {
+        induction_motor_reset(s);
+        status |= INDUCTION_MOTOR_NO_PARAMETERS;
     }
     return status;
 }
 
 INDUCTION_MOTOR_RARELY
-static void induction_motor_clear_doubt(induction_motor_state *s)
+static void induction_motor_clear_fault_counts(induction_motor_state *s)
 {
     /* as after a reset */
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 522.0f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 522.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1043.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y_y1 = 0.0f;
+    s->fault_limit_y_y1 = 522.0f;
+    s->fault_count_y_y2 = 0.0f;
+    s->fault_limit_y_y2 = 522.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 1043.0f;
+    s->fault_checksum = 0.0f;
 }
 
 INDUCTION_MOTOR_RARELY
@@ -165,9 +171,9 @@ static void induction_motor_clear_rest(induction_motor_state *s)
 }
 
 /* part of a step: keep the state in its box, or make it anew */
-static unsigned induction_motor_keep_in_box(induction_motor_state *s, const induction_motor_params *p)
+static uint32_t induction_motor_keep_in_box(induction_motor_state *s, const induction_motor_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     (void)p;
     bool lost = false;
     /* is a value lost? */
@@ -194,7 +200,7 @@ static unsigned induction_motor_keep_in_box(induction_motor_state *s, const indu
         s->z[3] = 0.0f;
         s->z[4] = 0.0f;
         status |= INDUCTION_MOTOR_RESTARTED;
-        induction_motor_clear_doubt(s);
+        induction_motor_clear_fault_counts(s);
         induction_motor_clear_rest(s);
     }
     /* keep z in its box */
@@ -254,10 +260,122 @@ static unsigned induction_motor_keep_in_box(induction_motor_state *s, const indu
     return status;
 }
 
-unsigned induction_motor_predict(induction_motor_state *s, const induction_motor_params *p,
+/* part of a step: check the fault counts, and count the range */
+static uint32_t induction_motor_count_range(induction_motor_state *s, const induction_motor_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    float moves_range = 0.0f;
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        const float fault_limit_y_y1 = s->fault_limit_y_y1;
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        const float fault_limit_y_y2 = s->fault_limit_y_y2;
+        const float t1 = fault_limit_y_y1 - 522.0f + induction_motor_abs(fault_count_y_y1)
+            + (fault_limit_y_y2 - 522.0f + induction_motor_abs(fault_count_y_y2));
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t2 = induction_motor_abs(fault_limit_range - 1043.0f + fault_count_range + t1
+            - s->fault_checksum);
+        const bool t3 = t2 < 0.5f && induction_motor_within(fault_count_y_y1, 534528.0f)
+            && fault_limit_y_y1 >= 522.0f && fault_limit_y_y1 <= 534528.0f;
+        const bool t4 = t3 && induction_motor_within(fault_count_y_y2, 534528.0f)
+            && fault_limit_y_y2 >= 522.0f && fault_limit_y_y2 <= 534528.0f;
+        const bool t5 = t4 && fault_count_range >= 0.0f && fault_count_range <= 1068032.0f
+            && fault_limit_range >= 1043.0f && fault_limit_range <= 1068032.0f;
+        spoiled = !t5;
+    }
+    if (spoiled) {
+        induction_motor_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const bool t1 = induction_motor_abs(s->z[0]) > 22.0f || induction_motor_abs(s->z[1]) > 22.0f
+            || induction_motor_abs(s->z[2]) > 1.65f;
+        moves_range = (t1 || induction_motor_abs(s->z[3]) > 1.65f || induction_motor_abs(s->z[4]) > 220.0f)
+            ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = induction_motor_max(fault_count_range + moves_range, 0.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 1043.0f : fault_limit_range;
+    }
+    return status;
+}
+
+/* part of a step: project the estimate onto its declared ranges */
+static uint32_t induction_motor_project_onto_ranges(induction_motor_state *s, const induction_motor_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    /* the estimate back onto its declared ranges */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float z5 = s->z[4];
+        const float t1 = z1 - induction_motor_limit(z1, 20.0f);
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float t2 = L21*D1;
+        const float t3 = t1/D1;
+        const float t4 = z2 - t2*t3;
+        const float t5 = t4 - induction_motor_limit(t4, 20.0f);
+        const float D2 = s->D[1];
+        const float t6 = t5/(t2*L21 + D2);
+        const float L31 = s->L[1];
+        const float t7 = L31*D1;
+        const float L32 = s->L[4];
+        const float t8 = L32*D2;
+        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+        const float t10 = t9 - induction_motor_limit(t9, 1.5f);
+        const float D3 = s->D[2];
+        const float t11 = t10/(t7*L31 + t8*L32 + D3);
+        const float L41 = s->L[2];
+        const float t12 = L41*D1;
+        const float L42 = s->L[5];
+        const float t13 = L42*D2;
+        const float L43 = s->L[7];
+        const float t14 = L43*D3;
+        const float t15 = z4 - t12*t3 - (t12*L21 + t13)*t6 - (t12*L31 + t13*L32 + t14)*t11;
+        const float t16 = t15 - induction_motor_limit(t15, 1.5f);
+        const float D4 = s->D[3];
+        const float t17 = t16/(t12*L41 + t13*L42 + t14*L43 + D4);
+        const float L51 = s->L[3];
+        const float t18 = L51*D1;
+        const float L52 = s->L[6];
+        const float t19 = L52*D2;
+        const float L53 = s->L[8];
+        const float t20 = L53*D3;
+        const float L54 = s->L[9];
+        const float t21 = L54*D4;
+        const float t22 = z5 - t18*t3 - (t18*L21 + t19)*t6 - (t18*L31 + t19*L32 + t20)*t11
+            - (t18*L41 + t19*L42 + t20*L43 + t21)*t17;
+        const float t23 = t22 - induction_motor_limit(t22, 200.0f);
+        const float t24 = t23/(t18*L51 + t19*L52 + t20*L53 + t21*L54 + s->D[4]);
+        s->z[0] = induction_motor_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11 - D1*L41*t17 - D1*L51*t24, 60.0f);
+        s->z[1] = induction_motor_limit(t4 - t5 - (t2*L31 + D2*L32)*t11 - (t2*L41 + D2*L42)*t17
+            - (t2*L51 + D2*L52)*t24, 60.0f);
+        s->z[2] = induction_motor_limit(t9 - t10 - (t7*L41 + t8*L42 + D3*L43)*t17
+            - (t7*L51 + t8*L52 + D3*L53)*t24, 4.5f);
+        s->z[3] = induction_motor_limit(t15 - t16 - (t12*L51 + t13*L52 + t14*L53 + D4*L54)*t24, 4.5f);
+        s->z[4] = induction_motor_limit(t22 - t23, 600.0f);
+        status |= INDUCTION_MOTOR_PROJECTED_ONTO_RANGES;
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static uint32_t induction_motor_run_predict(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_input *in)
 {
-    unsigned status = induction_motor_ready(s);
+    uint32_t status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -611,6 +729,8 @@ unsigned induction_motor_predict(induction_motor_state *s, const induction_motor
         if (induction_motor_acts(beyond)) {
             status |= induction_motor_keep_in_box(s, p);
         }
+    } else {
+        status |= induction_motor_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y1 = 0u;
@@ -622,23 +742,23 @@ unsigned induction_motor_predict(induction_motor_state *s, const induction_motor
 }
 
 /* part of a step: correct with y1 */
-static unsigned induction_motor_run_update_y1(induction_motor_state *s, const induction_motor_params *p,
+static uint32_t induction_motor_run_update_y1(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y1 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y1 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y1 = false;
-    bool spoiled = false;
+    float side_y_y1 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y1 awaited? */
     fresh = s->used_y1 < 1u;
@@ -708,124 +828,99 @@ static unsigned induction_motor_run_update_y1(induction_motor_state *s, const in
                 || induction_motor_abs(s->z[2]) > 1.5f;
             const bool t2 = induction_motor_abs(output_error) > 4.0f || t1
                 || induction_motor_abs(s->z[3]) > 1.5f || induction_motor_abs(s->z[4]) > 200.0f;
-            doubtful = t2 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = t2 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (induction_motor_within(measurement, 3e+38f)
                 && induction_motor_within(measurement, 60.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y1 - 522.0f + doubt_y_y1
-                        + (patience_y_y2 - 522.0f + doubt_y_y2) + (patience_range - 1043.0f + doubt_range);
-                    const bool t2 = induction_motor_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
-                        && doubt_y_y1 <= 534528.0f;
-                    const bool t3 = t2 && patience_y_y1 >= 522.0f && patience_y_y1 <= 534528.0f
-                        && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 534528.0f;
-                    const bool t4 = t3 && patience_y_y2 >= 522.0f && patience_y_y2 <= 534528.0f
-                        && doubt_range >= 0.0f && doubt_range <= 1068032.0f;
-                    spoiled = !(t4 && patience_range >= 1043.0f && patience_range <= 1068032.0f);
-                }
-                if (spoiled) {
-                    induction_motor_clear_doubt(s);
-                }
+                status |= induction_motor_count_range(s, p);
                 /* which signs show? */
                 {
-                    const bool t1 = induction_motor_abs(s->z[0]) > 22.0f
-                        || induction_motor_abs(s->z[1]) > 22.0f || induction_motor_abs(s->z[2]) > 1.65f;
-                    shows_y_y1 = !induction_motor_within(output_error, 4.0f);
-                    shows_range = t1 || induction_motor_abs(s->z[3]) > 1.65f
-                        || induction_motor_abs(s->z[4]) > 220.0f;
+                    const bool t1 = induction_motor_within(output_error, 4.0f);
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -220.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
                 }
-                if (shows_y_y1) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        s->doubt_y_y1 = induction_motor_min(doubt_y_y1 + 1.0f, 534528.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        const float patience_y_y1 = s->patience_y_y1;
-                        s->doubt_y_y1 = induction_motor_max(doubt_y_y1 - 1.0f, 0.0f);
-                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 522.0f : patience_y_y1;
-                        over_y_y1 = false;
-                    }
+                /* count of y_y1 */
+                {
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                    const float t1 = induction_motor_max(induction_motor_abs(fault_count_y_y1) + moves_y_y1,
+                        0.0f);
+                    s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y1 = (t1 <= 0.0f) ? 522.0f : fault_limit_y_y1;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y1 <= induction_motor_abs(s->fault_count_y_y1)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = induction_motor_min(doubt_range + 1.0f, 1068032.0f);
+                        const bool t1 = s->fault_limit_y_y1 <= induction_motor_abs(s->fault_count_y_y1);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = induction_motor_abs(s->z[0]) > 40.0f
+                            || induction_motor_abs(s->z[1]) > 40.0f || induction_motor_abs(s->z[2]) > 3.0f;
+                        const bool t4 = fault_limit_range > 1043.0f || t3
+                            || induction_motor_abs(s->z[3]) > 3.0f || induction_motor_abs(s->z[4]) > 400.0f;
+                        over_y_y1 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t4);
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = induction_motor_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 1043.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y1 || over_range;
-                if (lost) {
                     if (over_y_y1) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y1 = s->patience_y_y1;
-                            s->doubt_y_y1 = induction_motor_min(patience_y_y1, 267264.0f);
-                            s->patience_y_y1 = induction_motor_min(2.0f*patience_y_y1, 534528.0f);
+                            const float fault_count_y_y1 = s->fault_count_y_y1;
+                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                            const float t1 = induction_motor_min(fault_limit_y_y1, 267264.0f);
+                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y1 = induction_motor_min(2.0f*fault_limit_y_y1, 534528.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = induction_motor_min(patience_range, 534016.0f);
-                            s->patience_range = induction_motor_min(2.0f*patience_range, 1068032.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = induction_motor_min(fault_limit_range, 534016.0f);
+                            s->fault_limit_range = induction_motor_min(2.0f*fault_limit_range, 1068032.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 0.0f;
-                    /* from the sample of y1 */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        const float z5 = s->z[4];
-                        s->z[0] = induction_motor_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = induction_motor_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = induction_motor_keep(z3, -1.5f, 1.5f, z3, 1e+30f);
-                        s->z[3] = induction_motor_keep(z4, -1.5f, 1.5f, z4, 1e+30f);
-                        s->z[4] = induction_motor_keep(z5, -200.0f, 200.0f, z5, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        s->z[3] = 0.0f;
+                        s->z[4] = 0.0f;
+                        /* from the sample of y1 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            const float z5 = s->z[4];
+                            s->z[0] = induction_motor_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = induction_motor_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = induction_motor_keep(z3, -1.5f, 1.5f, z3, 1e+30f);
+                            s->z[3] = induction_motor_keep(z4, -1.5f, 1.5f, z4, 1e+30f);
+                            s->z[4] = induction_motor_keep(z5, -200.0f, 200.0f, z5, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE;
+                        induction_motor_clear_rest(s);
+                    } else {
+                        status |= induction_motor_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE;
-                    induction_motor_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y1 - 522.0f + s->doubt_y_y1
-                    + (s->patience_y_y2 - 522.0f + s->doubt_y_y2)
-                        + (s->patience_range - 1043.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y1 - 522.0f + induction_motor_abs(s->fault_count_y_y1)
+                        + (s->fault_limit_y_y2 - 522.0f + induction_motor_abs(s->fault_count_y_y2));
+                    s->fault_checksum = s->fault_limit_range - 1043.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -836,23 +931,23 @@ static unsigned induction_motor_run_update_y1(induction_motor_state *s, const in
 }
 
 /* part of a step: correct with y2 */
-static unsigned induction_motor_run_update_y2(induction_motor_state *s, const induction_motor_params *p,
+static uint32_t induction_motor_run_update_y2(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y2 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y2 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y2 = false;
-    bool spoiled = false;
+    float side_y_y2 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y2 awaited? */
     fresh = s->used_y2 < 1u;
@@ -943,124 +1038,100 @@ static unsigned induction_motor_run_update_y2(induction_motor_state *s, const in
             if (t2) {
                 status |= INDUCTION_MOTOR_OUTSIDE_BOX;
             }
-            doubtful = induction_motor_abs(output_error) > 4.0f || t2 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = induction_motor_abs(output_error) > 4.0f || t2 || !(s->fault_checksum <= 0.0f)
+                || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (induction_motor_within(measurement, 3e+38f)
                 && induction_motor_within(measurement, 60.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y1 - 522.0f + doubt_y_y1
-                        + (patience_y_y2 - 522.0f + doubt_y_y2) + (patience_range - 1043.0f + doubt_range);
-                    const bool t2 = induction_motor_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
-                        && doubt_y_y1 <= 534528.0f;
-                    const bool t3 = t2 && patience_y_y1 >= 522.0f && patience_y_y1 <= 534528.0f
-                        && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 534528.0f;
-                    const bool t4 = t3 && patience_y_y2 >= 522.0f && patience_y_y2 <= 534528.0f
-                        && doubt_range >= 0.0f && doubt_range <= 1068032.0f;
-                    spoiled = !(t4 && patience_range >= 1043.0f && patience_range <= 1068032.0f);
-                }
-                if (spoiled) {
-                    induction_motor_clear_doubt(s);
-                }
+                status |= induction_motor_count_range(s, p);
                 /* which signs show? */
                 {
-                    const bool t1 = induction_motor_abs(s->z[0]) > 22.0f
-                        || induction_motor_abs(s->z[1]) > 22.0f || induction_motor_abs(s->z[2]) > 1.65f;
-                    shows_y_y2 = !induction_motor_within(output_error, 4.0f);
-                    shows_range = t1 || induction_motor_abs(s->z[3]) > 1.65f
-                        || induction_motor_abs(s->z[4]) > 220.0f;
+                    const bool t1 = induction_motor_within(output_error, 4.0f);
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    moves_y_y2 = (t1 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -220.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y2 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y2 : 0.0f);
                 }
-                if (shows_y_y2) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        s->doubt_y_y2 = induction_motor_min(doubt_y_y2 + 1.0f, 534528.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        const float patience_y_y2 = s->patience_y_y2;
-                        s->doubt_y_y2 = induction_motor_max(doubt_y_y2 - 1.0f, 0.0f);
-                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 522.0f : patience_y_y2;
-                        over_y_y2 = false;
-                    }
+                /* count of y_y2 */
+                {
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                    const float t1 = induction_motor_max(induction_motor_abs(fault_count_y_y2) + moves_y_y2,
+                        0.0f);
+                    s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y2 = (t1 <= 0.0f) ? 522.0f : fault_limit_y_y2;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y2 <= induction_motor_abs(s->fault_count_y_y2)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = induction_motor_min(doubt_range + 1.0f, 1068032.0f);
+                        const bool t1 = s->fault_limit_y_y2 <= induction_motor_abs(s->fault_count_y_y2);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = induction_motor_abs(s->z[0]) > 40.0f
+                            || induction_motor_abs(s->z[1]) > 40.0f || induction_motor_abs(s->z[2]) > 3.0f;
+                        const bool t4 = fault_limit_range > 1043.0f || t3
+                            || induction_motor_abs(s->z[3]) > 3.0f || induction_motor_abs(s->z[4]) > 400.0f;
+                        over_y_y2 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t4);
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = induction_motor_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 1043.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y2 || over_range;
-                if (lost) {
                     if (over_y_y2) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y2 = s->patience_y_y2;
-                            s->doubt_y_y2 = induction_motor_min(patience_y_y2, 267264.0f);
-                            s->patience_y_y2 = induction_motor_min(2.0f*patience_y_y2, 534528.0f);
+                            const float fault_count_y_y2 = s->fault_count_y_y2;
+                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                            const float t1 = induction_motor_min(fault_limit_y_y2, 267264.0f);
+                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y2 = induction_motor_min(2.0f*fault_limit_y_y2, 534528.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = induction_motor_min(patience_range, 534016.0f);
-                            s->patience_range = induction_motor_min(2.0f*patience_range, 1068032.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = induction_motor_min(fault_limit_range, 534016.0f);
+                            s->fault_limit_range = induction_motor_min(2.0f*fault_limit_range, 1068032.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 0.0f;
-                    /* from the sample of y2 */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        const float z5 = s->z[4];
-                        s->z[0] = induction_motor_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = induction_motor_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = induction_motor_keep(z3, -1.5f, 1.5f, z3, 1e+30f);
-                        s->z[3] = induction_motor_keep(z4, -1.5f, 1.5f, z4, 1e+30f);
-                        s->z[4] = induction_motor_keep(z5, -200.0f, 200.0f, z5, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        s->z[3] = 0.0f;
+                        s->z[4] = 0.0f;
+                        /* from the sample of y2 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            const float z5 = s->z[4];
+                            s->z[0] = induction_motor_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = induction_motor_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = induction_motor_keep(z3, -1.5f, 1.5f, z3, 1e+30f);
+                            s->z[3] = induction_motor_keep(z4, -1.5f, 1.5f, z4, 1e+30f);
+                            s->z[4] = induction_motor_keep(z5, -200.0f, 200.0f, z5, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE;
+                        induction_motor_clear_rest(s);
+                    } else {
+                        status |= induction_motor_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE;
-                    induction_motor_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y1 - 522.0f + s->doubt_y_y1
-                    + (s->patience_y_y2 - 522.0f + s->doubt_y_y2)
-                        + (s->patience_range - 1043.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y1 - 522.0f + induction_motor_abs(s->fault_count_y_y1)
+                        + (s->fault_limit_y_y2 - 522.0f + induction_motor_abs(s->fault_count_y_y2));
+                    s->fault_checksum = s->fault_limit_range - 1043.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -1070,29 +1141,71 @@ static unsigned induction_motor_run_update_y2(induction_motor_state *s, const in
     return status;
 }
 
-unsigned induction_motor_update_y1(induction_motor_state *s, const induction_motor_params *p,
-    const induction_motor_output *out)
+INDUCTION_MOTOR_RARELY
+/* nominal parameters */
+static void induction_motor_nominal(induction_motor_params *p)
 {
-    unsigned status = induction_motor_ready(s);
-    status |= induction_motor_run_update_y1(s, p, out);
+    p->ready = INDUCTION_MOTOR_READY;
+    p->gain.Q[0] = 1.0f;
+    p->gain.Q[1] = 1.0f;
+    p->gain.Q[2] = 0.0001f;
+    p->gain.Q[3] = 0.0001f;
+    p->gain.Q[4] = 10.0f;
+    p->gain.R[0] = 1e-08f;
+    p->gain.R[1] = 1e-08f;
+}
+
+uint32_t induction_motor_predict(induction_motor_state *s, const induction_motor_params *p,
+    const induction_motor_input *in)
+{
+    uint32_t status = 0u;
+    if ((s->ready != INDUCTION_MOTOR_READY) || (p->ready != INDUCTION_MOTOR_READY)) {
+        status = induction_motor_ready(s, p);
+    }
+    if ((status & INDUCTION_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= induction_motor_run_predict(s, p, in);
+    }
     return status;
 }
 
-unsigned induction_motor_update_y2(induction_motor_state *s, const induction_motor_params *p,
+uint32_t induction_motor_update_y1(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_output *out)
 {
-    unsigned status = induction_motor_ready(s);
-    status |= induction_motor_run_update_y2(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != INDUCTION_MOTOR_READY) || (p->ready != INDUCTION_MOTOR_READY)) {
+        status = induction_motor_ready(s, p);
+    }
+    if ((status & INDUCTION_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= induction_motor_run_update_y1(s, p, out);
+    }
     return status;
 }
 
-unsigned induction_motor_step(induction_motor_state *s, const induction_motor_params *p,
+uint32_t induction_motor_update_y2(induction_motor_state *s, const induction_motor_params *p,
+    const induction_motor_output *out)
+{
+    uint32_t status = 0u;
+    if ((s->ready != INDUCTION_MOTOR_READY) || (p->ready != INDUCTION_MOTOR_READY)) {
+        status = induction_motor_ready(s, p);
+    }
+    if ((status & INDUCTION_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= induction_motor_run_update_y2(s, p, out);
+    }
+    return status;
+}
+
+uint32_t induction_motor_step(induction_motor_state *s, const induction_motor_params *p,
     const induction_motor_input *in, const induction_motor_output *out)
 {
-    unsigned status = 0u;
-    status |= induction_motor_predict(s, p, in);
-    status |= induction_motor_run_update_y1(s, p, out);
-    status |= induction_motor_run_update_y2(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != INDUCTION_MOTOR_READY) || (p->ready != INDUCTION_MOTOR_READY)) {
+        status = induction_motor_ready(s, p);
+    }
+    if ((status & INDUCTION_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= induction_motor_run_predict(s, p, in);
+        status |= induction_motor_run_update_y1(s, p, out);
+        status |= induction_motor_run_update_y2(s, p, out);
+    }
     return status;
 }
 
@@ -1108,9 +1221,13 @@ void induction_motor_estimate(const induction_motor_state *s, const induction_mo
     x->w = s->z[4];
 }
 
-unsigned induction_motor_tune(induction_motor_params *p)
+uint32_t induction_motor_tune(induction_motor_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    if (p->ready != INDUCTION_MOTOR_READY) {
+        induction_motor_nominal(p);
+        status = INDUCTION_MOTOR_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         static const struct {
@@ -1160,19 +1277,76 @@ void induction_motor_reset(induction_motor_state *s)
     s->used_y2 = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
-    induction_motor_clear_doubt(s);
+    induction_motor_clear_fault_counts(s);
     induction_motor_clear_rest(s);
 }
 
 void induction_motor_init(induction_motor_state *s, induction_motor_params *p)
 {
-    p->gain.Q[0] = 1.0f;
-    p->gain.Q[1] = 1.0f;
-    p->gain.Q[2] = 0.0001f;
-    p->gain.Q[3] = 0.0001f;
-    p->gain.Q[4] = 10.0f;
-    p->gain.R[0] = 1e-08f;
-    p->gain.R[1] = 1e-08f;
+    induction_motor_nominal(p);
     (void)induction_motor_tune(p);
     induction_motor_reset(s);
+}
+
+static const unsigned char induction_motor_layout[8] = {
+    0xB6u, 0xECu, 0x1Fu, 0x62u, 0x0Au, 0xF1u, 0xB2u, 0x1Eu
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t induction_motor_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void induction_motor_save(const induction_motor_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = induction_motor_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = induction_motor_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned induction_motor_restore(induction_motor_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == INDUCTION_MOTOR_SAVED) {
+        refused = 0u;
+        uint32_t sum = induction_motor_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == induction_motor_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = INDUCTION_MOTOR_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

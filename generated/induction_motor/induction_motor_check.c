@@ -157,7 +157,7 @@ static const float wanted[64][5] = { /* x.ia, x.ib, x.fa, x.fb, x.w */
     {0.038440984f, 0.12949727f, -2.6185954f, 3.5549684f, -22.144201f},
 };
 
-static const unsigned expected[64] = { /* status */
+static const uint32_t expected[64] = { /* status */
     0u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u,
     256u, 256u, 256u, 256u, 261u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 266u, 256u,
     256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 336u, 256u, 256u, 256u, 256u, 256u, 256u, 256u,
@@ -205,7 +205,7 @@ unsigned induction_motor_check(void)
         in.ub = (k == 40u) ? none : given[k][1];
         out.y1 = (k == 20u) ? none : given[k][2];
         out.y2 = (k == 20u) ? none : given[k][3];
-        const unsigned status = induction_motor_step(&s, &p, &in, &out);
+        const uint32_t status = induction_motor_step(&s, &p, &in, &out);
         induction_motor_estimate(&s, &p, &x);
         if (status != expected[k] || !induction_motor_near(x.ia, k, 0u) || !induction_motor_near(x.ib, k, 1u)
             || !induction_motor_near(x.fa, k, 2u) || !induction_motor_near(x.fb, k, 3u)

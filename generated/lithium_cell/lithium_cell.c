@@ -2,6 +2,7 @@
 #include "lithium_cell.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -152,26 +153,31 @@ static void lithium_cell_flow(float z2, float u, float dz[1])
     dz[0] = -0.00011111111f*z2 - 0.00011111111f*u;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned lithium_cell_ready(lithium_cell_state *s)
+LITHIUM_CELL_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned lithium_cell_ready(lithium_cell_state *s, const lithium_cell_params *p)
 {
     unsigned status = 0u;
     if (s->ready != LITHIUM_CELL_READY) {
         lithium_cell_reset(s);
-        status = LITHIUM_CELL_UNINITIALISED;
+        status |= LITHIUM_CELL_UNINITIALISED;
+    }
+    if (p->ready != LITHIUM_CELL_READY) {
+        lithium_cell_reset(s);
+        status |= LITHIUM_CELL_NO_PARAMETERS;
     }
     return status;
 }
 
 LITHIUM_CELL_RARELY
-static void lithium_cell_clear_doubt(lithium_cell_state *s)
+static void lithium_cell_clear_fault_counts(lithium_cell_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 952.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 952.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 952.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 952.0f;
+    s->fault_checksum = 0.0f;
 }
 
 /* part of a step: keep the state in its box, or make it anew */
@@ -191,7 +197,7 @@ static unsigned lithium_cell_keep_in_box(lithium_cell_state *s, const lithium_ce
         s->z[0] = 0.03f;
         s->z[1] = 0.0f;
         status |= LITHIUM_CELL_RESTARTED;
-        lithium_cell_clear_doubt(s);
+        lithium_cell_clear_fault_counts(s);
         /* as after a reset */
         s->L = 0.0f;
         s->D[0] = 0.05f;
@@ -222,10 +228,11 @@ static unsigned lithium_cell_keep_in_box(lithium_cell_state *s, const lithium_ce
     return status;
 }
 
-unsigned lithium_cell_predict(lithium_cell_state *s, const lithium_cell_params *p,
+/* part of a step: advance the estimate to now */
+static unsigned lithium_cell_run_predict(lithium_cell_state *s, const lithium_cell_params *p,
     const lithium_cell_input *in)
 {
-    unsigned status = lithium_cell_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -312,6 +319,8 @@ unsigned lithium_cell_predict(lithium_cell_state *s, const lithium_cell_params *
         if (lithium_cell_acts(beyond)) {
             status |= lithium_cell_keep_in_box(s, p);
         }
+    } else {
+        status |= lithium_cell_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -325,19 +334,21 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
     const lithium_cell_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -399,140 +410,162 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
             if (t1) {
                 status |= LITHIUM_CELL_OUTSIDE_BOX;
             }
-            doubtful = lithium_cell_abs(output_error) > 0.1295f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = lithium_cell_abs(output_error) > 0.1295f || t1 || !(s->fault_checksum <= 0.0f)
+                || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (lithium_cell_within(measurement, 3e+38f) && measurement >= 1.675f
                 && measurement <= 5.56f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = lithium_cell_abs(patience_y - 952.0f + doubt_y
-                        + (patience_range - 952.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 974848.0f
-                        && patience_y >= 952.0f && patience_y <= 974848.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 974848.0f
-                        && patience_range >= 952.0f && patience_range <= 974848.0f;
-                    spoiled = !t3;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 952.0f + lithium_cell_abs(fault_count_y)
+                        + (fault_limit_range - 952.0f + fault_count_range);
+                    const bool t2 = lithium_cell_abs(t1 - s->fault_checksum) < 0.5f
+                        && lithium_cell_within(fault_count_y, 974848.0f);
+                    const bool t3 = t2 && fault_limit_y >= 952.0f && fault_limit_y <= 974848.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 974848.0f;
+                    spoiled = !(t3 && fault_limit_range >= 952.0f && fault_limit_range <= 974848.0f);
                 }
                 if (spoiled) {
-                    lithium_cell_clear_doubt(s);
+                    lithium_cell_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                {
+                    const float z1 = s->z[0];
+                    moves_range = (z1 < -0.017f || z1 > 1.017f || lithium_cell_abs(s->z[1]) > 0.55f) ? 1.0f
+                        : -1.0f;
+                }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = lithium_cell_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 952.0f : fault_limit_range;
                 }
                 /* which signs show? */
                 {
-                    const float z1 = s->z[0];
-                    shows_y = !lithium_cell_within(output_error, 0.1295f);
-                    shows_range = z1 < -0.017f || z1 > 1.017f || lithium_cell_abs(s->z[1]) > 0.55f;
+                    const bool t1 = lithium_cell_within(output_error, 0.1295f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -476.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = lithium_cell_min(doubt_y + 1.0f, 974848.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = lithium_cell_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 952.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = lithium_cell_max(lithium_cell_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 952.0f : fault_limit_y;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = lithium_cell_min(doubt_range + 1.0f, 974848.0f);
+                        const bool t1 = s->fault_limit_y <= lithium_cell_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const bool t3 = t2 && (fault_limit_range > 952.0f || z1 < -0.44f || z1 > 1.44f
+                            || lithium_cell_abs(s->z[1]) > 1.0f);
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || t3;
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = lithium_cell_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 952.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = lithium_cell_min(patience_y, 487424.0f);
-                            s->patience_y = lithium_cell_min(2.0f*patience_y, 974848.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = lithium_cell_min(fault_limit_y, 487424.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = lithium_cell_min(2.0f*fault_limit_y, 974848.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = lithium_cell_min(patience_range, 487424.0f);
-                            s->patience_range = lithium_cell_min(2.0f*patience_range, 974848.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = lithium_cell_min(fault_limit_range, 487424.0f);
+                            s->fault_limit_range = lithium_cell_min(2.0f*fault_limit_range, 974848.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.03f;
-                    s->z[1] = 0.0f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-                        const float t2 = lithium_cell_slope_ocv(t1);
-                        const float t3 = 7.9524f*t2;
-                        const float t4 = (measurement - (lithium_cell_table_ocv(t1)
-                            - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
-                        s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-                        s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.03f;
+                        s->z[1] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+                            const float t2 = lithium_cell_slope_ocv(t1);
+                            const float t3 = 7.9524f*t2;
+                            const float t4 = (measurement - (lithium_cell_table_ocv(t1)
+                                - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
+                            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
+                            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+                        }
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+                            const float t2 = lithium_cell_slope_ocv(t1);
+                            const float t3 = 7.9524f*t2;
+                            const float t4 = (measurement - (lithium_cell_table_ocv(t1)
+                                - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
+                            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
+                            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+                        }
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+                            const float t2 = lithium_cell_slope_ocv(t1);
+                            const float t3 = 7.9524f*t2;
+                            const float t4 = (measurement - (lithium_cell_table_ocv(t1)
+                                - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
+                            s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
+                            s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= LITHIUM_CELL_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->L = 0.0f;
+                        s->D[0] = 0.05f;
+                        s->D[1] = 0.1f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - lithium_cell_clamp(z1, 0.03f, 0.97f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L;
+                            const float t2 = L21*D1;
+                            const float t3 = z2 - t1/D1*t2;
+                            const float t4 = t3 - lithium_cell_limit(t3, 0.5f);
+                            s->z[0] = lithium_cell_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -0.91f,
+                                1.91f);
+                            s->z[1] = lithium_cell_limit(t3 - t4, 1.5f);
+                            status |= LITHIUM_CELL_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-                        const float t2 = lithium_cell_slope_ocv(t1);
-                        const float t3 = 7.9524f*t2;
-                        const float t4 = (measurement - (lithium_cell_table_ocv(t1)
-                            - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
-                        s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-                        s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-                    }
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
-                        const float t2 = lithium_cell_slope_ocv(t1);
-                        const float t3 = 7.9524f*t2;
-                        const float t4 = (measurement - (lithium_cell_table_ocv(t1)
-                            - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
-                        s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
-                        s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
-                    }
-                    /* the estimate has restarted from the sample */
-                    status |= LITHIUM_CELL_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L = 0.0f;
-                    s->D[0] = 0.05f;
-                    s->D[1] = 0.1f;
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 952.0f + s->doubt_y
-                    + (s->patience_range - 952.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 952.0f + lithium_cell_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 952.0f + s->fault_count_range);
             }
         }
     } else {
@@ -542,11 +575,39 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
     return status;
 }
 
+LITHIUM_CELL_RARELY
+/* nominal parameters */
+static void lithium_cell_nominal(lithium_cell_params *p)
+{
+    p->ready = LITHIUM_CELL_READY;
+    p->gain.Q[0] = 1e-08f;
+    p->gain.Q[1] = 1e-06f;
+    p->gain.R = 1e-06f;
+}
+
+unsigned lithium_cell_predict(lithium_cell_state *s, const lithium_cell_params *p,
+    const lithium_cell_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != LITHIUM_CELL_READY) || (p->ready != LITHIUM_CELL_READY)) {
+        status = lithium_cell_ready(s, p);
+    }
+    if ((status & LITHIUM_CELL_NO_PARAMETERS) == 0u) {
+        status |= lithium_cell_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned lithium_cell_update_y(lithium_cell_state *s, const lithium_cell_params *p,
     const lithium_cell_output *out)
 {
-    unsigned status = lithium_cell_ready(s);
-    status |= lithium_cell_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != LITHIUM_CELL_READY) || (p->ready != LITHIUM_CELL_READY)) {
+        status = lithium_cell_ready(s, p);
+    }
+    if ((status & LITHIUM_CELL_NO_PARAMETERS) == 0u) {
+        status |= lithium_cell_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -554,8 +615,13 @@ unsigned lithium_cell_step(lithium_cell_state *s, const lithium_cell_params *p, 
     const lithium_cell_output *out)
 {
     unsigned status = 0u;
-    status |= lithium_cell_predict(s, p, in);
-    status |= lithium_cell_run_update_y(s, p, out);
+    if ((s->ready != LITHIUM_CELL_READY) || (p->ready != LITHIUM_CELL_READY)) {
+        status = lithium_cell_ready(s, p);
+    }
+    if ((status & LITHIUM_CELL_NO_PARAMETERS) == 0u) {
+        status |= lithium_cell_run_predict(s, p, in);
+        status |= lithium_cell_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -570,6 +636,10 @@ void lithium_cell_estimate(const lithium_cell_state *s, const lithium_cell_param
 unsigned lithium_cell_tune(lithium_cell_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != LITHIUM_CELL_READY) {
+        lithium_cell_nominal(p);
+        status = LITHIUM_CELL_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -597,14 +667,73 @@ void lithium_cell_reset(lithium_cell_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    lithium_cell_clear_doubt(s);
+    lithium_cell_clear_fault_counts(s);
 }
 
 void lithium_cell_init(lithium_cell_state *s, lithium_cell_params *p)
 {
-    p->gain.Q[0] = 1e-08f;
-    p->gain.Q[1] = 1e-06f;
-    p->gain.R = 1e-06f;
+    lithium_cell_nominal(p);
     (void)lithium_cell_tune(p);
     lithium_cell_reset(s);
+}
+
+static const unsigned char lithium_cell_layout[8] = {0xA1u, 0x3Eu, 0x64u, 0x00u, 0xB1u, 0x89u, 0x2Cu, 0x47u};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t lithium_cell_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void lithium_cell_save(const lithium_cell_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = lithium_cell_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = lithium_cell_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned lithium_cell_restore(lithium_cell_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == LITHIUM_CELL_SAVED) {
+        refused = 0u;
+        uint32_t sum = lithium_cell_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == lithium_cell_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = LITHIUM_CELL_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "lorenz.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -102,26 +103,31 @@ static void lorenz_jacobian(float z1, float z2, float z3, float F[4])
     F[3] = -t1; /* F_23 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned lorenz_ready(lorenz_state *s)
+LORENZ_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned lorenz_ready(lorenz_state *s, const lorenz_params *p)
 {
     unsigned status = 0u;
     if (s->ready != LORENZ_READY) {
         lorenz_reset(s);
-        status = LORENZ_UNINITIALISED;
+        status |= LORENZ_UNINITIALISED;
+    }
+    if (p->ready != LORENZ_READY) {
+        lorenz_reset(s);
+        status |= LORENZ_NO_PARAMETERS;
     }
     return status;
 }
 
 LORENZ_RARELY
-static void lorenz_clear_doubt(lorenz_state *s)
+static void lorenz_clear_fault_counts(lorenz_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 178.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 178.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 178.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 178.0f;
+    s->fault_checksum = 0.0f;
 }
 
 LORENZ_RARELY
@@ -158,7 +164,7 @@ static unsigned lorenz_keep_in_box(lorenz_state *s, const lorenz_params *p)
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
         status |= LORENZ_RESTARTED;
-        lorenz_clear_doubt(s);
+        lorenz_clear_fault_counts(s);
         lorenz_clear_rest(s);
     }
     /* keep z in its box */
@@ -194,9 +200,10 @@ static unsigned lorenz_keep_in_box(lorenz_state *s, const lorenz_params *p)
     return status;
 }
 
-unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
+/* part of a step: advance the estimate to now */
+static unsigned lorenz_run_predict(lorenz_state *s, const lorenz_params *p)
 {
-    unsigned status = lorenz_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -329,6 +336,8 @@ unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
         if (lorenz_acts(beyond)) {
             status |= lorenz_keep_in_box(s, p);
         }
+    } else {
+        status |= lorenz_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -339,19 +348,21 @@ unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
 static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -413,111 +424,143 @@ static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, con
             if (t1) {
                 status |= LORENZ_OUTSIDE_BOX;
             }
-            doubtful = lorenz_abs(output_error) > 4.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = lorenz_abs(output_error) > 4.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (lorenz_within(measurement, 3e+38f) && lorenz_within(measurement, 60.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = lorenz_abs(patience_y - 178.0f + doubt_y
-                        + (patience_range - 178.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 182272.0f
-                        && patience_y >= 178.0f && patience_y <= 182272.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 182272.0f
-                        && patience_range >= 178.0f && patience_range <= 182272.0f;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 178.0f + lorenz_abs(fault_count_y)
+                        + (fault_limit_range - 178.0f + fault_count_range);
+                    const bool t2 = lorenz_abs(t1 - s->fault_checksum) < 0.5f
+                        && lorenz_within(fault_count_y, 182272.0f) && fault_limit_y >= 178.0f
+                            && fault_limit_y <= 182272.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 182272.0f
+                        && fault_limit_range >= 178.0f && fault_limit_range <= 182272.0f;
                     spoiled = !t3;
                 }
                 if (spoiled) {
-                    lorenz_clear_doubt(s);
+                    lorenz_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                {
+                    const float z3 = s->z[2];
+                    moves_range = (lorenz_abs(s->z[0]) > 22.0f || lorenz_abs(s->z[1]) > 33.0f || z3 < -2.5f
+                        || z3 > 52.5f) ? 1.0f : -1.0f;
+                }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = lorenz_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 178.0f : fault_limit_range;
                 }
                 /* which signs show? */
                 {
-                    const float z3 = s->z[2];
-                    shows_y = !lorenz_within(output_error, 4.0f);
-                    shows_range = lorenz_abs(s->z[0]) > 22.0f || lorenz_abs(s->z[1]) > 33.0f || z3 < -2.5f
-                        || z3 > 52.5f;
+                    const bool t1 = lorenz_within(output_error, 4.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -89.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = lorenz_min(doubt_y + 1.0f, 182272.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = lorenz_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 178.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = lorenz_max(lorenz_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 178.0f : fault_limit_y;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y <= lorenz_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = lorenz_min(doubt_range + 1.0f, 182272.0f);
+                        const bool t1 = s->fault_limit_y <= lorenz_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z3 = s->z[2];
+                        const bool t3 = fault_limit_range > 178.0f || lorenz_abs(s->z[0]) > 40.0f
+                            || lorenz_abs(s->z[1]) > 60.0f || z3 < -25.0f || z3 > 75.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t3);
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = lorenz_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 178.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = lorenz_min(patience_y, 91136.0f);
-                            s->patience_y = lorenz_min(2.0f*patience_y, 182272.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = lorenz_min(fault_limit_y, 91136.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = lorenz_min(2.0f*fault_limit_y, 182272.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = lorenz_min(patience_range, 91136.0f);
-                            s->patience_range = lorenz_min(2.0f*patience_range, 182272.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = lorenz_min(fault_limit_range, 91136.0f);
+                            s->fault_limit_range = lorenz_min(2.0f*fault_limit_range, 182272.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        s->z[0] = lorenz_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = lorenz_keep(z2, -30.0f, 30.0f, z2, 1e+30f);
-                        s->z[2] = lorenz_keep(z3, 0.0f, 50.0f, z3, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = lorenz_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = lorenz_keep(z2, -30.0f, 30.0f, z2, 1e+30f);
+                            s->z[2] = lorenz_keep(z3, 0.0f, 50.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= LORENZ_RESTARTED_FROM_SAMPLE;
+                        lorenz_clear_rest(s);
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float t1 = z1 - lorenz_limit(z1, 20.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L[0];
+                            const float t2 = L21*D1;
+                            const float t3 = t1/D1;
+                            const float t4 = z2 - t2*t3;
+                            const float t5 = t4 - lorenz_limit(t4, 30.0f);
+                            const float D2 = s->D[1];
+                            const float t6 = t5/(t2*L21 + D2);
+                            const float L31 = s->L[1];
+                            const float t7 = L31*D1;
+                            const float L32 = s->L[2];
+                            const float t8 = L32*D2;
+                            const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+                            const float t10 = t9 - lorenz_clamp(t9, 0.0f, 50.0f);
+                            const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
+                            s->z[0] = lorenz_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11, 60.0f);
+                            s->z[1] = lorenz_limit(t4 - t5 - (t2*L31 + D2*L32)*t11, 90.0f);
+                            s->z[2] = lorenz_clamp(t9 - t10, -50.0f, 100.0f);
+                            status |= LORENZ_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= LORENZ_RESTARTED_FROM_SAMPLE;
-                    lorenz_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 178.0f + s->doubt_y
-                    + (s->patience_range - 178.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 178.0f + lorenz_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 178.0f + s->fault_count_range);
             }
         }
     } else {
@@ -527,18 +570,51 @@ static unsigned lorenz_run_update_y(lorenz_state *s, const lorenz_params *p, con
     return status;
 }
 
+LORENZ_RARELY
+/* nominal parameters */
+static void lorenz_nominal(lorenz_params *p)
+{
+    p->ready = LORENZ_READY;
+    p->gain.Q[0] = 0.8f;
+    p->gain.Q[1] = 2.0f;
+    p->gain.Q[2] = 1.0f;
+    p->gain.R = 1e-07f;
+}
+
+unsigned lorenz_predict(lorenz_state *s, const lorenz_params *p)
+{
+    unsigned status = 0u;
+    if ((s->ready != LORENZ_READY) || (p->ready != LORENZ_READY)) {
+        status = lorenz_ready(s, p);
+    }
+    if ((status & LORENZ_NO_PARAMETERS) == 0u) {
+        status |= lorenz_run_predict(s, p);
+    }
+    return status;
+}
+
 unsigned lorenz_update_y(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
 {
-    unsigned status = lorenz_ready(s);
-    status |= lorenz_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != LORENZ_READY) || (p->ready != LORENZ_READY)) {
+        status = lorenz_ready(s, p);
+    }
+    if ((status & LORENZ_NO_PARAMETERS) == 0u) {
+        status |= lorenz_run_update_y(s, p, out);
+    }
     return status;
 }
 
 unsigned lorenz_step(lorenz_state *s, const lorenz_params *p, const lorenz_output *out)
 {
     unsigned status = 0u;
-    status |= lorenz_predict(s, p);
-    status |= lorenz_run_update_y(s, p, out);
+    if ((s->ready != LORENZ_READY) || (p->ready != LORENZ_READY)) {
+        status = lorenz_ready(s, p);
+    }
+    if ((status & LORENZ_NO_PARAMETERS) == 0u) {
+        status |= lorenz_run_predict(s, p);
+        status |= lorenz_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -554,6 +630,10 @@ void lorenz_estimate(const lorenz_state *s, const lorenz_params *p, lorenz_plant
 unsigned lorenz_tune(lorenz_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != LORENZ_READY) {
+        lorenz_nominal(p);
+        status = LORENZ_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -582,16 +662,74 @@ void lorenz_reset(lorenz_state *s)
     s->z[2] = 0.0f;
     s->calls = 0u;
     s->used_y = 1u;
-    lorenz_clear_doubt(s);
+    lorenz_clear_fault_counts(s);
     lorenz_clear_rest(s);
 }
 
 void lorenz_init(lorenz_state *s, lorenz_params *p)
 {
-    p->gain.Q[0] = 0.8f;
-    p->gain.Q[1] = 2.0f;
-    p->gain.Q[2] = 1.0f;
-    p->gain.R = 1e-07f;
+    lorenz_nominal(p);
     (void)lorenz_tune(p);
     lorenz_reset(s);
+}
+
+static const unsigned char lorenz_layout[8] = {0x32u, 0x73u, 0x0Cu, 0x39u, 0x87u, 0xB2u, 0xE3u, 0xCBu};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t lorenz_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void lorenz_save(const lorenz_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = lorenz_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = lorenz_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned lorenz_restore(lorenz_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == LORENZ_SAVED) {
+        refused = 0u;
+        uint32_t sum = lorenz_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == lorenz_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = LORENZ_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "lotka_volterra.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -102,26 +103,31 @@ static void lotka_volterra_jacobian(float z1, float z2, float F[4])
     F[3] = 0.01f*t2 - 0.3f; /* F_22 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned lotka_volterra_ready(lotka_volterra_state *s)
+LOTKA_VOLTERRA_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned lotka_volterra_ready(lotka_volterra_state *s, const lotka_volterra_params *p)
 {
     unsigned status = 0u;
     if (s->ready != LOTKA_VOLTERRA_READY) {
         lotka_volterra_reset(s);
-        status = LOTKA_VOLTERRA_UNINITIALISED;
+        status |= LOTKA_VOLTERRA_UNINITIALISED;
+    }
+    if (p->ready != LOTKA_VOLTERRA_READY) {
+        lotka_volterra_reset(s);
+        status |= LOTKA_VOLTERRA_NO_PARAMETERS;
     }
     return status;
 }
 
 LOTKA_VOLTERRA_RARELY
-static void lotka_volterra_clear_doubt(lotka_volterra_state *s)
+static void lotka_volterra_clear_fault_counts(lotka_volterra_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 478.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 478.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 478.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 478.0f;
+    s->fault_checksum = 0.0f;
 }
 
 /* part of a step: keep the state in its box, or make it anew */
@@ -141,7 +147,7 @@ static unsigned lotka_volterra_keep_in_box(lotka_volterra_state *s, const lotka_
         s->z[0] = 1.0f;
         s->z[1] = -1.0f;
         status |= LOTKA_VOLTERRA_RESTARTED;
-        lotka_volterra_clear_doubt(s);
+        lotka_volterra_clear_fault_counts(s);
         /* as after a reset */
         s->L = 0.0f;
         s->D[0] = 2000.0f;
@@ -172,9 +178,10 @@ static unsigned lotka_volterra_keep_in_box(lotka_volterra_state *s, const lotka_
     return status;
 }
 
-unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_params *p)
+/* part of a step: advance the estimate to now */
+static unsigned lotka_volterra_run_predict(lotka_volterra_state *s, const lotka_volterra_params *p)
 {
-    unsigned status = lotka_volterra_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -257,6 +264,8 @@ unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_pa
         if (lotka_volterra_acts(beyond)) {
             status |= lotka_volterra_keep_in_box(s, p);
         }
+    } else {
+        status |= lotka_volterra_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -268,19 +277,21 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
     const lotka_volterra_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -340,112 +351,133 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
             if (t1) {
                 status |= LOTKA_VOLTERRA_OUTSIDE_BOX;
             }
-            doubtful = lotka_volterra_abs(output_error) > 7.9f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = lotka_volterra_abs(output_error) > 7.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (lotka_volterra_within(measurement, 3e+38f) && measurement >= -78.0f
                 && measurement <= 159.0f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = lotka_volterra_abs(patience_y - 478.0f + doubt_y
-                        + (patience_range - 478.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 489472.0f
-                        && patience_y >= 478.0f && patience_y <= 489472.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 489472.0f
-                        && patience_range >= 478.0f && patience_range <= 489472.0f;
-                    spoiled = !t3;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 478.0f + lotka_volterra_abs(fault_count_y)
+                        + (fault_limit_range - 478.0f + fault_count_range);
+                    const bool t2 = lotka_volterra_abs(t1 - s->fault_checksum) < 0.5f
+                        && lotka_volterra_within(fault_count_y, 489472.0f);
+                    const bool t3 = t2 && fault_limit_y >= 478.0f && fault_limit_y <= 489472.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 489472.0f;
+                    spoiled = !(t3 && fault_limit_range >= 478.0f && fault_limit_range <= 489472.0f);
                 }
                 if (spoiled) {
-                    lotka_volterra_clear_doubt(s);
+                    lotka_volterra_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    shows_y = !lotka_volterra_within(output_error, 7.9f);
-                    shows_range = z1 < -2.95f || z1 > 83.95f || z2 < -41.95f || z2 > 0.95f;
+                    moves_range = (z1 < -2.95f || z1 > 83.95f || z2 < -41.95f || z2 > 0.95f) ? 1.0f : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = lotka_volterra_min(doubt_y + 1.0f, 489472.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = lotka_volterra_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 478.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = lotka_volterra_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 478.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = lotka_volterra_min(doubt_range + 1.0f, 489472.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = lotka_volterra_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 478.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = lotka_volterra_within(output_error, 7.9f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -239.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = lotka_volterra_max(lotka_volterra_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 478.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= lotka_volterra_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const bool t3 = t2 && (fault_limit_range > 478.0f || z1 < -38.5f || z1 > 119.5f
+                            || z2 < -59.5f || z2 > 18.5f);
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || t3;
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = lotka_volterra_min(patience_y, 244736.0f);
-                            s->patience_y = lotka_volterra_min(2.0f*patience_y, 489472.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = lotka_volterra_min(fault_limit_y, 244736.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = lotka_volterra_min(2.0f*fault_limit_y, 489472.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = lotka_volterra_min(patience_range, 244736.0f);
-                            s->patience_range = lotka_volterra_min(2.0f*patience_range, 489472.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = lotka_volterra_min(fault_limit_range, 244736.0f);
+                            s->fault_limit_range = lotka_volterra_min(2.0f*fault_limit_range, 489472.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 1.0f;
-                    s->z[1] = -1.0f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        s->z[0] = lotka_volterra_keep(measurement, 1.0f, 80.0f, z1, 1e+30f);
-                        s->z[1] = lotka_volterra_keep(z2, -40.0f, -1.0f, z2, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 1.0f;
+                        s->z[1] = -1.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            s->z[0] = lotka_volterra_keep(measurement, 1.0f, 80.0f, z1, 1e+30f);
+                            s->z[1] = lotka_volterra_keep(z2, -40.0f, -1.0f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= LOTKA_VOLTERRA_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->L = 0.0f;
+                        s->D[0] = 2000.0f;
+                        s->D[1] = 400.0f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - lotka_volterra_clamp(z1, 1.0f, 80.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L;
+                            const float t2 = L21*D1;
+                            const float t3 = z2 - t1/D1*t2;
+                            const float t4 = t3 - lotka_volterra_clamp(t3, -40.0f, -1.0f);
+                            s->z[0] = lotka_volterra_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -78.0f,
+                                159.0f);
+                            s->z[1] = lotka_volterra_clamp(t3 - t4, -79.0f, 38.0f);
+                            status |= LOTKA_VOLTERRA_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= LOTKA_VOLTERRA_RESTARTED_FROM_SAMPLE;
-                    /* as after a reset */
-                    s->L = 0.0f;
-                    s->D[0] = 2000.0f;
-                    s->D[1] = 400.0f;
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 478.0f + s->doubt_y
-                    + (s->patience_range - 478.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 478.0f + lotka_volterra_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 478.0f + s->fault_count_range);
             }
         }
     } else {
@@ -455,11 +487,38 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
     return status;
 }
 
+LOTKA_VOLTERRA_RARELY
+/* nominal parameters */
+static void lotka_volterra_nominal(lotka_volterra_params *p)
+{
+    p->ready = LOTKA_VOLTERRA_READY;
+    p->gain.Q[0] = 1.0f;
+    p->gain.Q[1] = 0.3f;
+    p->gain.R = 0.0001f;
+}
+
+unsigned lotka_volterra_predict(lotka_volterra_state *s, const lotka_volterra_params *p)
+{
+    unsigned status = 0u;
+    if ((s->ready != LOTKA_VOLTERRA_READY) || (p->ready != LOTKA_VOLTERRA_READY)) {
+        status = lotka_volterra_ready(s, p);
+    }
+    if ((status & LOTKA_VOLTERRA_NO_PARAMETERS) == 0u) {
+        status |= lotka_volterra_run_predict(s, p);
+    }
+    return status;
+}
+
 unsigned lotka_volterra_update_y(lotka_volterra_state *s, const lotka_volterra_params *p,
     const lotka_volterra_output *out)
 {
-    unsigned status = lotka_volterra_ready(s);
-    status |= lotka_volterra_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != LOTKA_VOLTERRA_READY) || (p->ready != LOTKA_VOLTERRA_READY)) {
+        status = lotka_volterra_ready(s, p);
+    }
+    if ((status & LOTKA_VOLTERRA_NO_PARAMETERS) == 0u) {
+        status |= lotka_volterra_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -467,8 +526,13 @@ unsigned lotka_volterra_step(lotka_volterra_state *s, const lotka_volterra_param
     const lotka_volterra_output *out)
 {
     unsigned status = 0u;
-    status |= lotka_volterra_predict(s, p);
-    status |= lotka_volterra_run_update_y(s, p, out);
+    if ((s->ready != LOTKA_VOLTERRA_READY) || (p->ready != LOTKA_VOLTERRA_READY)) {
+        status = lotka_volterra_ready(s, p);
+    }
+    if ((status & LOTKA_VOLTERRA_NO_PARAMETERS) == 0u) {
+        status |= lotka_volterra_run_predict(s, p);
+        status |= lotka_volterra_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -484,6 +548,10 @@ void lotka_volterra_estimate(const lotka_volterra_state *s, const lotka_volterra
 unsigned lotka_volterra_tune(lotka_volterra_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != LOTKA_VOLTERRA_READY) {
+        lotka_volterra_nominal(p);
+        status = LOTKA_VOLTERRA_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -511,14 +579,75 @@ void lotka_volterra_reset(lotka_volterra_state *s)
     s->D[1] = 400.0f;
     s->calls = 0u;
     s->used_y = 1u;
-    lotka_volterra_clear_doubt(s);
+    lotka_volterra_clear_fault_counts(s);
 }
 
 void lotka_volterra_init(lotka_volterra_state *s, lotka_volterra_params *p)
 {
-    p->gain.Q[0] = 1.0f;
-    p->gain.Q[1] = 0.3f;
-    p->gain.R = 0.0001f;
+    lotka_volterra_nominal(p);
     (void)lotka_volterra_tune(p);
     lotka_volterra_reset(s);
+}
+
+static const unsigned char lotka_volterra_layout[8] = {
+    0x25u, 0xFEu, 0x0Cu, 0xE1u, 0x4Fu, 0x4Fu, 0xC1u, 0x43u
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t lotka_volterra_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void lotka_volterra_save(const lotka_volterra_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = lotka_volterra_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = lotka_volterra_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned lotka_volterra_restore(lotka_volterra_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == LOTKA_VOLTERRA_SAVED) {
+        refused = 0u;
+        uint32_t sum = lotka_volterra_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == lotka_volterra_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = LOTKA_VOLTERRA_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "magnetic_levitation.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -102,26 +103,31 @@ static void magnetic_levitation_jacobian(float z1, float z3, float F[2])
     F[1] = -(2.0f*t1/t3*0.001f); /* F_23 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned magnetic_levitation_ready(magnetic_levitation_state *s)
+MAGNETIC_LEVITATION_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned magnetic_levitation_ready(magnetic_levitation_state *s, const magnetic_levitation_params *p)
 {
     unsigned status = 0u;
     if (s->ready != MAGNETIC_LEVITATION_READY) {
         magnetic_levitation_reset(s);
-        status = MAGNETIC_LEVITATION_UNINITIALISED;
+        status |= MAGNETIC_LEVITATION_UNINITIALISED;
+    }
+    if (p->ready != MAGNETIC_LEVITATION_READY) {
+        magnetic_levitation_reset(s);
+        status |= MAGNETIC_LEVITATION_NO_PARAMETERS;
     }
     return status;
 }
 
 MAGNETIC_LEVITATION_RARELY
-static void magnetic_levitation_clear_doubt(magnetic_levitation_state *s)
+static void magnetic_levitation_clear_fault_counts(magnetic_levitation_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 1571.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 1571.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 1571.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 1571.0f;
+    s->fault_checksum = 0.0f;
 }
 
 MAGNETIC_LEVITATION_RARELY
@@ -161,7 +167,7 @@ static unsigned magnetic_levitation_keep_in_box(magnetic_levitation_state *s,
         s->z[1] = 0.0f;
         s->z[2] = 0.1f;
         status |= MAGNETIC_LEVITATION_RESTARTED;
-        magnetic_levitation_clear_doubt(s);
+        magnetic_levitation_clear_fault_counts(s);
         magnetic_levitation_clear_rest(s);
     }
     /* keep z in its box */
@@ -197,10 +203,11 @@ static unsigned magnetic_levitation_keep_in_box(magnetic_levitation_state *s,
     return status;
 }
 
-unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magnetic_levitation_params *p,
-    const magnetic_levitation_input *in)
+/* part of a step: advance the estimate to now */
+static unsigned magnetic_levitation_run_predict(magnetic_levitation_state *s,
+    const magnetic_levitation_params *p, const magnetic_levitation_input *in)
 {
-    unsigned status = magnetic_levitation_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -346,6 +353,8 @@ unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magneti
         if (magnetic_levitation_acts(beyond)) {
             status |= magnetic_levitation_keep_in_box(s, p);
         }
+    } else {
+        status |= magnetic_levitation_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -359,19 +368,21 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
     const magnetic_levitation_params *p, const magnetic_levitation_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -436,10 +447,10 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
             if (t1) {
                 status |= MAGNETIC_LEVITATION_OUTSIDE_BOX;
             }
-            doubtful = magnetic_levitation_abs(output_error) > 0.0025f || t1 || !(s->doubt_sum <= 0.0f)
+            suspect = magnetic_levitation_abs(output_error) > 0.0025f || t1 || !(s->fault_checksum <= 0.0f)
                 || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             {
                 const bool t1 = magnetic_levitation_within(measurement, 3e+38f) && measurement >= -0.02f
@@ -447,106 +458,142 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
                 sampled = valid || t1;
             }
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = magnetic_levitation_abs(patience_y - 1571.0f + doubt_y
-                        + (patience_range - 1571.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 1608704.0f
-                        && patience_y >= 1571.0f && patience_y <= 1608704.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 1608704.0f
-                        && patience_range >= 1571.0f && patience_range <= 1608704.0f;
-                    spoiled = !t3;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 1571.0f + magnetic_levitation_abs(fault_count_y)
+                        + (fault_limit_range - 1571.0f + fault_count_range);
+                    const bool t2 = magnetic_levitation_abs(t1 - s->fault_checksum) < 0.5f
+                        && magnetic_levitation_within(fault_count_y, 1608704.0f);
+                    const bool t3 = t2 && fault_limit_y >= 1571.0f && fault_limit_y <= 1608704.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 1608704.0f;
+                    spoiled = !(t3 && fault_limit_range >= 1571.0f && fault_limit_range <= 1608704.0f);
                 }
                 if (spoiled) {
-                    magnetic_levitation_clear_doubt(s);
+                    magnetic_levitation_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z3 = s->z[2];
-                    shows_y = !magnetic_levitation_within(output_error, 0.0025f);
-                    shows_range = z1 < 0.00375f || z1 > 0.03125f || magnetic_levitation_abs(s->z[1]) > 1.1f
+                    const bool t1 = z1 < 0.00375f || z1 > 0.03125f || magnetic_levitation_abs(s->z[1]) > 1.1f
                         || z3 < -0.045f || z3 > 3.145f;
+                    moves_range = t1 ? 1.0f : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = magnetic_levitation_min(doubt_y + 1.0f, 1608704.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = magnetic_levitation_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 1571.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = magnetic_levitation_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 1571.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = magnetic_levitation_min(doubt_range + 1.0f, 1608704.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = magnetic_levitation_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 1571.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = magnetic_levitation_within(output_error, 0.0025f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -785.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = magnetic_levitation_max(magnetic_levitation_abs(fault_count_y)
+                        + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 1571.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= magnetic_levitation_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z3 = s->z[2];
+                        const bool t3 = z1 < -0.0075f || z1 > 0.0425f
+                            || magnetic_levitation_abs(s->z[1]) > 2.0f || z3 < -1.35f || z3 > 4.45f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 1571.0f || t3));
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = magnetic_levitation_min(patience_y, 804352.0f);
-                            s->patience_y = magnetic_levitation_min(2.0f*patience_y, 1608704.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = magnetic_levitation_min(fault_limit_y, 804352.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = magnetic_levitation_min(2.0f*fault_limit_y, 1608704.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = magnetic_levitation_min(patience_range, 804352.0f);
-                            s->patience_range = magnetic_levitation_min(2.0f*patience_range, 1608704.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = magnetic_levitation_min(fault_limit_range, 804352.0f);
+                            s->fault_limit_range = magnetic_levitation_min(2.0f*fault_limit_range,
+                                1608704.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.005f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.1f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        s->z[0] = magnetic_levitation_keep(measurement, 0.005f, 0.03f, z1, 1e+30f);
-                        s->z[1] = magnetic_levitation_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
-                        s->z[2] = magnetic_levitation_keep(z3, 0.1f, 3.0f, z3, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.005f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.1f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = magnetic_levitation_keep(measurement, 0.005f, 0.03f, z1, 1e+30f);
+                            s->z[1] = magnetic_levitation_keep(z2, -1.0f, 1.0f, z2, 1e+30f);
+                            s->z[2] = magnetic_levitation_keep(z3, 0.1f, 3.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= MAGNETIC_LEVITATION_RESTARTED_FROM_SAMPLE;
+                        magnetic_levitation_clear_rest(s);
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float t1 = z1 - magnetic_levitation_clamp(z1, 0.005f, 0.03f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L[0];
+                            const float t2 = L21*D1;
+                            const float t3 = t1/D1;
+                            const float t4 = z2 - t2*t3;
+                            const float t5 = t4 - magnetic_levitation_limit(t4, 1.0f);
+                            const float D2 = s->D[1];
+                            const float t6 = t5/(t2*L21 + D2);
+                            const float L31 = s->L[1];
+                            const float t7 = L31*D1;
+                            const float L32 = s->L[2];
+                            const float t8 = L32*D2;
+                            const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+                            const float t10 = t9 - magnetic_levitation_clamp(t9, 0.1f, 3.0f);
+                            const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
+                            s->z[0] = magnetic_levitation_clamp(z1 - t1 - D1*L21*t6 - D1*L31*t11, -0.02f,
+                                0.055f);
+                            s->z[1] = magnetic_levitation_limit(t4 - t5 - (t2*L31 + D2*L32)*t11, 3.0f);
+                            s->z[2] = magnetic_levitation_clamp(t9 - t10, -2.8f, 5.9f);
+                            status |= MAGNETIC_LEVITATION_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= MAGNETIC_LEVITATION_RESTARTED_FROM_SAMPLE;
-                    magnetic_levitation_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 1571.0f + s->doubt_y
-                    + (s->patience_range - 1571.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 1571.0f + magnetic_levitation_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 1571.0f + s->fault_count_range);
             }
         }
     } else {
@@ -556,11 +603,40 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
     return status;
 }
 
+MAGNETIC_LEVITATION_RARELY
+/* nominal parameters */
+static void magnetic_levitation_nominal(magnetic_levitation_params *p)
+{
+    p->ready = MAGNETIC_LEVITATION_READY;
+    p->gain.Q[0] = 5e-05f;
+    p->gain.Q[1] = 0.3f;
+    p->gain.Q[2] = 0.7f;
+    p->gain.R = 5e-17f;
+}
+
+unsigned magnetic_levitation_predict(magnetic_levitation_state *s, const magnetic_levitation_params *p,
+    const magnetic_levitation_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != MAGNETIC_LEVITATION_READY) || (p->ready != MAGNETIC_LEVITATION_READY)) {
+        status = magnetic_levitation_ready(s, p);
+    }
+    if ((status & MAGNETIC_LEVITATION_NO_PARAMETERS) == 0u) {
+        status |= magnetic_levitation_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned magnetic_levitation_update_y(magnetic_levitation_state *s, const magnetic_levitation_params *p,
     const magnetic_levitation_output *out)
 {
-    unsigned status = magnetic_levitation_ready(s);
-    status |= magnetic_levitation_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != MAGNETIC_LEVITATION_READY) || (p->ready != MAGNETIC_LEVITATION_READY)) {
+        status = magnetic_levitation_ready(s, p);
+    }
+    if ((status & MAGNETIC_LEVITATION_NO_PARAMETERS) == 0u) {
+        status |= magnetic_levitation_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -568,8 +644,13 @@ unsigned magnetic_levitation_step(magnetic_levitation_state *s, const magnetic_l
     const magnetic_levitation_input *in, const magnetic_levitation_output *out)
 {
     unsigned status = 0u;
-    status |= magnetic_levitation_predict(s, p, in);
-    status |= magnetic_levitation_run_update_y(s, p, out);
+    if ((s->ready != MAGNETIC_LEVITATION_READY) || (p->ready != MAGNETIC_LEVITATION_READY)) {
+        status = magnetic_levitation_ready(s, p);
+    }
+    if ((status & MAGNETIC_LEVITATION_NO_PARAMETERS) == 0u) {
+        status |= magnetic_levitation_run_predict(s, p, in);
+        status |= magnetic_levitation_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -586,6 +667,10 @@ void magnetic_levitation_estimate(const magnetic_levitation_state *s, const magn
 unsigned magnetic_levitation_tune(magnetic_levitation_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != MAGNETIC_LEVITATION_READY) {
+        magnetic_levitation_nominal(p);
+        status = MAGNETIC_LEVITATION_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -615,16 +700,76 @@ void magnetic_levitation_reset(magnetic_levitation_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    magnetic_levitation_clear_doubt(s);
+    magnetic_levitation_clear_fault_counts(s);
     magnetic_levitation_clear_rest(s);
 }
 
 void magnetic_levitation_init(magnetic_levitation_state *s, magnetic_levitation_params *p)
 {
-    p->gain.Q[0] = 5e-05f;
-    p->gain.Q[1] = 0.3f;
-    p->gain.Q[2] = 0.7f;
-    p->gain.R = 5e-17f;
+    magnetic_levitation_nominal(p);
     (void)magnetic_levitation_tune(p);
     magnetic_levitation_reset(s);
+}
+
+static const unsigned char magnetic_levitation_layout[8] = {
+    0x47u, 0x7Du, 0xDFu, 0x10u, 0x24u, 0xDDu, 0xD1u, 0xBBu
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t magnetic_levitation_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void magnetic_levitation_save(const magnetic_levitation_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = magnetic_levitation_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = magnetic_levitation_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned magnetic_levitation_restore(magnetic_levitation_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == MAGNETIC_LEVITATION_SAVED) {
+        refused = 0u;
+        uint32_t sum = magnetic_levitation_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == magnetic_levitation_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = MAGNETIC_LEVITATION_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

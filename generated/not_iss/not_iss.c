@@ -2,6 +2,7 @@
 #include "not_iss.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(NOT_ISS_USE_LIBM)
 #include <math.h>
 #elif defined(NOT_ISS_USE_CMSIS)
@@ -188,505 +189,555 @@ static void not_iss_rate(const not_iss_params *p, const float z[2], const float 
     dP[2] = 2.0f*(t22*P2 + t23*P3) + p->derived.Q_inverse[1] - (t24*P2 + t25*P3) + t21*(t20*P2 + t17*P3);
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned not_iss_ready(not_iss_state *s)
+NOT_ISS_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned not_iss_ready(not_iss_state *s, const not_iss_params *p)
 {
     unsigned status = 0u;
     if (s->ready != NOT_ISS_READY) {
         not_iss_reset(s);
-        status = NOT_ISS_UNINITIALISED;
+        status |= NOT_ISS_UNINITIALISED;
+    }
+    if (p->ready != NOT_ISS_READY) {
+        not_iss_reset(s);
+        status |= NOT_ISS_NO_PARAMETERS;
     }
     return status;
 }
 
 NOT_ISS_RARELY
-static void not_iss_clear_doubt(not_iss_state *s)
+static void not_iss_clear_fault_counts(not_iss_state *s)
 {
     /* as after a reset */
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 276.0f;
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 276.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 551.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y_y2 = 0.0f;
+    s->fault_limit_y_y2 = 276.0f;
+    s->fault_count_y_y1 = 0.0f;
+    s->fault_limit_y_y1 = 276.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 551.0f;
+    s->fault_checksum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned not_iss_keep_in_box(not_iss_state *s, const not_iss_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = not_iss_within(s->z[0], 1e+30f) && not_iss_within(s->z[1], 1e+30f)
+            && not_iss_within(s->P[0], 1e+30f);
+        lost = !(t1 && not_iss_within(s->P[1], 1e+30f) && not_iss_within(s->P[2], 1e+30f));
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        status |= NOT_ISS_RESTARTED;
+        not_iss_clear_fault_counts(s);
+        /* as after a reset */
+        s->P[0] = 0.01f;
+        s->P[1] = 0.0f;
+        s->P[2] = 0.01f;
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = not_iss_clamp(z1, -2.0f, 4.0f);
+        s->z[1] = not_iss_clamp(z2, -4.0f, 8.0f);
+        if (z1 < -2.0f || z1 > 4.0f || z2 < -4.0f || z2 > 8.0f) {
+            status |= NOT_ISS_STATE_LIMITED;
+        }
+    }
+    /* keep P in its box */
+    {
+        const float P11 = s->P[0];
+        const float P21 = s->P[1];
+        const float P22 = s->P[2];
+        s->P[0] = not_iss_limit(P11, 1e+30f);
+        s->P[1] = not_iss_limit(P21, 1e+30f);
+        s->P[2] = not_iss_limit(P22, 1e+30f);
+    }
+    return status;
+}
+
+NOT_ISS_RARELY
+/* nominal parameters */
+static void not_iss_nominal(not_iss_params *p)
+{
+    p->ready = NOT_ISS_READY;
+    p->gain.Q[0] = 10.0f;
+    p->gain.Q[1] = 10.0f;
+    p->gain.R[0] = 100.0f;
+    p->gain.R[1] = 100.0f;
+    p->gain.curvature = 5.0f;
 }
 
 unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_input *in,
     const not_iss_output *out)
 {
-    unsigned status = not_iss_ready(s);
-    float P_at[3];
-    float P_sum[3];
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool broken = false;
-    bool counts_y_y1 = false;
-    bool counts_y_y2 = false;
-    bool doubtful = false;
-    float fraction = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y_y1 = false;
-    bool over_y_y2 = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y_y1 = false;
-    bool shows_y_y2 = false;
-    bool spoiled = false;
-    float u = 0.0f;
-    float valid[2];
-    float y[2];
-    float y_last[2];
-    float z_at[2];
-    float z_sum[2];
-    /* guard the input */
-    {
-        const float w = in->w;
-        const bool w_usable = not_iss_within(w, 1e+15f);
-        const float w_taken = w_usable ? w : s->u;
-        u = not_iss_clamp(w_taken, 0.0f, 1.0f);
-        if (!w_usable) {
-            status |= NOT_ISS_REUSED_W;
-        }
-        if (w_taken < 0.0f || w_taken > 1.0f) {
-            status |= NOT_ISS_CLAMPED_W;
-        }
+    unsigned status = 0u;
+    if ((s->ready != NOT_ISS_READY) || (p->ready != NOT_ISS_READY)) {
+        status = not_iss_ready(s, p);
     }
-    /* guard the measurements */
-    {
-        const float measurement_y1 = out->y1;
-        const bool t1 = not_iss_within(measurement_y1, 3e+38f);
-        const float u_before = s->u;
-        const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        const float t2 = u_before*z1 + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2, 0.0f, 4.0f);
-        const bool t3 = t1 && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f
-            && not_iss_within(measurement_y1 - t2, 1e+16f);
-        const float t4 = t3 ? measurement_y1 : t2;
-        const float measurement_y2 = out->y2;
-        const bool t5 = not_iss_within(measurement_y2, 3e+38f);
-        const bool t6 = t5 && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f
-            && not_iss_within(measurement_y2 - z2, 1e+16f);
-        const float t7 = t6 ? measurement_y2 : z2;
-        y[0] = t4;
-        y[1] = t7;
-        y_last[0] = (t3 && s->y_valid[0] > 0.0f) ? s->y[0] : t4;
-        y_last[1] = (t6 && s->y_valid[1] > 0.0f) ? s->y[1] : t7;
-        valid[0] = t3 ? 1.0f : 0.0f;
-        valid[1] = t6 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= NOT_ISS_MISSING_Y1;
-        }
-        if (t1 && !t3) {
-            status |= NOT_ISS_REJECTED_Y1;
-        }
-        if (!t5) {
-            status |= NOT_ISS_MISSING_Y2;
-        }
-        if (t5 && !t6) {
-            status |= NOT_ISS_REJECTED_Y2;
-        }
-    }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* z, P: one step of classical Runge-Kutta */
-        z_sum[0] = 0.0f;
-        z_sum[1] = 0.0f;
-        P_sum[0] = 0.0f;
-        P_sum[1] = 0.0f;
-        P_sum[2] = 0.0f;
-        z_at[0] = s->z[0];
-        z_at[1] = s->z[1];
-        P_at[0] = s->P[0];
-        P_at[1] = s->P[1];
-        P_at[2] = s->P[2];
+    if ((status & NOT_ISS_NO_PARAMETERS) == 0u) {
+        float P_at[3];
+        float P_sum[3];
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        bool broken = false;
+        float fraction = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y_y1 = 0.0f;
+        float moves_y_y2 = 0.0f;
+        bool over_range = false;
+        bool over_y_y1 = false;
+        bool over_y_y2 = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y_y1 = 0.0f;
+        float side_y_y2 = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float u = 0.0f;
+        float valid[2];
+        float y[2];
+        float y_last[2];
+        float z_at[2];
+        float z_sum[2];
+        /* guard the input */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float P_sum1 = P_sum[0];
-                    const float P_sum2 = P_sum[1];
-                    const float P_sum3 = P_sum[2];
-                    const float z_sum1 = z_sum[0];
-                    const float z_sum2 = z_sum[1];
-                    const float u_before = s->u;
-                    const float y_last1 = y_last[0];
-                    const float y_last2 = y_last[1];
-                    const float y_1[2] = {
-                        y_last1 + fraction*(y[0] - y_last1),
-                        y_last2 + fraction*(y[1] - y_last2)
-                    };
-                    float k_z[2];
-                    float k_P[3];
-                    not_iss_rate(p, z_at, P_at, u_before + fraction*(u - u_before), y_1, valid, k_z, k_P);
-                    z_sum[0] = z_sum1 + share*k_z[0];
-                    z_sum[1] = z_sum2 + share*k_z[1];
-                    P_sum[0] = P_sum1 + share*k_P[0];
-                    P_sum[1] = P_sum2 + share*k_P[1];
-                    P_sum[2] = P_sum3 + share*k_P[2];
-                    z_at[0] = s->z[0] + ahead*k_z[0];
-                    z_at[1] = s->z[1] + ahead*k_z[1];
-                    P_at[0] = s->P[0] + ahead*k_P[0];
-                    P_at[1] = s->P[1] + ahead*k_P[1];
-                    P_at[2] = s->P[2] + ahead*k_P[2];
-                }
+            const float w = in->w;
+            const bool w_usable = not_iss_within(w, 1e+15f);
+            const float w_taken = w_usable ? w : s->u;
+            u = not_iss_clamp(w_taken, 0.0f, 1.0f);
+            if (!w_usable) {
+                status |= NOT_ISS_REUSED_W;
+            }
+            if (w_taken < 0.0f || w_taken > 1.0f) {
+                status |= NOT_ISS_CLAMPED_W;
             }
         }
-        /* the slopes of all stages */
+        /* guard the measurements */
         {
-            const float P11 = s->P[0];
-            const float P21 = s->P[1];
-            const float P22 = s->P[2];
+            const float measurement_y1 = out->y1;
+            const bool t1 = not_iss_within(measurement_y1, 3e+38f);
+            const float u_before = s->u;
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            s->z[0] = z1 + 0.0016666667f*z_sum[0];
-            s->z[1] = z2 + 0.0016666667f*z_sum[1];
-            s->P[0] = P11 + 0.0016666667f*P_sum[0];
-            s->P[1] = P21 + 0.0016666667f*P_sum[1];
-            s->P[2] = P22 + 0.0016666667f*P_sum[2];
-        }
-        /* is it positive definite? */
-        {
-            const float P11 = s->P[0];
-            const float t1 = s->P[1]/P11;
-            broken = !(P11 > 0.0f && s->P[2] - t1*t1*P11 > 0.0f);
-        }
-        if (broken) {
-            /* a covariance that is none restarts */
-            s->P[0] = 0.01f;
-            s->P[1] = 0.0f;
-            s->P[2] = 0.01f;
-            status |= NOT_ISS_COVARIANCE_RESTARTED;
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const bool t1 = z1 >= -2.0f && z1 <= 4.0f && z2 >= -4.0f && z2 <= 8.0f
-                && not_iss_within(s->P[0], 1e+30f) && not_iss_within(s->P[1], 1e+30f);
-            beyond = !(t1 && not_iss_within(s->P[2], 1e+30f));
-        }
-        if (not_iss_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = not_iss_within(s->z[0], 1e+30f) && not_iss_within(s->z[1], 1e+30f)
-                    && not_iss_within(s->P[0], 1e+30f);
-                lost = !(t1 && not_iss_within(s->P[1], 1e+30f) && not_iss_within(s->P[2], 1e+30f));
+            const float t2 = u_before*z1 + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2, 0.0f,
+                4.0f);
+            const bool t3 = t1 && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f
+                && not_iss_within(measurement_y1 - t2, 1e+16f);
+            const float t4 = t3 ? measurement_y1 : t2;
+            const float measurement_y2 = out->y2;
+            const bool t5 = not_iss_within(measurement_y2, 3e+38f);
+            const bool t6 = t5 && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f
+                && not_iss_within(measurement_y2 - z2, 1e+16f);
+            const float t7 = t6 ? measurement_y2 : z2;
+            y[0] = t4;
+            y[1] = t7;
+            y_last[0] = (t3 && s->y_valid[0] > 0.0f) ? s->y[0] : t4;
+            y_last[1] = (t6 && s->y_valid[1] > 0.0f) ? s->y[1] : t7;
+            valid[0] = t3 ? 1.0f : 0.0f;
+            valid[1] = t6 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= NOT_ISS_MISSING_Y1;
             }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                status |= NOT_ISS_RESTARTED;
-                not_iss_clear_doubt(s);
-                /* as after a reset */
-                s->P[0] = 0.01f;
-                s->P[1] = 0.0f;
-                s->P[2] = 0.01f;
+            if (t1 && !t3) {
+                status |= NOT_ISS_REJECTED_Y1;
             }
-            /* keep z in its box */
+            if (!t5) {
+                status |= NOT_ISS_MISSING_Y2;
+            }
+            if (t5 && !t6) {
+                status |= NOT_ISS_REJECTED_Y2;
+            }
+        }
+        /* the first call advances no time */
+        {
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
+        }
+        if (running) {
+            /* z, P: one step of classical Runge-Kutta */
+            z_sum[0] = 0.0f;
+            z_sum[1] = 0.0f;
+            P_sum[0] = 0.0f;
+            P_sum[1] = 0.0f;
+            P_sum[2] = 0.0f;
+            z_at[0] = s->z[0];
+            z_at[1] = s->z[1];
+            P_at[0] = s->P[0];
+            P_at[1] = s->P[1];
+            P_at[2] = s->P[2];
             {
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                s->z[0] = not_iss_clamp(z1, -2.0f, 4.0f);
-                s->z[1] = not_iss_clamp(z2, -4.0f, 8.0f);
-                if (z1 < -2.0f || z1 > 4.0f || z2 < -4.0f || z2 > 8.0f) {
-                    status |= NOT_ISS_STATE_LIMITED;
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.005f, 0.005f, 0.01f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float P_sum1 = P_sum[0];
+                        const float P_sum2 = P_sum[1];
+                        const float P_sum3 = P_sum[2];
+                        const float z_sum1 = z_sum[0];
+                        const float z_sum2 = z_sum[1];
+                        const float u_before = s->u;
+                        const float y_last1 = y_last[0];
+                        const float y_last2 = y_last[1];
+                        const float y_1[2] = {
+                            y_last1 + fraction*(y[0] - y_last1),
+                            y_last2 + fraction*(y[1] - y_last2)
+                        };
+                        float k_z[2];
+                        float k_P[3];
+                        not_iss_rate(p, z_at, P_at, u_before + fraction*(u - u_before), y_1, valid, k_z, k_P);
+                        z_sum[0] = z_sum1 + share*k_z[0];
+                        z_sum[1] = z_sum2 + share*k_z[1];
+                        P_sum[0] = P_sum1 + share*k_P[0];
+                        P_sum[1] = P_sum2 + share*k_P[1];
+                        P_sum[2] = P_sum3 + share*k_P[2];
+                        z_at[0] = s->z[0] + ahead*k_z[0];
+                        z_at[1] = s->z[1] + ahead*k_z[1];
+                        P_at[0] = s->P[0] + ahead*k_P[0];
+                        P_at[1] = s->P[1] + ahead*k_P[1];
+                        P_at[2] = s->P[2] + ahead*k_P[2];
+                    }
                 }
             }
-            /* keep P in its box */
+            /* the slopes of all stages */
             {
                 const float P11 = s->P[0];
                 const float P21 = s->P[1];
                 const float P22 = s->P[2];
-                s->P[0] = not_iss_limit(P11, 1e+30f);
-                s->P[1] = not_iss_limit(P21, 1e+30f);
-                s->P[2] = not_iss_limit(P22, 1e+30f);
-            }
-        }
-    }
-    /* remember the input */
-    s->u = u;
-    /* remember the sample */
-    s->y[0] = y[0];
-    s->y[1] = y[1];
-    s->y_valid[0] = valid[0];
-    s->y_valid[1] = valid[1];
-    /* is the estimate where it cannot be for long? */
-    {
-        const float z1 = s->z[0];
-        const float z2 = s->z[1];
-        const bool t1 = z1 < 0.0f || z1 > 2.0f || z2 < 0.0f || z2 > 4.0f;
-        const float u_before = s->u;
-        const float t2 = out->y1 - (u_before*z1 + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2,
-            0.0f, 4.0f));
-        if (t1) {
-            status |= NOT_ISS_OUTSIDE_BOX;
-        }
-        doubtful = not_iss_abs(out->y2 - z2) > 0.4f || not_iss_abs(t2) > 1.0f || t1
-            || !(s->doubt_sum <= 0.0f) || !(valid[1] > 0.0f) || !(valid[0] > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
-        {
-            const float measurement_y2 = out->y2;
-            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-            const float measurement_y1 = out->y1;
-            const bool t2 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
-                && measurement_y1 <= 20.0f;
-            sampled = t1 || valid[0] > 0.0f || t2;
-        }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
-            {
-                const float doubt_y_y2 = s->doubt_y_y2;
-                const float patience_y_y2 = s->patience_y_y2;
-                const float doubt_y_y1 = s->doubt_y_y1;
-                const float patience_y_y1 = s->patience_y_y1;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = patience_y_y2 - 276.0f + doubt_y_y2 + (patience_y_y1 - 276.0f + doubt_y_y1)
-                    + (patience_range - 551.0f + doubt_range);
-                const bool t2 = not_iss_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y2 >= 0.0f
-                    && doubt_y_y2 <= 282624.0f && patience_y_y2 >= 276.0f && patience_y_y2 <= 282624.0f;
-                const bool t3 = t2 && doubt_y_y1 >= 0.0f && doubt_y_y1 <= 282624.0f
-                    && patience_y_y1 >= 276.0f && patience_y_y1 <= 282624.0f;
-                const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 564224.0f
-                    && patience_range >= 551.0f && patience_range <= 564224.0f;
-                spoiled = !t4;
-            }
-            if (spoiled) {
-                not_iss_clear_doubt(s);
-            }
-            /* which signs show? */
-            {
-                const float z2 = s->z[1];
-                const float u_before = s->u;
                 const float z1 = s->z[0];
-                const float t1 = out->y1 - (u_before*z1 + u_before*not_iss_clamp(z1, 0.0f,
-                    2.0f)*not_iss_clamp(z2, 0.0f, 4.0f));
-                shows_y_y2 = !not_iss_within(out->y2 - z2, 0.4f);
-                shows_y_y1 = !not_iss_within(t1, 1.0f);
-                shows_range = z1 < -0.1f || z1 > 2.1f || z2 < -0.2f || z2 > 4.2f;
+                const float z2 = s->z[1];
+                s->z[0] = z1 + 0.0016666667f*z_sum[0];
+                s->z[1] = z2 + 0.0016666667f*z_sum[1];
+                s->P[0] = P11 + 0.0016666667f*P_sum[0];
+                s->P[1] = P21 + 0.0016666667f*P_sum[1];
+                s->P[2] = P22 + 0.0016666667f*P_sum[2];
             }
-            /* is there a sample to judge by? */
+            /* is it positive definite? */
             {
-                const float measurement_y2 = out->y2;
-                counts_y_y2 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                    && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                over_y_y2 = false;
+                const float P11 = s->P[0];
+                const float t1 = s->P[1]/P11;
+                broken = !(P11 > 0.0f && s->P[2] - t1*t1*P11 > 0.0f);
             }
-            if (counts_y_y2) {
-                if (shows_y_y2) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        s->doubt_y_y2 = not_iss_min(doubt_y_y2 + 1.0f, 282624.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        const float patience_y_y2 = s->patience_y_y2;
-                        s->doubt_y_y2 = not_iss_max(doubt_y_y2 - 1.0f, 0.0f);
-                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 276.0f : patience_y_y2;
-                        over_y_y2 = false;
-                    }
-                }
-            }
-            /* is there a sample to judge by? */
-            {
-                const float measurement_y1 = out->y1;
-                const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
-                    && measurement_y1 <= 20.0f;
-                counts_y_y1 = valid[0] > 0.0f || t1;
-                over_y_y1 = false;
-            }
-            if (counts_y_y1) {
-                if (shows_y_y1) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        s->doubt_y_y1 = not_iss_min(doubt_y_y1 + 1.0f, 282624.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        const float patience_y_y1 = s->patience_y_y1;
-                        s->doubt_y_y1 = not_iss_max(doubt_y_y1 - 1.0f, 0.0f);
-                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 276.0f : patience_y_y1;
-                        over_y_y1 = false;
-                    }
-                }
-            }
-            if (shows_range) {
-                /* more doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = not_iss_min(doubt_range + 2.0f, 564224.0f);
-                }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = not_iss_max(doubt_range - 2.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 2.0f) ? 551.0f : patience_range;
-                    over_range = false;
-                }
-            }
-            /* is it lost? */
-            lost = over_y_y2 || over_y_y1 || over_range;
-            if (lost) {
-                if (over_y_y2) {
-                    /* patience doubles */
-                    {
-                        const float patience_y_y2 = s->patience_y_y2;
-                        s->doubt_y_y2 = not_iss_min(patience_y_y2, 141312.0f);
-                        s->patience_y_y2 = not_iss_min(2.0f*patience_y_y2, 282624.0f);
-                    }
-                }
-                if (over_y_y1) {
-                    /* patience doubles */
-                    {
-                        const float patience_y_y1 = s->patience_y_y1;
-                        s->doubt_y_y1 = not_iss_min(patience_y_y1, 141312.0f);
-                        s->patience_y_y1 = not_iss_min(2.0f*patience_y_y1, 282624.0f);
-                    }
-                }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = not_iss_min(patience_range, 282112.0f);
-                        s->patience_range = not_iss_min(2.0f*patience_range, 564224.0f);
-                    }
-                }
-                /* the estimate restarts */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                /* from the sample of y2 */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float measurement_y2 = out->y2;
-                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                    s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                    s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                }
-                /* from the sample of y1 */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float measurement_y1 = out->y1;
-                    const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
-                        && measurement_y1 <= 20.0f;
-                    const bool t2 = valid[0] > 0.0f || t1;
-                    const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
-                    const float u_before = s->u;
-                    const float t4 = (t3 + 1.0f)*u_before;
-                    const float t5 = 36.0f*t4;
-                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                    const float t7 = t6*u_before;
-                    const float t8 = 144.0f*t7;
-                    const float t9 = (measurement_y1 - (u_before*z1 + u_before*t6*t3))/not_iss_max(t4*t5
-                        + t7*t8, 1e-10f);
-                    s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                    s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                }
-                /* from the sample of y2 */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float measurement_y2 = out->y2;
-                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                    s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                    s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                }
-                /* from the sample of y1 */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float measurement_y1 = out->y1;
-                    const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
-                        && measurement_y1 <= 20.0f;
-                    const bool t2 = valid[0] > 0.0f || t1;
-                    const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
-                    const float u_before = s->u;
-                    const float t4 = (t3 + 1.0f)*u_before;
-                    const float t5 = 36.0f*t4;
-                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                    const float t7 = t6*u_before;
-                    const float t8 = 144.0f*t7;
-                    const float t9 = (measurement_y1 - (u_before*z1 + u_before*t6*t3))/not_iss_max(t4*t5
-                        + t7*t8, 1e-10f);
-                    s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                    s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                }
-                /* from the sample of y2 */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float measurement_y2 = out->y2;
-                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
-                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
-                    s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                    s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                }
-                /* from the sample of y1 */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float measurement_y1 = out->y1;
-                    const bool t1 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
-                        && measurement_y1 <= 20.0f;
-                    const bool t2 = valid[0] > 0.0f || t1;
-                    const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
-                    const float u_before = s->u;
-                    const float t4 = (t3 + 1.0f)*u_before;
-                    const float t5 = 36.0f*t4;
-                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                    const float t7 = t6*u_before;
-                    const float t8 = 144.0f*t7;
-                    const float t9 = (measurement_y1 - (u_before*z1 + u_before*t6*t3))/not_iss_max(t4*t5
-                        + t7*t8, 1e-10f);
-                    s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                    s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
-                }
-                /* the estimate has restarted from the sample */
-                status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
-                /* as after a reset */
+            if (broken) {
+                /* a covariance that is none restarts */
                 s->P[0] = 0.01f;
                 s->P[1] = 0.0f;
                 s->P[2] = 0.01f;
+                status |= NOT_ISS_COVARIANCE_RESTARTED;
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y_y2 - 276.0f + s->doubt_y_y2
-                + (s->patience_y_y1 - 276.0f + s->doubt_y_y1) + (s->patience_range - 551.0f + s->doubt_range);
+            /* is a value beyond its box, or lost? */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const bool t1 = z1 >= -2.0f && z1 <= 4.0f && z2 >= -4.0f && z2 <= 8.0f
+                    && not_iss_within(s->P[0], 1e+30f) && not_iss_within(s->P[1], 1e+30f);
+                beyond = !(t1 && not_iss_within(s->P[2], 1e+30f));
+            }
+            if (not_iss_acts(beyond)) {
+                status |= not_iss_keep_in_box(s, p);
+            }
+        } else {
+            status |= not_iss_keep_in_box(s, p);
+        }
+        /* remember the input */
+        s->u = u;
+        /* remember the sample */
+        s->y[0] = y[0];
+        s->y[1] = y[1];
+        s->y_valid[0] = valid[0];
+        s->y_valid[1] = valid[1];
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const bool t1 = z1 < 0.0f || z1 > 2.0f || z2 < 0.0f || z2 > 4.0f;
+            const float u_before = s->u;
+            const float t2 = out->y1 - (u_before*z1 + u_before*not_iss_clamp(z1, 0.0f,
+                2.0f)*not_iss_clamp(z2, 0.0f, 4.0f));
+            const bool t3 = not_iss_abs(out->y2 - z2) > 0.4f || not_iss_abs(t2) > 1.0f || t1
+                || !(s->fault_checksum <= 0.0f);
+            if (t1) {
+                status |= NOT_ISS_OUTSIDE_BOX;
+            }
+            suspect = t3 || !(valid[1] > 0.0f) || !(valid[0] > 0.0f);
+        }
+        if (suspect) {
+            /* is there a sample to judge by? */
+            {
+                const float measurement_y2 = out->y2;
+                const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                    && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                const float measurement_y1 = out->y1;
+                const bool t2 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
+                    && measurement_y1 <= 20.0f;
+                sampled = t1 || valid[0] > 0.0f || t2;
+            }
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
+                {
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                    const float t1 = fault_limit_y_y2 - 276.0f + not_iss_abs(fault_count_y_y2)
+                        + (fault_limit_y_y1 - 276.0f + not_iss_abs(fault_count_y_y1));
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const bool t2 = not_iss_abs(fault_limit_range - 551.0f + fault_count_range + t1
+                        - s->fault_checksum) < 0.5f && not_iss_within(fault_count_y_y2, 282624.0f);
+                    const bool t3 = t2 && fault_limit_y_y2 >= 276.0f && fault_limit_y_y2 <= 282624.0f
+                        && not_iss_within(fault_count_y_y1, 282624.0f);
+                    const bool t4 = t3 && fault_limit_y_y1 >= 276.0f && fault_limit_y_y1 <= 282624.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 564224.0f;
+                    spoiled = !(t4 && fault_limit_range >= 551.0f && fault_limit_range <= 564224.0f);
+                }
+                if (spoiled) {
+                    not_iss_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    moves_range = (z1 < -0.1f || z1 > 2.1f || z2 < -0.2f || z2 > 4.2f) ? 2.0f : -2.0f;
+                }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = not_iss_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 551.0f : fault_limit_range;
+                }
+                /* which signs show? */
+                {
+                    const float measurement_y2 = out->y2;
+                    const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                        && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                    const float z2 = s->z[1];
+                    const float t2 = measurement_y2 - z2;
+                    const bool t3 = not_iss_within(t2, not_iss_max(0.4f,
+                        not_iss_min(3.0f*not_iss_sqrt(1.0f/p->gain.R[1]/0.01f + s->P[2]), 1.0f)));
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    const float measurement_y1 = out->y1;
+                    const bool t4 = not_iss_within(measurement_y1, 3e+38f) && measurement_y1 >= -10.0f
+                        && measurement_y1 <= 20.0f;
+                    const bool t5 = valid[0] > 0.0f || t4;
+                    const float u_before = s->u;
+                    const float z1 = s->z[0];
+                    const float t6 = measurement_y1 - (u_before*z1
+                        + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2, 0.0f, 4.0f));
+                    const bool t7 = not_iss_within(t6, 1.0f);
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    moves_y_y2 = t1 ? (t3 ? 0.0f : ((fault_count_y_y2*t2 < 0.0f) ? -100.0f : 1.0f))
+                        + (t3 ? -1.0f : 0.0f) : 0.0f;
+                    side_y_y2 = (!t3 && t1) ? t2 : fault_count_y_y2;
+                    moves_y_y1 = t5 ? (t7 ? 0.0f : ((fault_count_y_y1*t6 < 0.0f) ? -100.0f : 1.0f))
+                        + (t7 ? -1.0f : 0.0f) : 0.0f;
+                    side_y_y1 = (!t7 && t5) ? t6 : fault_count_y_y1;
+                }
+                /* count of y_y2 */
+                {
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                    const float t1 = not_iss_max(not_iss_abs(fault_count_y_y2) + moves_y_y2, 0.0f);
+                    s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y2 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y2;
+                }
+                /* count of y_y1 */
+                {
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                    const float t1 = not_iss_max(not_iss_abs(fault_count_y_y1) + moves_y_y1, 0.0f);
+                    s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y1 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y1;
+                }
+                /* does a guard act? */
+                {
+                    const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2)
+                        || s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
+                    acts = t1 || s->fault_limit_range <= s->fault_count_range;
+                }
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y_y2 <= not_iss_abs(s->fault_count_y_y2);
+                        const bool t2 = s->fault_limit_y_y1 <= not_iss_abs(s->fault_count_y_y1);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t3 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        over_y_y2 = t1;
+                        over_y_y1 = t2;
+                        over_range = t3;
+                        lost = t1 || t2 || (t3 && (fault_limit_range > 551.0f || z1 < -1.0f || z1 > 3.0f
+                            || z2 < -2.0f || z2 > 6.0f));
+                    }
+                    if (over_y_y2) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y_y2 = s->fault_count_y_y2;
+                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                            const float t1 = not_iss_min(fault_limit_y_y2, 141312.0f);
+                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y2 = not_iss_min(2.0f*fault_limit_y_y2, 282624.0f);
+                        }
+                    }
+                    if (over_y_y1) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y_y1 = s->fault_count_y_y1;
+                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                            const float t1 = not_iss_min(fault_limit_y_y1, 141312.0f);
+                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y1 = not_iss_min(2.0f*fault_limit_y_y1, 282624.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = not_iss_min(fault_limit_range, 282112.0f);
+                            s->fault_limit_range = not_iss_min(2.0f*fault_limit_range, 564224.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        /* from the sample of y2 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float measurement_y2 = out->y2;
+                            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                            s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                        }
+                        /* from the sample of y1 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float measurement_y1 = out->y1;
+                            const bool t1 = not_iss_within(measurement_y1, 3e+38f)
+                                && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f;
+                            const bool t2 = valid[0] > 0.0f || t1;
+                            const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
+                            const float u_before = s->u;
+                            const float t4 = (t3 + 1.0f)*u_before;
+                            const float t5 = 36.0f*t4;
+                            const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
+                            const float t7 = t6*u_before;
+                            const float t8 = 144.0f*t7;
+                            const float t9 = (measurement_y1 - (u_before*z1
+                                + u_before*t6*t3))/not_iss_max(t4*t5 + t7*t8, 1e-10f);
+                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                        }
+                        /* from the sample of y2 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float measurement_y2 = out->y2;
+                            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                            s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                        }
+                        /* from the sample of y1 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float measurement_y1 = out->y1;
+                            const bool t1 = not_iss_within(measurement_y1, 3e+38f)
+                                && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f;
+                            const bool t2 = valid[0] > 0.0f || t1;
+                            const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
+                            const float u_before = s->u;
+                            const float t4 = (t3 + 1.0f)*u_before;
+                            const float t5 = 36.0f*t4;
+                            const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
+                            const float t7 = t6*u_before;
+                            const float t8 = 144.0f*t7;
+                            const float t9 = (measurement_y1 - (u_before*z1
+                                + u_before*t6*t3))/not_iss_max(t4*t5 + t7*t8, 1e-10f);
+                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                        }
+                        /* from the sample of y2 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float measurement_y2 = out->y2;
+                            const bool t1 = valid[1] > 0.0f || (not_iss_within(measurement_y2, 3e+38f)
+                                && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f);
+                            s->z[0] = t1 ? not_iss_keep(z1, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t1 ? not_iss_keep(measurement_y2, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                        }
+                        /* from the sample of y1 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float measurement_y1 = out->y1;
+                            const bool t1 = not_iss_within(measurement_y1, 3e+38f)
+                                && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f;
+                            const bool t2 = valid[0] > 0.0f || t1;
+                            const float t3 = not_iss_clamp(z2, 0.0f, 4.0f);
+                            const float u_before = s->u;
+                            const float t4 = (t3 + 1.0f)*u_before;
+                            const float t5 = 36.0f*t4;
+                            const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
+                            const float t7 = t6*u_before;
+                            const float t8 = 144.0f*t7;
+                            const float t9 = (measurement_y1 - (u_before*z1
+                                + u_before*t6*t3))/not_iss_max(t4*t5 + t7*t8, 1e-10f);
+                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
+                        /* as after a reset */
+                        s->P[0] = 0.01f;
+                        s->P[1] = 0.0f;
+                        s->P[2] = 0.01f;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float t1 = z1 - not_iss_clamp(z1, 0.0f, 2.0f);
+                            const float P21 = s->P[1];
+                            const float t2 = z2 - t1/s->P[0]*P21;
+                            const float t3 = t2 - not_iss_clamp(t2, 0.0f, 4.0f);
+                            s->z[0] = not_iss_clamp(z1 - t1 - t3/s->P[2]*P21, -2.0f, 4.0f);
+                            s->z[1] = not_iss_clamp(t2 - t3, -4.0f, 8.0f);
+                            status |= NOT_ISS_PROJECTED_ONTO_RANGES;
+                        }
+                    }
+                }
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y2 - 276.0f + not_iss_abs(s->fault_count_y_y2)
+                        + (s->fault_limit_y_y1 - 276.0f + not_iss_abs(s->fault_count_y_y1));
+                    s->fault_checksum = s->fault_limit_range - 551.0f + s->fault_count_range + t1;
+                }
+            }
         }
     }
     return status;
@@ -703,6 +754,10 @@ void not_iss_estimate(const not_iss_state *s, const not_iss_params *p, not_iss_p
 unsigned not_iss_tune(not_iss_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != NOT_ISS_READY) {
+        not_iss_nominal(p);
+        status = NOT_ISS_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         static const struct {
@@ -752,16 +807,73 @@ void not_iss_reset(not_iss_state *s)
     s->y[1] = 0.0f;
     s->y_valid[0] = 0.0f;
     s->y_valid[1] = 0.0f;
-    not_iss_clear_doubt(s);
+    not_iss_clear_fault_counts(s);
 }
 
 void not_iss_init(not_iss_state *s, not_iss_params *p)
 {
-    p->gain.Q[0] = 10.0f;
-    p->gain.Q[1] = 10.0f;
-    p->gain.R[0] = 100.0f;
-    p->gain.R[1] = 100.0f;
-    p->gain.curvature = 5.0f;
+    not_iss_nominal(p);
     (void)not_iss_tune(p);
     not_iss_reset(s);
+}
+
+static const unsigned char not_iss_layout[8] = {0x00u, 0x96u, 0x69u, 0x92u, 0xAAu, 0x2Au, 0xABu, 0xFFu};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t not_iss_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void not_iss_save(const not_iss_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = not_iss_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = not_iss_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned not_iss_restore(not_iss_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == NOT_ISS_SAVED) {
+        refused = 0u;
+        uint32_t sum = not_iss_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == not_iss_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = NOT_ISS_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "pmsm.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -101,28 +102,33 @@ static void pmsm_jacobian(float z1, float z2, float z3, float F[4])
     F[3] = -30.0f - pmsm_limit(z1, 20.0f); /* F_23 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned pmsm_ready(pmsm_state *s)
+PMSM_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static uint32_t pmsm_ready(pmsm_state *s, const pmsm_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     if (s->ready != PMSM_READY) {
         pmsm_reset(s);
-        status = PMSM_UNINITIALISED;
+        status |= PMSM_UNINITIALISED;
+    }
+    if (p->ready != PMSM_READY) {
+        pmsm_reset(s);
+        status |= PMSM_NO_PARAMETERS;
     }
     return status;
 }
 
 PMSM_RARELY
-static void pmsm_clear_doubt(pmsm_state *s)
+static void pmsm_clear_fault_counts(pmsm_state *s)
 {
     /* as after a reset */
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 126.0f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 126.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 251.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y_y1 = 0.0f;
+    s->fault_limit_y_y1 = 126.0f;
+    s->fault_count_y_y2 = 0.0f;
+    s->fault_limit_y_y2 = 126.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 251.0f;
+    s->fault_checksum = 0.0f;
 }
 
 PMSM_RARELY
@@ -138,9 +144,9 @@ static void pmsm_clear_rest(pmsm_state *s)
 }
 
 /* part of a step: keep the state in its box, or make it anew */
-static unsigned pmsm_keep_in_box(pmsm_state *s, const pmsm_params *p)
+static uint32_t pmsm_keep_in_box(pmsm_state *s, const pmsm_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     (void)p;
     bool lost = false;
     /* is a value lost? */
@@ -157,7 +163,7 @@ static unsigned pmsm_keep_in_box(pmsm_state *s, const pmsm_params *p)
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
         status |= PMSM_RESTARTED;
-        pmsm_clear_doubt(s);
+        pmsm_clear_fault_counts(s);
         pmsm_clear_rest(s);
     }
     /* keep z in its box */
@@ -193,9 +199,86 @@ static unsigned pmsm_keep_in_box(pmsm_state *s, const pmsm_params *p)
     return status;
 }
 
-unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+/* part of a step: check the fault counts, and count the range */
+static uint32_t pmsm_count_range(pmsm_state *s, const pmsm_params *p)
 {
-    unsigned status = pmsm_ready(s);
+    uint32_t status = 0u;
+    (void)p;
+    float moves_range = 0.0f;
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        const float fault_limit_y_y1 = s->fault_limit_y_y1;
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        const float fault_limit_y_y2 = s->fault_limit_y_y2;
+        const float t1 = fault_limit_y_y1 - 126.0f + pmsm_abs(fault_count_y_y1)
+            + (fault_limit_y_y2 - 126.0f + pmsm_abs(fault_count_y_y2));
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = pmsm_abs(fault_limit_range - 251.0f + fault_count_range + t1
+            - s->fault_checksum) < 0.5f && pmsm_within(fault_count_y_y1, 129024.0f);
+        const bool t3 = t2 && fault_limit_y_y1 >= 126.0f && fault_limit_y_y1 <= 129024.0f
+            && pmsm_within(fault_count_y_y2, 129024.0f);
+        const bool t4 = t3 && fault_limit_y_y2 >= 126.0f && fault_limit_y_y2 <= 129024.0f
+            && fault_count_range >= 0.0f && fault_count_range <= 257024.0f;
+        spoiled = !(t4 && fault_limit_range >= 251.0f && fault_limit_range <= 257024.0f);
+    }
+    if (spoiled) {
+        pmsm_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    moves_range = (pmsm_abs(s->z[0]) > 22.0f || pmsm_abs(s->z[1]) > 22.0f || pmsm_abs(s->z[2]) > 330.0f)
+        ? 1.0f : -1.0f;
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = pmsm_max(fault_count_range + moves_range, 0.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 251.0f : fault_limit_range;
+    }
+    return status;
+}
+
+/* part of a step: project the estimate onto its declared ranges */
+static uint32_t pmsm_project_onto_ranges(pmsm_state *s, const pmsm_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    /* the estimate back onto its declared ranges */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float t1 = z1 - pmsm_limit(z1, 20.0f);
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float t2 = L21*D1;
+        const float t3 = t1/D1;
+        const float t4 = z2 - t2*t3;
+        const float t5 = t4 - pmsm_limit(t4, 20.0f);
+        const float D2 = s->D[1];
+        const float t6 = t5/(t2*L21 + D2);
+        const float L31 = s->L[1];
+        const float t7 = L31*D1;
+        const float L32 = s->L[2];
+        const float t8 = L32*D2;
+        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+        const float t10 = t9 - pmsm_limit(t9, 300.0f);
+        const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
+        s->z[0] = pmsm_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11, 60.0f);
+        s->z[1] = pmsm_limit(t4 - t5 - (t2*L31 + D2*L32)*t11, 60.0f);
+        s->z[2] = pmsm_limit(t9 - t10, 900.0f);
+        status |= PMSM_PROJECTED_ONTO_RANGES;
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static uint32_t pmsm_run_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+{
+    uint32_t status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -356,6 +439,8 @@ unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
         if (pmsm_acts(beyond)) {
             status |= pmsm_keep_in_box(s, p);
         }
+    } else {
+        status |= pmsm_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y1 = 0u;
@@ -367,22 +452,22 @@ unsigned pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
 }
 
 /* part of a step: correct with y1 */
-static unsigned pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y1 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y1 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y1 = false;
-    bool spoiled = false;
+    float side_y_y1 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y1 awaited? */
     fresh = s->used_y1 < 1u;
@@ -439,113 +524,89 @@ static unsigned pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
         {
             const bool t1 = pmsm_abs(output_error) > 4.0f || pmsm_abs(s->z[0]) > 20.0f
                 || pmsm_abs(s->z[1]) > 20.0f || pmsm_abs(s->z[2]) > 300.0f;
-            doubtful = t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (pmsm_within(measurement, 3e+38f) && pmsm_within(measurement, 60.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y1 - 126.0f + doubt_y_y1
-                        + (patience_y_y2 - 126.0f + doubt_y_y2) + (patience_range - 251.0f + doubt_range);
-                    const bool t2 = pmsm_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
-                        && doubt_y_y1 <= 129024.0f && patience_y_y1 >= 126.0f && patience_y_y1 <= 129024.0f;
-                    const bool t3 = t2 && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 129024.0f
-                        && patience_y_y2 >= 126.0f && patience_y_y2 <= 129024.0f;
-                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 257024.0f
-                        && patience_range >= 251.0f && patience_range <= 257024.0f;
-                    spoiled = !t4;
-                }
-                if (spoiled) {
-                    pmsm_clear_doubt(s);
-                }
+                status |= pmsm_count_range(s, p);
                 /* which signs show? */
-                shows_y_y1 = !pmsm_within(output_error, 4.0f);
-                shows_range = pmsm_abs(s->z[0]) > 22.0f || pmsm_abs(s->z[1]) > 22.0f
-                    || pmsm_abs(s->z[2]) > 330.0f;
-                if (shows_y_y1) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        s->doubt_y_y1 = pmsm_min(doubt_y_y1 + 1.0f, 129024.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        const float patience_y_y1 = s->patience_y_y1;
-                        s->doubt_y_y1 = pmsm_max(doubt_y_y1 - 1.0f, 0.0f);
-                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 126.0f : patience_y_y1;
-                        over_y_y1 = false;
-                    }
+                {
+                    const bool t1 = pmsm_within(output_error, 4.0f);
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -63.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = pmsm_min(doubt_range + 1.0f, 257024.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = pmsm_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 251.0f : patience_range;
-                        over_range = false;
-                    }
+                /* count of y_y1 */
+                {
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                    const float t1 = pmsm_max(pmsm_abs(fault_count_y_y1) + moves_y_y1, 0.0f);
+                    s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y1 = (t1 <= 0.0f) ? 126.0f : fault_limit_y_y1;
                 }
-                /* is it lost? */
-                lost = over_y_y1 || over_range;
-                if (lost) {
+                /* does a guard act? */
+                acts = s->fault_limit_y_y1 <= pmsm_abs(s->fault_count_y_y1)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y_y1 <= pmsm_abs(s->fault_count_y_y1);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = fault_limit_range > 251.0f || pmsm_abs(s->z[0]) > 40.0f
+                            || pmsm_abs(s->z[1]) > 40.0f || pmsm_abs(s->z[2]) > 600.0f;
+                        over_y_y1 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t3);
+                    }
                     if (over_y_y1) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y1 = s->patience_y_y1;
-                            s->doubt_y_y1 = pmsm_min(patience_y_y1, 64512.0f);
-                            s->patience_y_y1 = pmsm_min(2.0f*patience_y_y1, 129024.0f);
+                            const float fault_count_y_y1 = s->fault_count_y_y1;
+                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                            const float t1 = pmsm_min(fault_limit_y_y1, 64512.0f);
+                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y1 = pmsm_min(2.0f*fault_limit_y_y1, 129024.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = pmsm_min(patience_range, 128512.0f);
-                            s->patience_range = pmsm_min(2.0f*patience_range, 257024.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = pmsm_min(fault_limit_range, 128512.0f);
+                            s->fault_limit_range = pmsm_min(2.0f*fault_limit_range, 257024.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    /* from the sample of y1 */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        s->z[0] = pmsm_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = pmsm_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y1 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = pmsm_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = pmsm_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= PMSM_RESTARTED_FROM_SAMPLE;
+                        pmsm_clear_rest(s);
+                    } else {
+                        status |= pmsm_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= PMSM_RESTARTED_FROM_SAMPLE;
-                    pmsm_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y1 - 126.0f + s->doubt_y_y1
-                    + (s->patience_y_y2 - 126.0f + s->doubt_y_y2)
-                        + (s->patience_range - 251.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y1 - 126.0f + pmsm_abs(s->fault_count_y_y1)
+                        + (s->fault_limit_y_y2 - 126.0f + pmsm_abs(s->fault_count_y_y2));
+                    s->fault_checksum = s->fault_limit_range - 251.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -556,22 +617,22 @@ static unsigned pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
 }
 
 /* part of a step: correct with y2 */
-static unsigned pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y2 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y2 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y2 = false;
-    bool spoiled = false;
+    float side_y_y2 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y2 awaited? */
     fresh = s->used_y2 < 1u;
@@ -643,113 +704,89 @@ static unsigned pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
             if (t1) {
                 status |= PMSM_OUTSIDE_BOX;
             }
-            doubtful = pmsm_abs(output_error) > 4.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = pmsm_abs(output_error) > 4.0f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (pmsm_within(measurement, 3e+38f) && pmsm_within(measurement, 60.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y1 - 126.0f + doubt_y_y1
-                        + (patience_y_y2 - 126.0f + doubt_y_y2) + (patience_range - 251.0f + doubt_range);
-                    const bool t2 = pmsm_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
-                        && doubt_y_y1 <= 129024.0f && patience_y_y1 >= 126.0f && patience_y_y1 <= 129024.0f;
-                    const bool t3 = t2 && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 129024.0f
-                        && patience_y_y2 >= 126.0f && patience_y_y2 <= 129024.0f;
-                    const bool t4 = t3 && doubt_range >= 0.0f && doubt_range <= 257024.0f
-                        && patience_range >= 251.0f && patience_range <= 257024.0f;
-                    spoiled = !t4;
-                }
-                if (spoiled) {
-                    pmsm_clear_doubt(s);
-                }
+                status |= pmsm_count_range(s, p);
                 /* which signs show? */
-                shows_y_y2 = !pmsm_within(output_error, 4.0f);
-                shows_range = pmsm_abs(s->z[0]) > 22.0f || pmsm_abs(s->z[1]) > 22.0f
-                    || pmsm_abs(s->z[2]) > 330.0f;
-                if (shows_y_y2) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        s->doubt_y_y2 = pmsm_min(doubt_y_y2 + 1.0f, 129024.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        const float patience_y_y2 = s->patience_y_y2;
-                        s->doubt_y_y2 = pmsm_max(doubt_y_y2 - 1.0f, 0.0f);
-                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 126.0f : patience_y_y2;
-                        over_y_y2 = false;
-                    }
+                {
+                    const bool t1 = pmsm_within(output_error, 4.0f);
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    moves_y_y2 = (t1 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -63.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y2 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y2 : 0.0f);
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = pmsm_min(doubt_range + 1.0f, 257024.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = pmsm_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 251.0f : patience_range;
-                        over_range = false;
-                    }
+                /* count of y_y2 */
+                {
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                    const float t1 = pmsm_max(pmsm_abs(fault_count_y_y2) + moves_y_y2, 0.0f);
+                    s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y2 = (t1 <= 0.0f) ? 126.0f : fault_limit_y_y2;
                 }
-                /* is it lost? */
-                lost = over_y_y2 || over_range;
-                if (lost) {
+                /* does a guard act? */
+                acts = s->fault_limit_y_y2 <= pmsm_abs(s->fault_count_y_y2)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y_y2 <= pmsm_abs(s->fault_count_y_y2);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = fault_limit_range > 251.0f || pmsm_abs(s->z[0]) > 40.0f
+                            || pmsm_abs(s->z[1]) > 40.0f || pmsm_abs(s->z[2]) > 600.0f;
+                        over_y_y2 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t3);
+                    }
                     if (over_y_y2) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y2 = s->patience_y_y2;
-                            s->doubt_y_y2 = pmsm_min(patience_y_y2, 64512.0f);
-                            s->patience_y_y2 = pmsm_min(2.0f*patience_y_y2, 129024.0f);
+                            const float fault_count_y_y2 = s->fault_count_y_y2;
+                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                            const float t1 = pmsm_min(fault_limit_y_y2, 64512.0f);
+                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y2 = pmsm_min(2.0f*fault_limit_y_y2, 129024.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = pmsm_min(patience_range, 128512.0f);
-                            s->patience_range = pmsm_min(2.0f*patience_range, 257024.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = pmsm_min(fault_limit_range, 128512.0f);
+                            s->fault_limit_range = pmsm_min(2.0f*fault_limit_range, 257024.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    /* from the sample of y2 */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        s->z[0] = pmsm_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = pmsm_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y2 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = pmsm_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = pmsm_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = pmsm_keep(z3, -300.0f, 300.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= PMSM_RESTARTED_FROM_SAMPLE;
+                        pmsm_clear_rest(s);
+                    } else {
+                        status |= pmsm_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= PMSM_RESTARTED_FROM_SAMPLE;
-                    pmsm_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y1 - 126.0f + s->doubt_y_y1
-                    + (s->patience_y_y2 - 126.0f + s->doubt_y_y2)
-                        + (s->patience_range - 251.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y1 - 126.0f + pmsm_abs(s->fault_count_y_y1)
+                        + (s->fault_limit_y_y2 - 126.0f + pmsm_abs(s->fault_count_y_y2));
+                    s->fault_checksum = s->fault_limit_range - 251.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -759,26 +796,65 @@ static unsigned pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
     return status;
 }
 
-unsigned pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+PMSM_RARELY
+/* nominal parameters */
+static void pmsm_nominal(pmsm_params *p)
 {
-    unsigned status = pmsm_ready(s);
-    status |= pmsm_run_update_y1(s, p, out);
+    p->ready = PMSM_READY;
+    p->gain.Q[0] = 8.0f;
+    p->gain.Q[1] = 8.0f;
+    p->gain.Q[2] = 2000.0f;
+    p->gain.R[0] = 1e-08f;
+    p->gain.R[1] = 1e-08f;
+}
+
+uint32_t pmsm_predict(pmsm_state *s, const pmsm_params *p, const pmsm_input *in)
+{
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_READY) || (p->ready != PMSM_READY)) {
+        status = pmsm_ready(s, p);
+    }
+    if ((status & PMSM_NO_PARAMETERS) == 0u) {
+        status |= pmsm_run_predict(s, p, in);
+    }
     return status;
 }
 
-unsigned pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
+uint32_t pmsm_update_y1(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
 {
-    unsigned status = pmsm_ready(s);
-    status |= pmsm_run_update_y2(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_READY) || (p->ready != PMSM_READY)) {
+        status = pmsm_ready(s, p);
+    }
+    if ((status & PMSM_NO_PARAMETERS) == 0u) {
+        status |= pmsm_run_update_y1(s, p, out);
+    }
     return status;
 }
 
-unsigned pmsm_step(pmsm_state *s, const pmsm_params *p, const pmsm_input *in, const pmsm_output *out)
+uint32_t pmsm_update_y2(pmsm_state *s, const pmsm_params *p, const pmsm_output *out)
 {
-    unsigned status = 0u;
-    status |= pmsm_predict(s, p, in);
-    status |= pmsm_run_update_y1(s, p, out);
-    status |= pmsm_run_update_y2(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_READY) || (p->ready != PMSM_READY)) {
+        status = pmsm_ready(s, p);
+    }
+    if ((status & PMSM_NO_PARAMETERS) == 0u) {
+        status |= pmsm_run_update_y2(s, p, out);
+    }
+    return status;
+}
+
+uint32_t pmsm_step(pmsm_state *s, const pmsm_params *p, const pmsm_input *in, const pmsm_output *out)
+{
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_READY) || (p->ready != PMSM_READY)) {
+        status = pmsm_ready(s, p);
+    }
+    if ((status & PMSM_NO_PARAMETERS) == 0u) {
+        status |= pmsm_run_predict(s, p, in);
+        status |= pmsm_run_update_y1(s, p, out);
+        status |= pmsm_run_update_y2(s, p, out);
+    }
     return status;
 }
 
@@ -791,9 +867,13 @@ void pmsm_estimate(const pmsm_state *s, const pmsm_params *p, pmsm_plant *x)
     x->w = s->z[2];
 }
 
-unsigned pmsm_tune(pmsm_params *p)
+uint32_t pmsm_tune(pmsm_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    if (p->ready != PMSM_READY) {
+        pmsm_nominal(p);
+        status = PMSM_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -827,17 +907,74 @@ void pmsm_reset(pmsm_state *s)
     s->used_y2 = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
-    pmsm_clear_doubt(s);
+    pmsm_clear_fault_counts(s);
     pmsm_clear_rest(s);
 }
 
 void pmsm_init(pmsm_state *s, pmsm_params *p)
 {
-    p->gain.Q[0] = 8.0f;
-    p->gain.Q[1] = 8.0f;
-    p->gain.Q[2] = 2000.0f;
-    p->gain.R[0] = 1e-08f;
-    p->gain.R[1] = 1e-08f;
+    pmsm_nominal(p);
     (void)pmsm_tune(p);
     pmsm_reset(s);
+}
+
+static const unsigned char pmsm_layout[8] = {0xBBu, 0x68u, 0x2Eu, 0x37u, 0x47u, 0xE1u, 0xC7u, 0xF2u};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t pmsm_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void pmsm_save(const pmsm_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = pmsm_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = pmsm_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned pmsm_restore(pmsm_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == PMSM_SAVED) {
+        refused = 0u;
+        uint32_t sum = pmsm_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == pmsm_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = PMSM_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -157,7 +157,7 @@ static const float wanted[64][3] = { /* x.i_d, x.i_q, x.w */
     {0.0384013f, 0.030917853f, 22.169563f},
 };
 
-static const unsigned expected[64] = { /* status */
+static const uint32_t expected[64] = { /* status */
     0u, 768u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
     0u, 0u, 0u, 0u, 5u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 10u, 0u,
     0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 80u, 0u, 0u, 0u, 0u, 0u, 0u, 0u,
@@ -201,7 +201,7 @@ unsigned pmsm_check(void)
         in.vq = (k == 40u) ? none : given[k][1];
         out.y1 = (k == 20u) ? none : given[k][2];
         out.y2 = (k == 20u) ? none : given[k][3];
-        const unsigned status = pmsm_step(&s, &p, &in, &out);
+        const uint32_t status = pmsm_step(&s, &p, &in, &out);
         pmsm_estimate(&s, &p, &x);
         if (status != expected[k] || !pmsm_near(x.i_d, k, 0u) || !pmsm_near(x.i_q, k, 1u)
             || !pmsm_near(x.w, k, 2u)) {

@@ -2,6 +2,7 @@
 #include "pmsm_sensorless.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -120,28 +121,33 @@ static void pmsm_sensorless_jacobian(float z1, float z2, float z3, float z4, flo
     F[11] = t2; /* F_45 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned pmsm_sensorless_ready(pmsm_sensorless_state *s)
+PMSM_SENSORLESS_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static uint32_t pmsm_sensorless_ready(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     if (s->ready != PMSM_SENSORLESS_READY) {
         pmsm_sensorless_reset(s);
-        status = PMSM_SENSORLESS_UNINITIALISED;
+        status |= PMSM_SENSORLESS_UNINITIALISED;
+    }
+    if (p->ready != PMSM_SENSORLESS_READY) {
+        pmsm_sensorless_reset(s);
+        status |= PMSM_SENSORLESS_NO_PARAMETERS;
     }
     return status;
 }
 
 PMSM_SENSORLESS_RARELY
-static void pmsm_sensorless_clear_doubt(pmsm_sensorless_state *s)
+static void pmsm_sensorless_clear_fault_counts(pmsm_sensorless_state *s)
 {
     /* as after a reset */
-    s->doubt_y_y_a = 0.0f;
-    s->patience_y_y_a = 140.0f;
-    s->doubt_y_y_b = 0.0f;
-    s->patience_y_y_b = 140.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 280.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y_y_a = 0.0f;
+    s->fault_limit_y_y_a = 140.0f;
+    s->fault_count_y_y_b = 0.0f;
+    s->fault_limit_y_y_b = 140.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 280.0f;
+    s->fault_checksum = 0.0f;
 }
 
 PMSM_SENSORLESS_RARELY
@@ -166,9 +172,9 @@ static void pmsm_sensorless_clear_rest(pmsm_sensorless_state *s)
 }
 
 /* part of a step: keep the state in its box, or make it anew */
-static unsigned pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
+static uint32_t pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     (void)p;
     bool lost = false;
     /* is a value lost? */
@@ -195,7 +201,7 @@ static unsigned pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm
         s->z[3] = 0.0f;
         s->z[4] = 20.0f;
         status |= PMSM_SENSORLESS_RESTARTED;
-        pmsm_sensorless_clear_doubt(s);
+        pmsm_sensorless_clear_fault_counts(s);
         pmsm_sensorless_clear_rest(s);
     }
     /* keep z in its box */
@@ -255,10 +261,123 @@ static unsigned pmsm_sensorless_keep_in_box(pmsm_sensorless_state *s, const pmsm
     return status;
 }
 
-unsigned pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+/* part of a step: check the fault counts, and count the range */
+static uint32_t pmsm_sensorless_count_range(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    float moves_range = 0.0f;
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y_y_a = s->fault_count_y_y_a;
+        const float fault_limit_y_y_a = s->fault_limit_y_y_a;
+        const float fault_count_y_y_b = s->fault_count_y_y_b;
+        const float fault_limit_y_y_b = s->fault_limit_y_y_b;
+        const float t1 = fault_limit_y_y_a - 140.0f + pmsm_sensorless_abs(fault_count_y_y_a)
+            + (fault_limit_y_y_b - 140.0f + pmsm_sensorless_abs(fault_count_y_y_b));
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = pmsm_sensorless_abs(fault_limit_range - 280.0f + fault_count_range + t1
+            - s->fault_checksum) < 0.5f;
+        const bool t3 = t2 && pmsm_sensorless_within(fault_count_y_y_a, 143360.0f)
+            && fault_limit_y_y_a >= 140.0f && fault_limit_y_y_a <= 143360.0f;
+        const bool t4 = t3 && pmsm_sensorless_within(fault_count_y_y_b, 143360.0f)
+            && fault_limit_y_y_b >= 140.0f && fault_limit_y_y_b <= 143360.0f;
+        const bool t5 = t4 && fault_count_range >= 0.0f && fault_count_range <= 286720.0f
+            && fault_limit_range >= 280.0f && fault_limit_range <= 286720.0f;
+        spoiled = !t5;
+    }
+    if (spoiled) {
+        pmsm_sensorless_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const bool t1 = pmsm_sensorless_abs(s->z[0]) > 22.0f || pmsm_sensorless_abs(s->z[1]) > 22.0f
+            || pmsm_sensorless_abs(s->z[2]) > 0.22f;
+        const float z5 = s->z[4];
+        moves_range = (t1 || pmsm_sensorless_abs(s->z[3]) > 0.22f || z5 < -9.0f || z5 > 629.0f) ? 1.0f
+            : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = pmsm_sensorless_max(fault_count_range + moves_range, 0.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 280.0f : fault_limit_range;
+    }
+    return status;
+}
+
+/* part of a step: project the estimate onto its declared ranges */
+static uint32_t pmsm_sensorless_project_onto_ranges(pmsm_sensorless_state *s, const pmsm_sensorless_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    /* the estimate back onto its declared ranges */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float z5 = s->z[4];
+        const float t1 = z1 - pmsm_sensorless_limit(z1, 20.0f);
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float t2 = L21*D1;
+        const float t3 = t1/D1;
+        const float t4 = z2 - t2*t3;
+        const float t5 = t4 - pmsm_sensorless_limit(t4, 20.0f);
+        const float D2 = s->D[1];
+        const float t6 = t5/(t2*L21 + D2);
+        const float L31 = s->L[1];
+        const float t7 = L31*D1;
+        const float L32 = s->L[4];
+        const float t8 = L32*D2;
+        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+        const float t10 = t9 - pmsm_sensorless_limit(t9, 0.2f);
+        const float D3 = s->D[2];
+        const float t11 = t10/(t7*L31 + t8*L32 + D3);
+        const float L41 = s->L[2];
+        const float t12 = L41*D1;
+        const float L42 = s->L[5];
+        const float t13 = L42*D2;
+        const float L43 = s->L[7];
+        const float t14 = L43*D3;
+        const float t15 = z4 - t12*t3 - (t12*L21 + t13)*t6 - (t12*L31 + t13*L32 + t14)*t11;
+        const float t16 = t15 - pmsm_sensorless_limit(t15, 0.2f);
+        const float D4 = s->D[3];
+        const float t17 = t16/(t12*L41 + t13*L42 + t14*L43 + D4);
+        const float L51 = s->L[3];
+        const float t18 = L51*D1;
+        const float L52 = s->L[6];
+        const float t19 = L52*D2;
+        const float L53 = s->L[8];
+        const float t20 = L53*D3;
+        const float L54 = s->L[9];
+        const float t21 = L54*D4;
+        const float t22 = z5 - t18*t3 - (t18*L21 + t19)*t6 - (t18*L31 + t19*L32 + t20)*t11
+            - (t18*L41 + t19*L42 + t20*L43 + t21)*t17;
+        const float t23 = t22 - pmsm_sensorless_clamp(t22, 20.0f, 600.0f);
+        const float t24 = t23/(t18*L51 + t19*L52 + t20*L53 + t21*L54 + s->D[4]);
+        s->z[0] = pmsm_sensorless_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11 - D1*L41*t17 - D1*L51*t24, 60.0f);
+        s->z[1] = pmsm_sensorless_limit(t4 - t5 - (t2*L31 + D2*L32)*t11 - (t2*L41 + D2*L42)*t17
+            - (t2*L51 + D2*L52)*t24, 60.0f);
+        s->z[2] = pmsm_sensorless_limit(t9 - t10 - (t7*L41 + t8*L42 + D3*L43)*t17
+            - (t7*L51 + t8*L52 + D3*L53)*t24, 0.6f);
+        s->z[3] = pmsm_sensorless_limit(t15 - t16 - (t12*L51 + t13*L52 + t14*L53 + D4*L54)*t24, 0.6f);
+        s->z[4] = pmsm_sensorless_clamp(t22 - t23, -560.0f, 1180.0f);
+        status |= PMSM_SENSORLESS_PROJECTED_ONTO_RANGES;
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static uint32_t pmsm_sensorless_run_predict(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_input *in)
 {
-    unsigned status = pmsm_sensorless_ready(s);
+    uint32_t status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -601,6 +720,8 @@ unsigned pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless
         if (pmsm_sensorless_acts(beyond)) {
             status |= pmsm_sensorless_keep_in_box(s, p);
         }
+    } else {
+        status |= pmsm_sensorless_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y_a = 0u;
@@ -612,23 +733,23 @@ unsigned pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless
 }
 
 /* part of a step: correct with y_a */
-static unsigned pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y_a = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y_a = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y_a = false;
-    bool spoiled = false;
+    float side_y_y_a = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y_a awaited? */
     fresh = s->used_y_a < 1u;
@@ -700,124 +821,101 @@ static unsigned pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
             const float z5 = s->z[4];
             const bool t2 = pmsm_sensorless_abs(output_error) > 5.0f || t1
                 || pmsm_sensorless_abs(s->z[3]) > 0.2f || z5 < 20.0f || z5 > 600.0f;
-            doubtful = t2 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = t2 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (pmsm_sensorless_within(measurement, 3e+38f)
                 && pmsm_sensorless_within(measurement, 75.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y_a = s->doubt_y_y_a;
-                    const float patience_y_y_a = s->patience_y_y_a;
-                    const float doubt_y_y_b = s->doubt_y_y_b;
-                    const float patience_y_y_b = s->patience_y_y_b;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y_a - 140.0f + doubt_y_y_a
-                        + (patience_y_y_b - 140.0f + doubt_y_y_b) + (patience_range - 280.0f + doubt_range);
-                    const bool t2 = pmsm_sensorless_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y_a >= 0.0f
-                        && doubt_y_y_a <= 143360.0f;
-                    const bool t3 = t2 && patience_y_y_a >= 140.0f && patience_y_y_a <= 143360.0f
-                        && doubt_y_y_b >= 0.0f && doubt_y_y_b <= 143360.0f;
-                    const bool t4 = t3 && patience_y_y_b >= 140.0f && patience_y_y_b <= 143360.0f
-                        && doubt_range >= 0.0f && doubt_range <= 286720.0f;
-                    spoiled = !(t4 && patience_range >= 280.0f && patience_range <= 286720.0f);
-                }
-                if (spoiled) {
-                    pmsm_sensorless_clear_doubt(s);
-                }
+                status |= pmsm_sensorless_count_range(s, p);
                 /* which signs show? */
                 {
-                    const bool t1 = pmsm_sensorless_abs(s->z[0]) > 22.0f
-                        || pmsm_sensorless_abs(s->z[1]) > 22.0f || pmsm_sensorless_abs(s->z[2]) > 0.22f;
-                    const float z5 = s->z[4];
-                    shows_y_y_a = !pmsm_sensorless_within(output_error, 5.0f);
-                    shows_range = t1 || pmsm_sensorless_abs(s->z[3]) > 0.22f || z5 < -9.0f || z5 > 629.0f;
+                    const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
+                    const float fault_count_y_y_a = s->fault_count_y_y_a;
+                    moves_y_y_a = (t1 ? 0.0f : ((fault_count_y_y_a*output_error < 0.0f) ? -70.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y_a = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y_a : 0.0f);
                 }
-                if (shows_y_y_a) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y_a = s->doubt_y_y_a;
-                        s->doubt_y_y_a = pmsm_sensorless_min(doubt_y_y_a + 1.0f, 143360.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y_a = s->patience_y_y_a <= s->doubt_y_y_a;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y_a = s->doubt_y_y_a;
-                        const float patience_y_y_a = s->patience_y_y_a;
-                        s->doubt_y_y_a = pmsm_sensorless_max(doubt_y_y_a - 1.0f, 0.0f);
-                        s->patience_y_y_a = (doubt_y_y_a <= 1.0f) ? 140.0f : patience_y_y_a;
-                        over_y_y_a = false;
-                    }
+                /* count of y_y_a */
+                {
+                    const float fault_count_y_y_a = s->fault_count_y_y_a;
+                    const float fault_limit_y_y_a = s->fault_limit_y_y_a;
+                    const float t1 = pmsm_sensorless_max(pmsm_sensorless_abs(fault_count_y_y_a)
+                        + moves_y_y_a, 0.0f);
+                    s->fault_count_y_y_a = (side_y_y_a < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y_a = (t1 <= 0.0f) ? 140.0f : fault_limit_y_y_a;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y_a <= pmsm_sensorless_abs(s->fault_count_y_y_a)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = pmsm_sensorless_min(doubt_range + 1.0f, 286720.0f);
+                        const bool t1 = s->fault_limit_y_y_a <= pmsm_sensorless_abs(s->fault_count_y_y_a);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = pmsm_sensorless_abs(s->z[0]) > 40.0f
+                            || pmsm_sensorless_abs(s->z[1]) > 40.0f || pmsm_sensorless_abs(s->z[2]) > 0.4f;
+                        const float z5 = s->z[4];
+                        const bool t4 = fault_limit_range > 280.0f || t3
+                            || pmsm_sensorless_abs(s->z[3]) > 0.4f || z5 < -270.0f || z5 > 890.0f;
+                        over_y_y_a = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t4);
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = pmsm_sensorless_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 280.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y_a || over_range;
-                if (lost) {
                     if (over_y_y_a) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y_a = s->patience_y_y_a;
-                            s->doubt_y_y_a = pmsm_sensorless_min(patience_y_y_a, 71680.0f);
-                            s->patience_y_y_a = pmsm_sensorless_min(2.0f*patience_y_y_a, 143360.0f);
+                            const float fault_count_y_y_a = s->fault_count_y_y_a;
+                            const float fault_limit_y_y_a = s->fault_limit_y_y_a;
+                            const float t1 = pmsm_sensorless_min(fault_limit_y_y_a, 71680.0f);
+                            s->fault_count_y_y_a = (fault_count_y_y_a < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y_a = pmsm_sensorless_min(2.0f*fault_limit_y_y_a, 143360.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = pmsm_sensorless_min(patience_range, 143360.0f);
-                            s->patience_range = pmsm_sensorless_min(2.0f*patience_range, 286720.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = pmsm_sensorless_min(fault_limit_range, 143360.0f);
+                            s->fault_limit_range = pmsm_sensorless_min(2.0f*fault_limit_range, 286720.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 20.0f;
-                    /* from the sample of y_a */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        const float z5 = s->z[4];
-                        s->z[0] = pmsm_sensorless_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = pmsm_sensorless_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
-                        s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
-                        s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        s->z[3] = 0.0f;
+                        s->z[4] = 20.0f;
+                        /* from the sample of y_a */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            const float z5 = s->z[4];
+                            s->z[0] = pmsm_sensorless_keep(measurement, -20.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = pmsm_sensorless_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
+                            s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                            s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
+                        pmsm_sensorless_clear_rest(s);
+                    } else {
+                        status |= pmsm_sensorless_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
-                    pmsm_sensorless_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y_a - 140.0f + s->doubt_y_y_a
-                    + (s->patience_y_y_b - 140.0f + s->doubt_y_y_b)
-                        + (s->patience_range - 280.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y_a - 140.0f
+                        + pmsm_sensorless_abs(s->fault_count_y_y_a)
+                            + (s->fault_limit_y_y_b - 140.0f + pmsm_sensorless_abs(s->fault_count_y_y_b));
+                    s->fault_checksum = s->fault_limit_range - 280.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -828,23 +926,23 @@ static unsigned pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
 }
 
 /* part of a step: correct with y_b */
-static unsigned pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y_b = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y_b = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y_b = false;
-    bool spoiled = false;
+    float side_y_y_b = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y_b awaited? */
     fresh = s->used_y_b < 1u;
@@ -936,124 +1034,102 @@ static unsigned pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
             if (t2) {
                 status |= PMSM_SENSORLESS_OUTSIDE_BOX;
             }
-            doubtful = pmsm_sensorless_abs(output_error) > 5.0f || t2 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = pmsm_sensorless_abs(output_error) > 5.0f || t2 || !(s->fault_checksum <= 0.0f)
+                || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (pmsm_sensorless_within(measurement, 3e+38f)
                 && pmsm_sensorless_within(measurement, 75.0f));
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y_a = s->doubt_y_y_a;
-                    const float patience_y_y_a = s->patience_y_y_a;
-                    const float doubt_y_y_b = s->doubt_y_y_b;
-                    const float patience_y_y_b = s->patience_y_y_b;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y_a - 140.0f + doubt_y_y_a
-                        + (patience_y_y_b - 140.0f + doubt_y_y_b) + (patience_range - 280.0f + doubt_range);
-                    const bool t2 = pmsm_sensorless_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y_a >= 0.0f
-                        && doubt_y_y_a <= 143360.0f;
-                    const bool t3 = t2 && patience_y_y_a >= 140.0f && patience_y_y_a <= 143360.0f
-                        && doubt_y_y_b >= 0.0f && doubt_y_y_b <= 143360.0f;
-                    const bool t4 = t3 && patience_y_y_b >= 140.0f && patience_y_y_b <= 143360.0f
-                        && doubt_range >= 0.0f && doubt_range <= 286720.0f;
-                    spoiled = !(t4 && patience_range >= 280.0f && patience_range <= 286720.0f);
-                }
-                if (spoiled) {
-                    pmsm_sensorless_clear_doubt(s);
-                }
+                status |= pmsm_sensorless_count_range(s, p);
                 /* which signs show? */
                 {
-                    const bool t1 = pmsm_sensorless_abs(s->z[0]) > 22.0f
-                        || pmsm_sensorless_abs(s->z[1]) > 22.0f || pmsm_sensorless_abs(s->z[2]) > 0.22f;
-                    const float z5 = s->z[4];
-                    shows_y_y_b = !pmsm_sensorless_within(output_error, 5.0f);
-                    shows_range = t1 || pmsm_sensorless_abs(s->z[3]) > 0.22f || z5 < -9.0f || z5 > 629.0f;
+                    const bool t1 = pmsm_sensorless_within(output_error, 5.0f);
+                    const float fault_count_y_y_b = s->fault_count_y_y_b;
+                    moves_y_y_b = (t1 ? 0.0f : ((fault_count_y_y_b*output_error < 0.0f) ? -70.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y_b = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y_b : 0.0f);
                 }
-                if (shows_y_y_b) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y_b = s->doubt_y_y_b;
-                        s->doubt_y_y_b = pmsm_sensorless_min(doubt_y_y_b + 1.0f, 143360.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y_b = s->patience_y_y_b <= s->doubt_y_y_b;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y_b = s->doubt_y_y_b;
-                        const float patience_y_y_b = s->patience_y_y_b;
-                        s->doubt_y_y_b = pmsm_sensorless_max(doubt_y_y_b - 1.0f, 0.0f);
-                        s->patience_y_y_b = (doubt_y_y_b <= 1.0f) ? 140.0f : patience_y_y_b;
-                        over_y_y_b = false;
-                    }
+                /* count of y_y_b */
+                {
+                    const float fault_count_y_y_b = s->fault_count_y_y_b;
+                    const float fault_limit_y_y_b = s->fault_limit_y_y_b;
+                    const float t1 = pmsm_sensorless_max(pmsm_sensorless_abs(fault_count_y_y_b)
+                        + moves_y_y_b, 0.0f);
+                    s->fault_count_y_y_b = (side_y_y_b < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y_b = (t1 <= 0.0f) ? 140.0f : fault_limit_y_y_b;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y_b <= pmsm_sensorless_abs(s->fault_count_y_y_b)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = pmsm_sensorless_min(doubt_range + 1.0f, 286720.0f);
+                        const bool t1 = s->fault_limit_y_y_b <= pmsm_sensorless_abs(s->fault_count_y_y_b);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = pmsm_sensorless_abs(s->z[0]) > 40.0f
+                            || pmsm_sensorless_abs(s->z[1]) > 40.0f || pmsm_sensorless_abs(s->z[2]) > 0.4f;
+                        const float z5 = s->z[4];
+                        const bool t4 = fault_limit_range > 280.0f || t3
+                            || pmsm_sensorless_abs(s->z[3]) > 0.4f || z5 < -270.0f || z5 > 890.0f;
+                        over_y_y_b = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t4);
                     }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = pmsm_sensorless_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 280.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y_b || over_range;
-                if (lost) {
                     if (over_y_y_b) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y_y_b = s->patience_y_y_b;
-                            s->doubt_y_y_b = pmsm_sensorless_min(patience_y_y_b, 71680.0f);
-                            s->patience_y_y_b = pmsm_sensorless_min(2.0f*patience_y_y_b, 143360.0f);
+                            const float fault_count_y_y_b = s->fault_count_y_y_b;
+                            const float fault_limit_y_y_b = s->fault_limit_y_y_b;
+                            const float t1 = pmsm_sensorless_min(fault_limit_y_y_b, 71680.0f);
+                            s->fault_count_y_y_b = (fault_count_y_y_b < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y_b = pmsm_sensorless_min(2.0f*fault_limit_y_y_b, 143360.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = pmsm_sensorless_min(patience_range, 143360.0f);
-                            s->patience_range = pmsm_sensorless_min(2.0f*patience_range, 286720.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = pmsm_sensorless_min(fault_limit_range, 143360.0f);
+                            s->fault_limit_range = pmsm_sensorless_min(2.0f*fault_limit_range, 286720.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 0.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    s->z[3] = 0.0f;
-                    s->z[4] = 20.0f;
-                    /* from the sample of y_b */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        const float z4 = s->z[3];
-                        const float z5 = s->z[4];
-                        s->z[0] = pmsm_sensorless_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = pmsm_sensorless_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
-                        s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
-                        s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        s->z[3] = 0.0f;
+                        s->z[4] = 20.0f;
+                        /* from the sample of y_b */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            const float z5 = s->z[4];
+                            s->z[0] = pmsm_sensorless_keep(z1, -20.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = pmsm_sensorless_keep(measurement, -20.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = pmsm_sensorless_keep(z3, -0.2f, 0.2f, z3, 1e+30f);
+                            s->z[3] = pmsm_sensorless_keep(z4, -0.2f, 0.2f, z4, 1e+30f);
+                            s->z[4] = pmsm_sensorless_keep(z5, 20.0f, 600.0f, z5, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
+                        pmsm_sensorless_clear_rest(s);
+                    } else {
+                        status |= pmsm_sensorless_project_onto_ranges(s, p);
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE;
-                    pmsm_sensorless_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y_a - 140.0f + s->doubt_y_y_a
-                    + (s->patience_y_y_b - 140.0f + s->doubt_y_y_b)
-                        + (s->patience_range - 280.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y_a - 140.0f
+                        + pmsm_sensorless_abs(s->fault_count_y_y_a)
+                            + (s->fault_limit_y_y_b - 140.0f + pmsm_sensorless_abs(s->fault_count_y_y_b));
+                    s->fault_checksum = s->fault_limit_range - 280.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -1063,29 +1139,71 @@ static unsigned pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
     return status;
 }
 
-unsigned pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
-    const pmsm_sensorless_output *out)
+PMSM_SENSORLESS_RARELY
+/* nominal parameters */
+static void pmsm_sensorless_nominal(pmsm_sensorless_params *p)
 {
-    unsigned status = pmsm_sensorless_ready(s);
-    status |= pmsm_sensorless_run_update_y_a(s, p, out);
+    p->ready = PMSM_SENSORLESS_READY;
+    p->gain.Q[0] = 1.0f;
+    p->gain.Q[1] = 1.0f;
+    p->gain.Q[2] = 0.0001f;
+    p->gain.Q[3] = 0.0001f;
+    p->gain.Q[4] = 1000.0f;
+    p->gain.R[0] = 4e-08f;
+    p->gain.R[1] = 4e-08f;
+}
+
+uint32_t pmsm_sensorless_predict(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    const pmsm_sensorless_input *in)
+{
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_SENSORLESS_READY) || (p->ready != PMSM_SENSORLESS_READY)) {
+        status = pmsm_sensorless_ready(s, p);
+    }
+    if ((status & PMSM_SENSORLESS_NO_PARAMETERS) == 0u) {
+        status |= pmsm_sensorless_run_predict(s, p, in);
+    }
     return status;
 }
 
-unsigned pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+uint32_t pmsm_sensorless_update_y_a(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_output *out)
 {
-    unsigned status = pmsm_sensorless_ready(s);
-    status |= pmsm_sensorless_run_update_y_b(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_SENSORLESS_READY) || (p->ready != PMSM_SENSORLESS_READY)) {
+        status = pmsm_sensorless_ready(s, p);
+    }
+    if ((status & PMSM_SENSORLESS_NO_PARAMETERS) == 0u) {
+        status |= pmsm_sensorless_run_update_y_a(s, p, out);
+    }
     return status;
 }
 
-unsigned pmsm_sensorless_step(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+uint32_t pmsm_sensorless_update_y_b(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
+    const pmsm_sensorless_output *out)
+{
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_SENSORLESS_READY) || (p->ready != PMSM_SENSORLESS_READY)) {
+        status = pmsm_sensorless_ready(s, p);
+    }
+    if ((status & PMSM_SENSORLESS_NO_PARAMETERS) == 0u) {
+        status |= pmsm_sensorless_run_update_y_b(s, p, out);
+    }
+    return status;
+}
+
+uint32_t pmsm_sensorless_step(pmsm_sensorless_state *s, const pmsm_sensorless_params *p,
     const pmsm_sensorless_input *in, const pmsm_sensorless_output *out)
 {
-    unsigned status = 0u;
-    status |= pmsm_sensorless_predict(s, p, in);
-    status |= pmsm_sensorless_run_update_y_a(s, p, out);
-    status |= pmsm_sensorless_run_update_y_b(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != PMSM_SENSORLESS_READY) || (p->ready != PMSM_SENSORLESS_READY)) {
+        status = pmsm_sensorless_ready(s, p);
+    }
+    if ((status & PMSM_SENSORLESS_NO_PARAMETERS) == 0u) {
+        status |= pmsm_sensorless_run_predict(s, p, in);
+        status |= pmsm_sensorless_run_update_y_a(s, p, out);
+        status |= pmsm_sensorless_run_update_y_b(s, p, out);
+    }
     return status;
 }
 
@@ -1101,9 +1219,13 @@ void pmsm_sensorless_estimate(const pmsm_sensorless_state *s, const pmsm_sensorl
     x->w = s->z[4];
 }
 
-unsigned pmsm_sensorless_tune(pmsm_sensorless_params *p)
+uint32_t pmsm_sensorless_tune(pmsm_sensorless_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    if (p->ready != PMSM_SENSORLESS_READY) {
+        pmsm_sensorless_nominal(p);
+        status = PMSM_SENSORLESS_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         static const struct {
@@ -1153,19 +1275,76 @@ void pmsm_sensorless_reset(pmsm_sensorless_state *s)
     s->used_y_b = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
-    pmsm_sensorless_clear_doubt(s);
+    pmsm_sensorless_clear_fault_counts(s);
     pmsm_sensorless_clear_rest(s);
 }
 
 void pmsm_sensorless_init(pmsm_sensorless_state *s, pmsm_sensorless_params *p)
 {
-    p->gain.Q[0] = 1.0f;
-    p->gain.Q[1] = 1.0f;
-    p->gain.Q[2] = 0.0001f;
-    p->gain.Q[3] = 0.0001f;
-    p->gain.Q[4] = 1000.0f;
-    p->gain.R[0] = 4e-08f;
-    p->gain.R[1] = 4e-08f;
+    pmsm_sensorless_nominal(p);
     (void)pmsm_sensorless_tune(p);
     pmsm_sensorless_reset(s);
+}
+
+static const unsigned char pmsm_sensorless_layout[8] = {
+    0x11u, 0xF3u, 0xEEu, 0xA8u, 0x65u, 0xD6u, 0x5Eu, 0xBDu
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t pmsm_sensorless_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void pmsm_sensorless_save(const pmsm_sensorless_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = pmsm_sensorless_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = pmsm_sensorless_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned pmsm_sensorless_restore(pmsm_sensorless_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == PMSM_SENSORLESS_SAVED) {
+        refused = 0u;
+        uint32_t sum = pmsm_sensorless_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == pmsm_sensorless_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = PMSM_SENSORLESS_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

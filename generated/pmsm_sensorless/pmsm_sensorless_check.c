@@ -157,7 +157,7 @@ static const float wanted[64][5] = { /* x.i_a, x.i_b, x.f_a, x.f_b, x.w */
     {2.6762795f, 2.653617f, -0.53214866f, 0.5226527f, -520.188f},
 };
 
-static const unsigned expected[64] = { /* status */
+static const uint32_t expected[64] = { /* status */
     0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u,
     256u, 256u, 256u, 768u, 261u, 768u, 768u, 768u, 768u, 256u, 256u, 256u, 256u, 256u, 266u, 256u,
     256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 336u, 256u, 256u, 256u, 256u, 256u, 256u, 256u,
@@ -205,7 +205,7 @@ unsigned pmsm_sensorless_check(void)
         in.u_b = (k == 40u) ? none : given[k][1];
         out.y_a = (k == 20u) ? none : given[k][2];
         out.y_b = (k == 20u) ? none : given[k][3];
-        const unsigned status = pmsm_sensorless_step(&s, &p, &in, &out);
+        const uint32_t status = pmsm_sensorless_step(&s, &p, &in, &out);
         pmsm_sensorless_estimate(&s, &p, &x);
         if (status != expected[k] || !pmsm_sensorless_near(x.i_a, k, 0u)
             || !pmsm_sensorless_near(x.i_b, k, 1u) || !pmsm_sensorless_near(x.f_a, k, 2u)

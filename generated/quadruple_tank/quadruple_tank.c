@@ -2,6 +2,7 @@
 #include "quadruple_tank.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 #if defined(QUADRUPLE_TANK_USE_LIBM)
 #include <math.h>
 #elif defined(QUADRUPLE_TANK_USE_CMSIS)
@@ -164,28 +165,33 @@ static void quadruple_tank_jacobian(float z1, float z2, float z3, float z4, floa
     F[5] = -t2; /* F_44 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned quadruple_tank_ready(quadruple_tank_state *s)
+QUADRUPLE_TANK_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static uint32_t quadruple_tank_ready(quadruple_tank_state *s, const quadruple_tank_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     if (s->ready != QUADRUPLE_TANK_READY) {
         quadruple_tank_reset(s);
-        status = QUADRUPLE_TANK_UNINITIALISED;
+        status |= QUADRUPLE_TANK_UNINITIALISED;
+    }
+    if (p->ready != QUADRUPLE_TANK_READY) {
+        quadruple_tank_reset(s);
+        status |= QUADRUPLE_TANK_NO_PARAMETERS;
     }
     return status;
 }
 
 QUADRUPLE_TANK_RARELY
-static void quadruple_tank_clear_doubt(quadruple_tank_state *s)
+static void quadruple_tank_clear_fault_counts(quadruple_tank_state *s)
 {
     /* as after a reset */
-    s->doubt_y_y1 = 0.0f;
-    s->patience_y_y1 = 115.0f;
-    s->doubt_y_y2 = 0.0f;
-    s->patience_y_y2 = 115.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 229.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y_y1 = 0.0f;
+    s->fault_limit_y_y1 = 115.0f;
+    s->fault_count_y_y2 = 0.0f;
+    s->fault_limit_y_y2 = 115.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 229.0f;
+    s->fault_checksum = 0.0f;
 }
 
 QUADRUPLE_TANK_RARELY
@@ -205,9 +211,9 @@ static void quadruple_tank_clear_rest(quadruple_tank_state *s)
 }
 
 /* part of a step: keep the state in its box, or make it anew */
-static unsigned quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadruple_tank_params *p)
+static uint32_t quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadruple_tank_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
     (void)p;
     bool lost = false;
     /* is a value lost? */
@@ -229,7 +235,7 @@ static unsigned quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadru
         s->z[2] = 0.5f;
         s->z[3] = 0.5f;
         status |= QUADRUPLE_TANK_RESTARTED;
-        quadruple_tank_clear_doubt(s);
+        quadruple_tank_clear_fault_counts(s);
         quadruple_tank_clear_rest(s);
     }
     /* keep z in its box */
@@ -276,10 +282,109 @@ static unsigned quadruple_tank_keep_in_box(quadruple_tank_state *s, const quadru
     return status;
 }
 
-unsigned quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_params *p,
+/* part of a step: check the fault counts, and count the range */
+static uint32_t quadruple_tank_count_range(quadruple_tank_state *s, const quadruple_tank_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    float moves_range = 0.0f;
+    bool spoiled = false;
+    /* was a fault count or limit spoiled? */
+    {
+        const float fault_count_y_y1 = s->fault_count_y_y1;
+        const float fault_limit_y_y1 = s->fault_limit_y_y1;
+        const float fault_count_y_y2 = s->fault_count_y_y2;
+        const float fault_limit_y_y2 = s->fault_limit_y_y2;
+        const float t1 = fault_limit_y_y1 - 115.0f + quadruple_tank_abs(fault_count_y_y1)
+            + (fault_limit_y_y2 - 115.0f + quadruple_tank_abs(fault_count_y_y2));
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const bool t2 = quadruple_tank_abs(fault_limit_range - 229.0f + fault_count_range + t1
+            - s->fault_checksum) < 0.5f;
+        const bool t3 = t2 && quadruple_tank_within(fault_count_y_y1, 117760.0f)
+            && fault_limit_y_y1 >= 115.0f && fault_limit_y_y1 <= 117760.0f;
+        const bool t4 = t3 && quadruple_tank_within(fault_count_y_y2, 117760.0f)
+            && fault_limit_y_y2 >= 115.0f && fault_limit_y_y2 <= 117760.0f;
+        const bool t5 = t4 && fault_count_range >= 0.0f && fault_count_range <= 234496.0f
+            && fault_limit_range >= 229.0f && fault_limit_range <= 234496.0f;
+        spoiled = !t5;
+    }
+    if (spoiled) {
+        quadruple_tank_clear_fault_counts(s);
+    }
+    /* is the estimate out of a range? */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const bool t1 = z1 < 0.05f || z1 > 20.95f || z2 < 0.05f || z2 > 20.95f || z3 < -0.475f
+            || z3 > 20.975f || z4 < -0.475f || z4 > 20.975f;
+        moves_range = t1 ? 1.0f : -1.0f;
+    }
+    /* count of range */
+    {
+        const float fault_count_range = s->fault_count_range;
+        const float fault_limit_range = s->fault_limit_range;
+        const float t1 = quadruple_tank_max(fault_count_range + moves_range, 0.0f);
+        s->fault_count_range = t1;
+        s->fault_limit_range = (t1 <= 0.0f) ? 229.0f : fault_limit_range;
+    }
+    return status;
+}
+
+/* part of a step: project the estimate onto its declared ranges */
+static uint32_t quadruple_tank_project_onto_ranges(quadruple_tank_state *s, const quadruple_tank_params *p)
+{
+    uint32_t status = 0u;
+    (void)p;
+    /* the estimate back onto its declared ranges */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        const float z4 = s->z[3];
+        const float t1 = z1 - quadruple_tank_clamp(z1, 1.0f, 20.0f);
+        const float D1 = s->D[0];
+        const float L21 = s->L[0];
+        const float t2 = L21*D1;
+        const float t3 = t1/D1;
+        const float t4 = z2 - t2*t3;
+        const float t5 = t4 - quadruple_tank_clamp(t4, 1.0f, 20.0f);
+        const float D2 = s->D[1];
+        const float t6 = t5/(t2*L21 + D2);
+        const float L31 = s->L[1];
+        const float t7 = L31*D1;
+        const float L32 = s->L[3];
+        const float t8 = L32*D2;
+        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+        const float t10 = t9 - quadruple_tank_clamp(t9, 0.5f, 20.0f);
+        const float D3 = s->D[2];
+        const float t11 = t10/(t7*L31 + t8*L32 + D3);
+        const float L41 = s->L[2];
+        const float t12 = L41*D1;
+        const float L42 = s->L[4];
+        const float t13 = L42*D2;
+        const float L43 = s->L[5];
+        const float t14 = L43*D3;
+        const float t15 = z4 - t12*t3 - (t12*L21 + t13)*t6 - (t12*L31 + t13*L32 + t14)*t11;
+        const float t16 = t15 - quadruple_tank_clamp(t15, 0.5f, 20.0f);
+        const float t17 = t16/(t12*L41 + t13*L42 + t14*L43 + s->D[3]);
+        s->z[0] = quadruple_tank_clamp(z1 - t1 - D1*L21*t6 - D1*L31*t11 - D1*L41*t17, -18.0f, 39.0f);
+        s->z[1] = quadruple_tank_clamp(t4 - t5 - (t2*L31 + D2*L32)*t11 - (t2*L41 + D2*L42)*t17, -18.0f,
+            39.0f);
+        s->z[2] = quadruple_tank_clamp(t9 - t10 - (t7*L41 + t8*L42 + D3*L43)*t17, -19.0f, 39.5f);
+        s->z[3] = quadruple_tank_clamp(t15 - t16, -19.0f, 39.5f);
+        status |= QUADRUPLE_TANK_PROJECTED_ONTO_RANGES;
+    }
+    return status;
+}
+
+/* part of a step: advance the estimate to now */
+static uint32_t quadruple_tank_run_predict(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_input *in)
 {
-    unsigned status = quadruple_tank_ready(s);
+    uint32_t status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -506,6 +611,8 @@ unsigned quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_pa
         if (quadruple_tank_acts(beyond)) {
             status |= quadruple_tank_keep_in_box(s, p);
         }
+    } else {
+        status |= quadruple_tank_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y1 = 0u;
@@ -517,23 +624,23 @@ unsigned quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_pa
 }
 
 /* part of a step: correct with y1 */
-static unsigned quadruple_tank_run_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
+static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y1 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y1 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y1 = false;
-    bool spoiled = false;
+    float side_y_y1 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y1 awaited? */
     fresh = s->used_y1 < 1u;
@@ -603,123 +710,98 @@ static unsigned quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
             const float z4 = s->z[3];
             const bool t1 = z1 < 1.0f || z1 > 20.0f || z2 < 1.0f || z2 > 20.0f || z3 < 0.5f || z3 > 20.0f
                 || z4 < 0.5f || z4 > 20.0f;
-            doubtful = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (quadruple_tank_within(measurement, 3e+38f) && measurement >= -18.0f
                 && measurement <= 39.0f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y1 - 115.0f + doubt_y_y1
-                        + (patience_y_y2 - 115.0f + doubt_y_y2) + (patience_range - 229.0f + doubt_range);
-                    const bool t2 = quadruple_tank_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
-                        && doubt_y_y1 <= 117760.0f;
-                    const bool t3 = t2 && patience_y_y1 >= 115.0f && patience_y_y1 <= 117760.0f
-                        && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 117760.0f;
-                    const bool t4 = t3 && patience_y_y2 >= 115.0f && patience_y_y2 <= 117760.0f
-                        && doubt_range >= 0.0f && doubt_range <= 234496.0f;
-                    spoiled = !(t4 && patience_range >= 229.0f && patience_range <= 234496.0f);
-                }
-                if (spoiled) {
-                    quadruple_tank_clear_doubt(s);
-                }
+                status |= quadruple_tank_count_range(s, p);
                 /* which signs show? */
                 {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    shows_y_y1 = !quadruple_tank_within(output_error, 1.9f);
-                    shows_range = z1 < 0.05f || z1 > 20.95f || z2 < 0.05f || z2 > 20.95f || z3 < -0.475f
-                        || z3 > 20.975f || z4 < -0.475f || z4 > 20.975f;
+                    const bool t1 = quadruple_tank_within(output_error, 1.9f);
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    moves_y_y1 = (t1 ? 0.0f : ((fault_count_y_y1*output_error < 0.0f) ? -57.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y1 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y1 : 0.0f);
                 }
-                if (shows_y_y1) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        s->doubt_y_y1 = quadruple_tank_min(doubt_y_y1 + 1.0f, 117760.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y1 = s->patience_y_y1 <= s->doubt_y_y1;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y1 = s->doubt_y_y1;
-                        const float patience_y_y1 = s->patience_y_y1;
-                        s->doubt_y_y1 = quadruple_tank_max(doubt_y_y1 - 1.0f, 0.0f);
-                        s->patience_y_y1 = (doubt_y_y1 <= 1.0f) ? 115.0f : patience_y_y1;
-                        over_y_y1 = false;
-                    }
+                /* count of y_y1 */
+                {
+                    const float fault_count_y_y1 = s->fault_count_y_y1;
+                    const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                    const float t1 = quadruple_tank_max(quadruple_tank_abs(fault_count_y_y1) + moves_y_y1,
+                        0.0f);
+                    s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y1 = (t1 <= 0.0f) ? 115.0f : fault_limit_y_y1;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y1 <= quadruple_tank_abs(s->fault_count_y_y1)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = quadruple_tank_min(doubt_range + 1.0f, 234496.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = quadruple_tank_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 229.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y1 || over_range;
-                if (lost) {
-                    if (over_y_y1) {
-                        /* patience doubles */
-                        {
-                            const float patience_y_y1 = s->patience_y_y1;
-                            s->doubt_y_y1 = quadruple_tank_min(patience_y_y1, 58880.0f);
-                            s->patience_y_y1 = quadruple_tank_min(2.0f*patience_y_y1, 117760.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* patience doubles */
-                        {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = quadruple_tank_min(patience_range, 117248.0f);
-                            s->patience_range = quadruple_tank_min(2.0f*patience_range, 234496.0f);
-                        }
-                    }
-                    /* the estimate restarts */
-                    s->z[0] = 1.0f;
-                    s->z[1] = 1.0f;
-                    s->z[2] = 0.5f;
-                    s->z[3] = 0.5f;
-                    /* from the sample of y1 */
-                    {
+                        const bool t1 = s->fault_limit_y_y1 <= quadruple_tank_abs(s->fault_count_y_y1);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
                         const float z1 = s->z[0];
                         const float z2 = s->z[1];
                         const float z3 = s->z[2];
                         const float z4 = s->z[3];
-                        s->z[0] = quadruple_tank_keep(measurement, 1.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = quadruple_tank_keep(z2, 1.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
-                        s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
+                        const bool t3 = z1 < -8.5f || z1 > 29.5f || z2 < -8.5f || z2 > 29.5f || z3 < -9.25f
+                            || z3 > 29.75f || z4 < -9.25f || z4 > 29.75f;
+                        over_y_y1 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 229.0f || t3));
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
-                    quadruple_tank_clear_rest(s);
+                    if (over_y_y1) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y_y1 = s->fault_count_y_y1;
+                            const float fault_limit_y_y1 = s->fault_limit_y_y1;
+                            const float t1 = quadruple_tank_min(fault_limit_y_y1, 58880.0f);
+                            s->fault_count_y_y1 = (fault_count_y_y1 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y1 = quadruple_tank_min(2.0f*fault_limit_y_y1, 117760.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = quadruple_tank_min(fault_limit_range, 117248.0f);
+                            s->fault_limit_range = quadruple_tank_min(2.0f*fault_limit_range, 234496.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 1.0f;
+                        s->z[1] = 1.0f;
+                        s->z[2] = 0.5f;
+                        s->z[3] = 0.5f;
+                        /* from the sample of y1 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            s->z[0] = quadruple_tank_keep(measurement, 1.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = quadruple_tank_keep(z2, 1.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
+                            s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
+                        quadruple_tank_clear_rest(s);
+                    } else {
+                        status |= quadruple_tank_project_onto_ranges(s, p);
+                    }
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y1 - 115.0f + s->doubt_y_y1
-                    + (s->patience_y_y2 - 115.0f + s->doubt_y_y2)
-                        + (s->patience_range - 229.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y1 - 115.0f + quadruple_tank_abs(s->fault_count_y_y1)
+                        + (s->fault_limit_y_y2 - 115.0f + quadruple_tank_abs(s->fault_count_y_y2));
+                    s->fault_checksum = s->fault_limit_range - 229.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -730,23 +812,23 @@ static unsigned quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
 }
 
 /* part of a step: correct with y2 */
-static unsigned quadruple_tank_run_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
+static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *out)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_y_y2 = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y_y2 = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y_y2 = false;
-    bool spoiled = false;
+    float side_y_y2 = 0.0f;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y2 awaited? */
     fresh = s->used_y2 < 1u;
@@ -836,123 +918,98 @@ static unsigned quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
             if (t1) {
                 status |= QUADRUPLE_TANK_OUTSIDE_BOX;
             }
-            doubtful = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = quadruple_tank_abs(output_error) > 1.9f || t1 || !(s->fault_checksum <= 0.0f) || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (quadruple_tank_within(measurement, 3e+38f) && measurement >= -18.0f
                 && measurement <= 39.0f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
-                {
-                    const float doubt_y_y1 = s->doubt_y_y1;
-                    const float patience_y_y1 = s->patience_y_y1;
-                    const float doubt_y_y2 = s->doubt_y_y2;
-                    const float patience_y_y2 = s->patience_y_y2;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = patience_y_y1 - 115.0f + doubt_y_y1
-                        + (patience_y_y2 - 115.0f + doubt_y_y2) + (patience_range - 229.0f + doubt_range);
-                    const bool t2 = quadruple_tank_abs(t1 - s->doubt_sum) < 0.5f && doubt_y_y1 >= 0.0f
-                        && doubt_y_y1 <= 117760.0f;
-                    const bool t3 = t2 && patience_y_y1 >= 115.0f && patience_y_y1 <= 117760.0f
-                        && doubt_y_y2 >= 0.0f && doubt_y_y2 <= 117760.0f;
-                    const bool t4 = t3 && patience_y_y2 >= 115.0f && patience_y_y2 <= 117760.0f
-                        && doubt_range >= 0.0f && doubt_range <= 234496.0f;
-                    spoiled = !(t4 && patience_range >= 229.0f && patience_range <= 234496.0f);
-                }
-                if (spoiled) {
-                    quadruple_tank_clear_doubt(s);
-                }
+                status |= quadruple_tank_count_range(s, p);
                 /* which signs show? */
                 {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    const float z3 = s->z[2];
-                    const float z4 = s->z[3];
-                    shows_y_y2 = !quadruple_tank_within(output_error, 1.9f);
-                    shows_range = z1 < 0.05f || z1 > 20.95f || z2 < 0.05f || z2 > 20.95f || z3 < -0.475f
-                        || z3 > 20.975f || z4 < -0.475f || z4 > 20.975f;
+                    const bool t1 = quadruple_tank_within(output_error, 1.9f);
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    moves_y_y2 = (t1 ? 0.0f : ((fault_count_y_y2*output_error < 0.0f) ? -57.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y_y2 = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y_y2 : 0.0f);
                 }
-                if (shows_y_y2) {
-                    /* more doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        s->doubt_y_y2 = quadruple_tank_min(doubt_y_y2 + 1.0f, 117760.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y_y2 = s->patience_y_y2 <= s->doubt_y_y2;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y_y2 = s->doubt_y_y2;
-                        const float patience_y_y2 = s->patience_y_y2;
-                        s->doubt_y_y2 = quadruple_tank_max(doubt_y_y2 - 1.0f, 0.0f);
-                        s->patience_y_y2 = (doubt_y_y2 <= 1.0f) ? 115.0f : patience_y_y2;
-                        over_y_y2 = false;
-                    }
+                /* count of y_y2 */
+                {
+                    const float fault_count_y_y2 = s->fault_count_y_y2;
+                    const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                    const float t1 = quadruple_tank_max(quadruple_tank_abs(fault_count_y_y2) + moves_y_y2,
+                        0.0f);
+                    s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y_y2 = (t1 <= 0.0f) ? 115.0f : fault_limit_y_y2;
                 }
-                if (shows_range) {
-                    /* more doubt */
+                /* does a guard act? */
+                acts = s->fault_limit_y_y2 <= quadruple_tank_abs(s->fault_count_y_y2)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = quadruple_tank_min(doubt_range + 1.0f, 234496.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = quadruple_tank_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 229.0f : patience_range;
-                        over_range = false;
-                    }
-                }
-                /* is it lost? */
-                lost = over_y_y2 || over_range;
-                if (lost) {
-                    if (over_y_y2) {
-                        /* patience doubles */
-                        {
-                            const float patience_y_y2 = s->patience_y_y2;
-                            s->doubt_y_y2 = quadruple_tank_min(patience_y_y2, 58880.0f);
-                            s->patience_y_y2 = quadruple_tank_min(2.0f*patience_y_y2, 117760.0f);
-                        }
-                    }
-                    if (over_range) {
-                        /* patience doubles */
-                        {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = quadruple_tank_min(patience_range, 117248.0f);
-                            s->patience_range = quadruple_tank_min(2.0f*patience_range, 234496.0f);
-                        }
-                    }
-                    /* the estimate restarts */
-                    s->z[0] = 1.0f;
-                    s->z[1] = 1.0f;
-                    s->z[2] = 0.5f;
-                    s->z[3] = 0.5f;
-                    /* from the sample of y2 */
-                    {
+                        const bool t1 = s->fault_limit_y_y2 <= quadruple_tank_abs(s->fault_count_y_y2);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
                         const float z1 = s->z[0];
                         const float z2 = s->z[1];
                         const float z3 = s->z[2];
                         const float z4 = s->z[3];
-                        s->z[0] = quadruple_tank_keep(z1, 1.0f, 20.0f, z1, 1e+30f);
-                        s->z[1] = quadruple_tank_keep(measurement, 1.0f, 20.0f, z2, 1e+30f);
-                        s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
-                        s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
+                        const bool t3 = z1 < -8.5f || z1 > 29.5f || z2 < -8.5f || z2 > 29.5f || z3 < -9.25f
+                            || z3 > 29.75f || z4 < -9.25f || z4 > 29.75f;
+                        over_y_y2 = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 229.0f || t3));
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
-                    quadruple_tank_clear_rest(s);
+                    if (over_y_y2) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y_y2 = s->fault_count_y_y2;
+                            const float fault_limit_y_y2 = s->fault_limit_y_y2;
+                            const float t1 = quadruple_tank_min(fault_limit_y_y2, 58880.0f);
+                            s->fault_count_y_y2 = (fault_count_y_y2 < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y_y2 = quadruple_tank_min(2.0f*fault_limit_y_y2, 117760.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = quadruple_tank_min(fault_limit_range, 117248.0f);
+                            s->fault_limit_range = quadruple_tank_min(2.0f*fault_limit_range, 234496.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 1.0f;
+                        s->z[1] = 1.0f;
+                        s->z[2] = 0.5f;
+                        s->z[3] = 0.5f;
+                        /* from the sample of y2 */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float z4 = s->z[3];
+                            s->z[0] = quadruple_tank_keep(z1, 1.0f, 20.0f, z1, 1e+30f);
+                            s->z[1] = quadruple_tank_keep(measurement, 1.0f, 20.0f, z2, 1e+30f);
+                            s->z[2] = quadruple_tank_keep(z3, 0.5f, 20.0f, z3, 1e+30f);
+                            s->z[3] = quadruple_tank_keep(z4, 0.5f, 20.0f, z4, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE;
+                        quadruple_tank_clear_rest(s);
+                    } else {
+                        status |= quadruple_tank_project_onto_ranges(s, p);
+                    }
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y_y1 - 115.0f + s->doubt_y_y1
-                    + (s->patience_y_y2 - 115.0f + s->doubt_y_y2)
-                        + (s->patience_range - 229.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                {
+                    const float t1 = s->fault_limit_y_y1 - 115.0f + quadruple_tank_abs(s->fault_count_y_y1)
+                        + (s->fault_limit_y_y2 - 115.0f + quadruple_tank_abs(s->fault_count_y_y2));
+                    s->fault_checksum = s->fault_limit_range - 229.0f + s->fault_count_range + t1;
+                }
             }
         }
     } else {
@@ -962,29 +1019,70 @@ static unsigned quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
     return status;
 }
 
-unsigned quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
-    const quadruple_tank_output *out)
+QUADRUPLE_TANK_RARELY
+/* nominal parameters */
+static void quadruple_tank_nominal(quadruple_tank_params *p)
 {
-    unsigned status = quadruple_tank_ready(s);
-    status |= quadruple_tank_run_update_y1(s, p, out);
+    p->ready = QUADRUPLE_TANK_READY;
+    p->gain.Q[0] = 0.006f;
+    p->gain.Q[1] = 0.006f;
+    p->gain.Q[2] = 0.006f;
+    p->gain.Q[3] = 0.006f;
+    p->gain.R[0] = 0.0004f;
+    p->gain.R[1] = 0.0004f;
+}
+
+uint32_t quadruple_tank_predict(quadruple_tank_state *s, const quadruple_tank_params *p,
+    const quadruple_tank_input *in)
+{
+    uint32_t status = 0u;
+    if ((s->ready != QUADRUPLE_TANK_READY) || (p->ready != QUADRUPLE_TANK_READY)) {
+        status = quadruple_tank_ready(s, p);
+    }
+    if ((status & QUADRUPLE_TANK_NO_PARAMETERS) == 0u) {
+        status |= quadruple_tank_run_predict(s, p, in);
+    }
     return status;
 }
 
-unsigned quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
+uint32_t quadruple_tank_update_y1(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_output *out)
 {
-    unsigned status = quadruple_tank_ready(s);
-    status |= quadruple_tank_run_update_y2(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != QUADRUPLE_TANK_READY) || (p->ready != QUADRUPLE_TANK_READY)) {
+        status = quadruple_tank_ready(s, p);
+    }
+    if ((status & QUADRUPLE_TANK_NO_PARAMETERS) == 0u) {
+        status |= quadruple_tank_run_update_y1(s, p, out);
+    }
     return status;
 }
 
-unsigned quadruple_tank_step(quadruple_tank_state *s, const quadruple_tank_params *p,
+uint32_t quadruple_tank_update_y2(quadruple_tank_state *s, const quadruple_tank_params *p,
+    const quadruple_tank_output *out)
+{
+    uint32_t status = 0u;
+    if ((s->ready != QUADRUPLE_TANK_READY) || (p->ready != QUADRUPLE_TANK_READY)) {
+        status = quadruple_tank_ready(s, p);
+    }
+    if ((status & QUADRUPLE_TANK_NO_PARAMETERS) == 0u) {
+        status |= quadruple_tank_run_update_y2(s, p, out);
+    }
+    return status;
+}
+
+uint32_t quadruple_tank_step(quadruple_tank_state *s, const quadruple_tank_params *p,
     const quadruple_tank_input *in, const quadruple_tank_output *out)
 {
-    unsigned status = 0u;
-    status |= quadruple_tank_predict(s, p, in);
-    status |= quadruple_tank_run_update_y1(s, p, out);
-    status |= quadruple_tank_run_update_y2(s, p, out);
+    uint32_t status = 0u;
+    if ((s->ready != QUADRUPLE_TANK_READY) || (p->ready != QUADRUPLE_TANK_READY)) {
+        status = quadruple_tank_ready(s, p);
+    }
+    if ((status & QUADRUPLE_TANK_NO_PARAMETERS) == 0u) {
+        status |= quadruple_tank_run_predict(s, p, in);
+        status |= quadruple_tank_run_update_y1(s, p, out);
+        status |= quadruple_tank_run_update_y2(s, p, out);
+    }
     return status;
 }
 
@@ -999,9 +1097,13 @@ void quadruple_tank_estimate(const quadruple_tank_state *s, const quadruple_tank
     x->h4 = s->z[3];
 }
 
-unsigned quadruple_tank_tune(quadruple_tank_params *p)
+uint32_t quadruple_tank_tune(quadruple_tank_params *p)
 {
-    unsigned status = 0u;
+    uint32_t status = 0u;
+    if (p->ready != QUADRUPLE_TANK_READY) {
+        quadruple_tank_nominal(p);
+        status = QUADRUPLE_TANK_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         static const struct {
@@ -1048,18 +1150,76 @@ void quadruple_tank_reset(quadruple_tank_state *s)
     s->used_y2 = 1u;
     s->u[0] = 0.0f;
     s->u[1] = 0.0f;
-    quadruple_tank_clear_doubt(s);
+    quadruple_tank_clear_fault_counts(s);
     quadruple_tank_clear_rest(s);
 }
 
 void quadruple_tank_init(quadruple_tank_state *s, quadruple_tank_params *p)
 {
-    p->gain.Q[0] = 0.006f;
-    p->gain.Q[1] = 0.006f;
-    p->gain.Q[2] = 0.006f;
-    p->gain.Q[3] = 0.006f;
-    p->gain.R[0] = 0.0004f;
-    p->gain.R[1] = 0.0004f;
+    quadruple_tank_nominal(p);
     (void)quadruple_tank_tune(p);
     quadruple_tank_reset(s);
+}
+
+static const unsigned char quadruple_tank_layout[8] = {
+    0x05u, 0xD7u, 0xECu, 0x80u, 0x21u, 0xDEu, 0xDAu, 0xF1u
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t quadruple_tank_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void quadruple_tank_save(const quadruple_tank_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = quadruple_tank_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = quadruple_tank_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned quadruple_tank_restore(quadruple_tank_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == QUADRUPLE_TANK_SAVED) {
+        refused = 0u;
+        uint32_t sum = quadruple_tank_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == quadruple_tank_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = QUADRUPLE_TANK_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -157,7 +157,7 @@ static const float wanted[64][4] = { /* x.h1, x.h2, x.h3, x.h4 */
     {0.041586727f, 0.03810826f, -5.680697f, -2.6024435f},
 };
 
-static const unsigned expected[64] = { /* status */
+static const uint32_t expected[64] = { /* status */
     256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u,
     256u, 256u, 256u, 256u, 261u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 266u, 256u,
     256u, 256u, 256u, 256u, 256u, 256u, 256u, 256u, 336u, 256u, 256u, 256u, 256u, 256u, 256u, 256u,
@@ -202,7 +202,7 @@ unsigned quadruple_tank_check(void)
         in.v2 = (k == 40u) ? none : given[k][1];
         out.y1 = (k == 20u) ? none : given[k][2];
         out.y2 = (k == 20u) ? none : given[k][3];
-        const unsigned status = quadruple_tank_step(&s, &p, &in, &out);
+        const uint32_t status = quadruple_tank_step(&s, &p, &in, &out);
         quadruple_tank_estimate(&s, &p, &x);
         if (status != expected[k] || !quadruple_tank_near(x.h1, k, 0u) || !quadruple_tank_near(x.h2, k, 1u)
             || !quadruple_tank_near(x.h3, k, 2u) || !quadruple_tank_near(x.h4, k, 3u)) {

@@ -2,6 +2,7 @@
 #include "roessler.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -93,273 +94,323 @@ static void roessler_rate(const roessler_params *p, float z1, float z2, float z3
     dz[2] = (roessler_limit(z2, 12.0f) - 5.7f)*roessler_clamp(z3, -25.0f, 0.0f) - 0.2f + p->derived.K[2]*t1;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned roessler_ready(roessler_state *s)
+ROESSLER_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned roessler_ready(roessler_state *s, const roessler_params *p)
 {
     unsigned status = 0u;
     if (s->ready != ROESSLER_READY) {
         roessler_reset(s);
-        status = ROESSLER_UNINITIALISED;
+        status |= ROESSLER_UNINITIALISED;
+    }
+    if (p->ready != ROESSLER_READY) {
+        roessler_reset(s);
+        status |= ROESSLER_NO_PARAMETERS;
     }
     return status;
 }
 
 ROESSLER_RARELY
-static void roessler_clear_doubt(roessler_state *s)
+static void roessler_clear_fault_counts(roessler_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 3130.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 3130.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 3130.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 3130.0f;
+    s->fault_checksum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned roessler_keep_in_box(roessler_state *s, const roessler_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    {
+        const bool t1 = roessler_within(s->z[0], 1e+30f) && roessler_within(s->z[1], 1e+30f)
+            && roessler_within(s->z[2], 1e+30f);
+        lost = !t1;
+    }
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        s->z[2] = 0.0f;
+        status |= ROESSLER_RESTARTED;
+        roessler_clear_fault_counts(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        s->z[0] = roessler_limit(z1, 36.0f);
+        s->z[1] = roessler_limit(z2, 60.0f);
+        s->z[2] = roessler_clamp(z3, -325.0f, 300.0f);
+        if (roessler_abs(z1) > 36.0f || roessler_abs(z2) > 60.0f || z3 < -325.0f || z3 > 300.0f) {
+            status |= ROESSLER_STATE_LIMITED;
+        }
+    }
+    return status;
+}
+
+ROESSLER_RARELY
+/* nominal parameters */
+static void roessler_nominal(roessler_params *p)
+{
+    p->ready = ROESSLER_READY;
+    p->gain.theta = 5.0f;
 }
 
 unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessler_output *out)
 {
-    unsigned status = roessler_ready(s);
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool doubtful = false;
-    float fraction = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y = false;
-    bool spoiled = false;
-    float valid = 0.0f;
-    float y = 0.0f;
-    float y_last = 0.0f;
-    float z_at[3];
-    float z_sum[3];
-    /* guard the measurements */
-    {
-        const float measurement = out->y;
-        const bool t1 = roessler_within(measurement, 3e+38f);
-        const float z1 = s->z[0];
-        const bool t2 = t1 && roessler_within(measurement, 36.0f)
-            && roessler_within(measurement - z1, 1e+16f);
-        const float t3 = t2 ? measurement : z1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= ROESSLER_MISSING_Y;
-        }
-        if (t1 && !t2) {
-            status |= ROESSLER_REJECTED_Y;
-        }
+    unsigned status = 0u;
+    if ((s->ready != ROESSLER_READY) || (p->ready != ROESSLER_READY)) {
+        status = roessler_ready(s, p);
     }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* z: one step of classical Runge-Kutta */
-        z_sum[0] = 0.0f;
-        z_sum[1] = 0.0f;
-        z_sum[2] = 0.0f;
-        z_at[0] = s->z[0];
-        z_at[1] = s->z[1];
-        z_at[2] = s->z[2];
+    if ((status & ROESSLER_NO_PARAMETERS) == 0u) {
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        float fraction = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y = 0.0f;
+        bool over_range = false;
+        bool over_y = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float valid = 0.0f;
+        float y = 0.0f;
+        float y_last = 0.0f;
+        float z_at[3];
+        float z_sum[3];
+        /* guard the measurements */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float z_at1 = z_at[0];
-                    const float z_at2 = z_at[1];
-                    const float z_at3 = z_at[2];
-                    const float z_sum1 = z_sum[0];
-                    const float z_sum2 = z_sum[1];
-                    const float z_sum3 = z_sum[2];
-                    float k_z[3];
-                    roessler_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
-                    z_sum[0] = z_sum1 + share*k_z[0];
-                    z_sum[1] = z_sum2 + share*k_z[1];
-                    z_sum[2] = z_sum3 + share*k_z[2];
-                    z_at[0] = s->z[0] + ahead*k_z[0];
-                    z_at[1] = s->z[1] + ahead*k_z[1];
-                    z_at[2] = s->z[2] + ahead*k_z[2];
+            const float measurement = out->y;
+            const bool t1 = roessler_within(measurement, 3e+38f);
+            const float z1 = s->z[0];
+            const bool t2 = t1 && roessler_within(measurement, 36.0f)
+                && roessler_within(measurement - z1, 1e+16f);
+            const float t3 = t2 ? measurement : z1;
+            y = t3;
+            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+            valid = t2 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= ROESSLER_MISSING_Y;
+            }
+            if (t1 && !t2) {
+                status |= ROESSLER_REJECTED_Y;
+            }
+        }
+        /* the first call advances no time */
+        {
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
+        }
+        if (running) {
+            /* z: one step of classical Runge-Kutta */
+            z_sum[0] = 0.0f;
+            z_sum[1] = 0.0f;
+            z_sum[2] = 0.0f;
+            z_at[0] = s->z[0];
+            z_at[1] = s->z[1];
+            z_at[2] = s->z[2];
+            {
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float z_at1 = z_at[0];
+                        const float z_at2 = z_at[1];
+                        const float z_at3 = z_at[2];
+                        const float z_sum1 = z_sum[0];
+                        const float z_sum2 = z_sum[1];
+                        const float z_sum3 = z_sum[2];
+                        float k_z[3];
+                        roessler_rate(p, z_at1, z_at2, z_at3, y_last + fraction*(y - y_last), valid, k_z);
+                        z_sum[0] = z_sum1 + share*k_z[0];
+                        z_sum[1] = z_sum2 + share*k_z[1];
+                        z_sum[2] = z_sum3 + share*k_z[2];
+                        z_at[0] = s->z[0] + ahead*k_z[0];
+                        z_at[1] = s->z[1] + ahead*k_z[1];
+                        z_at[2] = s->z[2] + ahead*k_z[2];
+                    }
                 }
             }
-        }
-        /* the slopes of all stages */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            s->z[0] = z1 + 0.00016666666f*z_sum[0];
-            s->z[1] = z2 + 0.00016666666f*z_sum[1];
-            s->z[2] = z3 + 0.00016666666f*z_sum[2];
-        }
-        /* is a value beyond its box, or lost? */
-        {
-            const float z3 = s->z[2];
-            const bool t1 = roessler_within(s->z[0], 36.0f) && roessler_within(s->z[1], 60.0f)
-                && z3 >= -325.0f && z3 <= 300.0f;
-            beyond = !t1;
-        }
-        if (roessler_acts(beyond)) {
-            /* is a value lost? */
-            {
-                const bool t1 = roessler_within(s->z[0], 1e+30f) && roessler_within(s->z[1], 1e+30f)
-                    && roessler_within(s->z[2], 1e+30f);
-                lost = !t1;
-            }
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                status |= ROESSLER_RESTARTED;
-                roessler_clear_doubt(s);
-            }
-            /* keep z in its box */
+            /* the slopes of all stages */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
-                s->z[0] = roessler_limit(z1, 36.0f);
-                s->z[1] = roessler_limit(z2, 60.0f);
-                s->z[2] = roessler_clamp(z3, -325.0f, 300.0f);
-                if (roessler_abs(z1) > 36.0f || roessler_abs(z2) > 60.0f || z3 < -325.0f || z3 > 300.0f) {
-                    status |= ROESSLER_STATE_LIMITED;
-                }
+                s->z[0] = z1 + 0.00016666666f*z_sum[0];
+                s->z[1] = z2 + 0.00016666666f*z_sum[1];
+                s->z[2] = z3 + 0.00016666666f*z_sum[2];
             }
-        }
-    }
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
-    /* is the estimate where it cannot be for long? */
-    {
-        const float z1 = s->z[0];
-        const float z3 = s->z[2];
-        const bool t1 = roessler_abs(z1) > 12.0f || roessler_abs(s->z[1]) > 12.0f || z3 < -25.0f || z3 > 0.0f;
-        if (t1) {
-            status |= ROESSLER_OUTSIDE_BOX;
-        }
-        doubtful = roessler_abs(out->y - z1) > 2.4f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
-        {
-            const float measurement = out->y;
-            sampled = valid > 0.0f || (roessler_within(measurement, 3e+38f)
-                && roessler_within(measurement, 36.0f));
-        }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
+            /* is a value beyond its box, or lost? */
             {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = roessler_abs(patience_y - 3130.0f + doubt_y
-                    + (patience_range - 3130.0f + doubt_range) - s->doubt_sum);
-                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 3205120.0f
-                    && patience_y >= 3130.0f && patience_y <= 3205120.0f;
-                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 3205120.0f
-                    && patience_range >= 3130.0f && patience_range <= 3205120.0f;
-                spoiled = !t3;
-            }
-            if (spoiled) {
-                roessler_clear_doubt(s);
-            }
-            /* which signs show? */
-            {
-                const float z1 = s->z[0];
                 const float z3 = s->z[2];
-                shows_y = !roessler_within(out->y - z1, 2.4f);
-                shows_range = roessler_abs(z1) > 13.2f || roessler_abs(s->z[1]) > 13.2f || z3 < -26.25f
-                    || z3 > 1.25f;
+                const bool t1 = roessler_within(s->z[0], 36.0f) && roessler_within(s->z[1], 60.0f)
+                    && z3 >= -325.0f && z3 <= 300.0f;
+                beyond = !t1;
             }
-            if (shows_y) {
-                /* more doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = roessler_min(doubt_y + 1.0f, 3205120.0f);
-                }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = roessler_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 3130.0f : patience_y;
-                    over_y = false;
-                }
+            if (roessler_acts(beyond)) {
+                status |= roessler_keep_in_box(s, p);
             }
-            if (shows_range) {
-                /* more doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = roessler_min(doubt_range + 1.0f, 3205120.0f);
-                }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
-                {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = roessler_max(doubt_range - 1.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 3130.0f : patience_range;
-                    over_range = false;
-                }
+        } else {
+            status |= roessler_keep_in_box(s, p);
+        }
+        /* remember the sample */
+        s->y = y;
+        s->y_valid = valid;
+        /* is the estimate where it cannot be for long? */
+        {
+            const float z1 = s->z[0];
+            const float z3 = s->z[2];
+            const bool t1 = roessler_abs(z1) > 12.0f || roessler_abs(s->z[1]) > 12.0f || z3 < -25.0f
+                || z3 > 0.0f;
+            if (t1) {
+                status |= ROESSLER_OUTSIDE_BOX;
             }
-            /* is it lost? */
-            lost = over_y || over_range;
-            if (lost) {
-                if (over_y) {
-                    /* patience doubles */
-                    {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = roessler_min(patience_y, 1602560.0f);
-                        s->patience_y = roessler_min(2.0f*patience_y, 3205120.0f);
-                    }
-                }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = roessler_min(patience_range, 1602560.0f);
-                        s->patience_range = roessler_min(2.0f*patience_range, 3205120.0f);
-                    }
-                }
-                /* the estimate restarts */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                /* from the sample of y */
+            suspect = roessler_abs(out->y - z1) > 2.4f || t1 || !(s->fault_checksum <= 0.0f)
+                || !(valid > 0.0f);
+        }
+        if (suspect) {
+            /* is there a sample to judge by? */
+            {
+                const float measurement = out->y;
+                sampled = valid > 0.0f || (roessler_within(measurement, 3e+38f)
+                    && roessler_within(measurement, 36.0f));
+            }
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
                 {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 3130.0f + roessler_abs(fault_count_y)
+                        + (fault_limit_range - 3130.0f + fault_count_range);
+                    const bool t2 = roessler_abs(t1 - s->fault_checksum) < 0.5f
+                        && roessler_within(fault_count_y, 3205120.0f) && fault_limit_y >= 3130.0f
+                            && fault_limit_y <= 3205120.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 3205120.0f
+                        && fault_limit_range >= 3130.0f && fault_limit_range <= 3205120.0f;
+                    spoiled = !t3;
+                }
+                if (spoiled) {
+                    roessler_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                {
                     const float z3 = s->z[2];
-                    s->z[0] = roessler_keep(out->y, -12.0f, 12.0f, z1, 1e+30f);
-                    s->z[1] = roessler_keep(z2, -12.0f, 12.0f, z2, 1e+30f);
-                    s->z[2] = roessler_keep(z3, -25.0f, 0.0f, z3, 1e+30f);
+                    moves_range = (roessler_abs(s->z[0]) > 13.2f || roessler_abs(s->z[1]) > 13.2f
+                        || z3 < -26.25f || z3 > 1.25f) ? 1.0f : -1.0f;
                 }
-                /* the estimate has restarted from the sample */
-                status |= ROESSLER_RESTARTED_FROM_SAMPLE;
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = roessler_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
+                }
+                /* which signs show? */
+                {
+                    const float t1 = out->y - s->z[0];
+                    const bool t2 = roessler_within(t1, 2.4f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -542.0f : 1.0f))
+                        + (t2 ? -1.0f : 0.0f);
+                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
+                }
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = roessler_max(roessler_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= roessler_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= roessler_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z3 = s->z[2];
+                        const bool t3 = fault_limit_range > 3130.0f || roessler_abs(s->z[0]) > 24.0f
+                            || roessler_abs(s->z[1]) > 24.0f || z3 < -37.5f || z3 > 12.5f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && t3);
+                    }
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = roessler_min(fault_limit_y, 1602560.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = roessler_min(2.0f*fault_limit_y, 3205120.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = roessler_min(fault_limit_range, 1602560.0f);
+                            s->fault_limit_range = roessler_min(2.0f*fault_limit_range, 3205120.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = roessler_keep(out->y, -12.0f, 12.0f, z1, 1e+30f);
+                            s->z[1] = roessler_keep(z2, -12.0f, 12.0f, z2, 1e+30f);
+                            s->z[2] = roessler_keep(z3, -25.0f, 0.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= ROESSLER_RESTARTED_FROM_SAMPLE;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = roessler_limit(z1, 12.0f);
+                            s->z[1] = roessler_limit(z2, 12.0f);
+                            s->z[2] = roessler_clamp(z3, -25.0f, 0.0f);
+                            status |= ROESSLER_PROJECTED_ONTO_RANGES;
+                        }
+                    }
+                }
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 3130.0f + roessler_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 3130.0f + s->fault_count_range);
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 3130.0f + s->doubt_y
-                + (s->patience_range - 3130.0f + s->doubt_range);
         }
     }
     return status;
@@ -377,6 +428,10 @@ void roessler_estimate(const roessler_state *s, const roessler_params *p, roessl
 unsigned roessler_tune(roessler_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != ROESSLER_READY) {
+        roessler_nominal(p);
+        status = ROESSLER_NO_PARAMETERS;
+    }
     /* theta in its range */
     {
         const float theta = p->gain.theta;
@@ -406,12 +461,73 @@ void roessler_reset(roessler_state *s)
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;
-    roessler_clear_doubt(s);
+    roessler_clear_fault_counts(s);
 }
 
 void roessler_init(roessler_state *s, roessler_params *p)
 {
-    p->gain.theta = 5.0f;
+    roessler_nominal(p);
     (void)roessler_tune(p);
     roessler_reset(s);
+}
+
+static const unsigned char roessler_layout[8] = {0x1Au, 0x24u, 0xFEu, 0x65u, 0x52u, 0x49u, 0x32u, 0x6Fu};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t roessler_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void roessler_save(const roessler_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = roessler_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = roessler_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned roessler_restore(roessler_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == ROESSLER_SAVED) {
+        refused = 0u;
+        uint32_t sum = roessler_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == roessler_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = ROESSLER_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "series_dc_motor.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -99,26 +100,31 @@ static void series_dc_motor_jacobian(float z1, float z2, float F[3])
     F[2] = 0.03f*t1; /* F_12 */
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned series_dc_motor_ready(series_dc_motor_state *s)
+SERIES_DC_MOTOR_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned series_dc_motor_ready(series_dc_motor_state *s, const series_dc_motor_params *p)
 {
     unsigned status = 0u;
     if (s->ready != SERIES_DC_MOTOR_READY) {
         series_dc_motor_reset(s);
-        status = SERIES_DC_MOTOR_UNINITIALISED;
+        status |= SERIES_DC_MOTOR_UNINITIALISED;
+    }
+    if (p->ready != SERIES_DC_MOTOR_READY) {
+        series_dc_motor_reset(s);
+        status |= SERIES_DC_MOTOR_NO_PARAMETERS;
     }
     return status;
 }
 
 SERIES_DC_MOTOR_RARELY
-static void series_dc_motor_clear_doubt(series_dc_motor_state *s)
+static void series_dc_motor_clear_fault_counts(series_dc_motor_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 603.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 603.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 603.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 603.0f;
+    s->fault_checksum = 0.0f;
 }
 
 SERIES_DC_MOTOR_RARELY
@@ -155,7 +161,7 @@ static unsigned series_dc_motor_keep_in_box(series_dc_motor_state *s, const seri
         s->z[1] = 0.0f;
         s->z[2] = 0.0f;
         status |= SERIES_DC_MOTOR_RESTARTED;
-        series_dc_motor_clear_doubt(s);
+        series_dc_motor_clear_fault_counts(s);
         series_dc_motor_clear_rest(s);
     }
     /* keep z in its box */
@@ -191,10 +197,11 @@ static unsigned series_dc_motor_keep_in_box(series_dc_motor_state *s, const seri
     return status;
 }
 
-unsigned series_dc_motor_predict(series_dc_motor_state *s, const series_dc_motor_params *p,
+/* part of a step: advance the estimate to now */
+static unsigned series_dc_motor_run_predict(series_dc_motor_state *s, const series_dc_motor_params *p,
     const series_dc_motor_input *in)
 {
-    unsigned status = series_dc_motor_ready(s);
+    unsigned status = 0u;
     bool beyond = false;
     bool capped = false;
     bool running = false;
@@ -337,6 +344,8 @@ unsigned series_dc_motor_predict(series_dc_motor_state *s, const series_dc_motor
         if (series_dc_motor_acts(beyond)) {
             status |= series_dc_motor_keep_in_box(s, p);
         }
+    } else {
+        status |= series_dc_motor_keep_in_box(s, p);
     }
     /* samples may come */
     s->used_y = 0u;
@@ -350,19 +359,21 @@ static unsigned series_dc_motor_run_update_y(series_dc_motor_state *s, const ser
     const series_dc_motor_output *out)
 {
     unsigned status = 0u;
+    bool acts = false;
     bool beyond = false;
-    bool doubtful = false;
     float e = 0.0f;
     bool fresh = false;
     bool lost = false;
     float measurement = 0.0f;
+    float moves_range = 0.0f;
+    float moves_y = 0.0f;
     float output_error = 0.0f;
     bool over_range = false;
     bool over_y = false;
     bool sampled = false;
-    bool shows_range = false;
-    bool shows_y = false;
+    float side_y = 0.0f;
     bool spoiled = false;
+    bool suspect = false;
     bool valid = false;
     /* is a sample of y awaited? */
     fresh = s->used_y < 1u;
@@ -427,113 +438,147 @@ static unsigned series_dc_motor_run_update_y(series_dc_motor_state *s, const ser
             if (t1) {
                 status |= SERIES_DC_MOTOR_OUTSIDE_BOX;
             }
-            doubtful = series_dc_motor_abs(output_error) > 4.9f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
+            suspect = series_dc_motor_abs(output_error) > 4.9f || t1 || !(s->fault_checksum <= 0.0f)
+                || !valid;
         }
-        if (doubtful) {
+        if (suspect) {
             /* is there a sample to judge by? */
             sampled = valid || (series_dc_motor_within(measurement, 3e+38f) && measurement >= -48.0f
                 && measurement <= 99.0f);
             if (sampled) {
-                /* was doubt or patience spoiled? */
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    const float t1 = series_dc_motor_abs(patience_y - 603.0f + doubt_y
-                        + (patience_range - 603.0f + doubt_range) - s->doubt_sum);
-                    const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 617472.0f
-                        && patience_y >= 603.0f && patience_y <= 617472.0f;
-                    const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 617472.0f
-                        && patience_range >= 603.0f && patience_range <= 617472.0f;
-                    spoiled = !t3;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 603.0f + series_dc_motor_abs(fault_count_y)
+                        + (fault_limit_range - 603.0f + fault_count_range);
+                    const bool t2 = series_dc_motor_abs(t1 - s->fault_checksum) < 0.5f
+                        && series_dc_motor_within(fault_count_y, 617472.0f);
+                    const bool t3 = t2 && fault_limit_y >= 603.0f && fault_limit_y <= 617472.0f
+                        && fault_count_range >= 0.0f && fault_count_range <= 617472.0f;
+                    spoiled = !(t3 && fault_limit_range >= 603.0f && fault_limit_range <= 617472.0f);
                 }
                 if (spoiled) {
-                    series_dc_motor_clear_doubt(s);
+                    series_dc_motor_clear_fault_counts(s);
                 }
-                /* which signs show? */
+                /* is the estimate out of a range? */
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    shows_y = !series_dc_motor_within(output_error, 4.9f);
-                    shows_range = z1 < -1.45f || z1 > 52.45f || z2 < -315.0f || z2 > 15.0f
+                    const bool t1 = z1 < -1.45f || z1 > 52.45f || z2 < -315.0f || z2 > 15.0f
                         || series_dc_motor_abs(s->z[2]) > 55.0f;
+                    moves_range = t1 ? 1.0f : -1.0f;
                 }
-                if (shows_y) {
-                    /* more doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        s->doubt_y = series_dc_motor_min(doubt_y + 1.0f, 617472.0f);
-                    }
-                    /* is patience at its end? */
-                    over_y = s->patience_y <= s->doubt_y;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_y = s->doubt_y;
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = series_dc_motor_max(doubt_y - 1.0f, 0.0f);
-                        s->patience_y = (doubt_y <= 1.0f) ? 603.0f : patience_y;
-                        over_y = false;
-                    }
+                /* count of range */
+                {
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = series_dc_motor_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 603.0f : fault_limit_range;
                 }
-                if (shows_range) {
-                    /* more doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        s->doubt_range = series_dc_motor_min(doubt_range + 1.0f, 617472.0f);
-                    }
-                    /* is patience at its end? */
-                    over_range = s->patience_range <= s->doubt_range;
-                } else {
-                    /* less doubt */
-                    {
-                        const float doubt_range = s->doubt_range;
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = series_dc_motor_max(doubt_range - 1.0f, 0.0f);
-                        s->patience_range = (doubt_range <= 1.0f) ? 603.0f : patience_range;
-                        over_range = false;
-                    }
+                /* which signs show? */
+                {
+                    const bool t1 = series_dc_motor_within(output_error, 4.9f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t1 ? 0.0f : ((fault_count_y*output_error < 0.0f) ? -301.0f : 1.0f))
+                        + (t1 ? -1.0f : 0.0f);
+                    side_y = (t1 ? 0.0f : output_error) + (t1 ? fault_count_y : 0.0f);
                 }
-                /* is it lost? */
-                lost = over_y || over_range;
-                if (lost) {
+                /* count of y */
+                {
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = series_dc_motor_max(series_dc_motor_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 603.0f : fault_limit_y;
+                }
+                /* does a guard act? */
+                acts = s->fault_limit_y <= series_dc_motor_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
+                    {
+                        const bool t1 = s->fault_limit_y <= series_dc_motor_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const float z1 = s->z[0];
+                        const float z2 = s->z[1];
+                        const bool t3 = z1 < -23.5f || z1 > 74.5f || z2 < -450.0f || z2 > 150.0f
+                            || series_dc_motor_abs(s->z[2]) > 100.0f;
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || (t2 && (fault_limit_range > 603.0f || t3));
+                    }
                     if (over_y) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_y = s->patience_y;
-                            s->doubt_y = series_dc_motor_min(patience_y, 308736.0f);
-                            s->patience_y = series_dc_motor_min(2.0f*patience_y, 617472.0f);
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = series_dc_motor_min(fault_limit_y, 308736.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = series_dc_motor_min(2.0f*fault_limit_y, 617472.0f);
                         }
                     }
                     if (over_range) {
-                        /* patience doubles */
+                        /* the fault limit doubles */
                         {
-                            const float patience_range = s->patience_range;
-                            s->doubt_range = series_dc_motor_min(patience_range, 308736.0f);
-                            s->patience_range = series_dc_motor_min(2.0f*patience_range, 617472.0f);
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = series_dc_motor_min(fault_limit_range, 308736.0f);
+                            s->fault_limit_range = series_dc_motor_min(2.0f*fault_limit_range, 617472.0f);
                         }
                     }
-                    /* the estimate restarts */
-                    s->z[0] = 1.0f;
-                    s->z[1] = 0.0f;
-                    s->z[2] = 0.0f;
-                    /* from the sample of y */
-                    {
-                        const float z1 = s->z[0];
-                        const float z2 = s->z[1];
-                        const float z3 = s->z[2];
-                        s->z[0] = series_dc_motor_keep(measurement, 1.0f, 50.0f, z1, 1e+30f);
-                        s->z[1] = series_dc_motor_keep(z2, -300.0f, 0.0f, z2, 1e+30f);
-                        s->z[2] = series_dc_motor_keep(z3, -50.0f, 50.0f, z3, 1e+30f);
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 1.0f;
+                        s->z[1] = 0.0f;
+                        s->z[2] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            s->z[0] = series_dc_motor_keep(measurement, 1.0f, 50.0f, z1, 1e+30f);
+                            s->z[1] = series_dc_motor_keep(z2, -300.0f, 0.0f, z2, 1e+30f);
+                            s->z[2] = series_dc_motor_keep(z3, -50.0f, 50.0f, z3, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= SERIES_DC_MOTOR_RESTARTED_FROM_SAMPLE;
+                        series_dc_motor_clear_rest(s);
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            const float z3 = s->z[2];
+                            const float t1 = z1 - series_dc_motor_clamp(z1, 1.0f, 50.0f);
+                            const float D1 = s->D[0];
+                            const float L21 = s->L[0];
+                            const float t2 = L21*D1;
+                            const float t3 = t1/D1;
+                            const float t4 = z2 - t2*t3;
+                            const float t5 = t4 - series_dc_motor_clamp(t4, -300.0f, 0.0f);
+                            const float D2 = s->D[1];
+                            const float t6 = t5/(t2*L21 + D2);
+                            const float L31 = s->L[1];
+                            const float t7 = L31*D1;
+                            const float L32 = s->L[2];
+                            const float t8 = L32*D2;
+                            const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+                            const float t10 = t9 - series_dc_motor_limit(t9, 50.0f);
+                            const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
+                            s->z[0] = series_dc_motor_clamp(z1 - t1 - D1*L21*t6 - D1*L31*t11, -48.0f, 99.0f);
+                            s->z[1] = series_dc_motor_clamp(t4 - t5 - (t2*L31 + D2*L32)*t11, -600.0f, 300.0f);
+                            s->z[2] = series_dc_motor_limit(t9 - t10, 150.0f);
+                            status |= SERIES_DC_MOTOR_PROJECTED_ONTO_RANGES;
+                        }
                     }
-                    /* the estimate has restarted from the sample */
-                    status |= SERIES_DC_MOTOR_RESTARTED_FROM_SAMPLE;
-                    series_dc_motor_clear_rest(s);
                 }
-                /* remember what doubt and patience add up to */
-                s->doubt_sum = s->patience_y - 603.0f + s->doubt_y
-                    + (s->patience_range - 603.0f + s->doubt_range);
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 603.0f + series_dc_motor_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 603.0f + s->fault_count_range);
             }
         }
     } else {
@@ -543,11 +588,40 @@ static unsigned series_dc_motor_run_update_y(series_dc_motor_state *s, const ser
     return status;
 }
 
+SERIES_DC_MOTOR_RARELY
+/* nominal parameters */
+static void series_dc_motor_nominal(series_dc_motor_params *p)
+{
+    p->ready = SERIES_DC_MOTOR_READY;
+    p->gain.Q[0] = 2.0f;
+    p->gain.Q[1] = 90.0f;
+    p->gain.Q[2] = 10.0f;
+    p->gain.R = 1e-09f;
+}
+
+unsigned series_dc_motor_predict(series_dc_motor_state *s, const series_dc_motor_params *p,
+    const series_dc_motor_input *in)
+{
+    unsigned status = 0u;
+    if ((s->ready != SERIES_DC_MOTOR_READY) || (p->ready != SERIES_DC_MOTOR_READY)) {
+        status = series_dc_motor_ready(s, p);
+    }
+    if ((status & SERIES_DC_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= series_dc_motor_run_predict(s, p, in);
+    }
+    return status;
+}
+
 unsigned series_dc_motor_update_y(series_dc_motor_state *s, const series_dc_motor_params *p,
     const series_dc_motor_output *out)
 {
-    unsigned status = series_dc_motor_ready(s);
-    status |= series_dc_motor_run_update_y(s, p, out);
+    unsigned status = 0u;
+    if ((s->ready != SERIES_DC_MOTOR_READY) || (p->ready != SERIES_DC_MOTOR_READY)) {
+        status = series_dc_motor_ready(s, p);
+    }
+    if ((status & SERIES_DC_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= series_dc_motor_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -555,8 +629,13 @@ unsigned series_dc_motor_step(series_dc_motor_state *s, const series_dc_motor_pa
     const series_dc_motor_input *in, const series_dc_motor_output *out)
 {
     unsigned status = 0u;
-    status |= series_dc_motor_predict(s, p, in);
-    status |= series_dc_motor_run_update_y(s, p, out);
+    if ((s->ready != SERIES_DC_MOTOR_READY) || (p->ready != SERIES_DC_MOTOR_READY)) {
+        status = series_dc_motor_ready(s, p);
+    }
+    if ((status & SERIES_DC_MOTOR_NO_PARAMETERS) == 0u) {
+        status |= series_dc_motor_run_predict(s, p, in);
+        status |= series_dc_motor_run_update_y(s, p, out);
+    }
     return status;
 }
 
@@ -573,6 +652,10 @@ void series_dc_motor_estimate(const series_dc_motor_state *s, const series_dc_mo
 unsigned series_dc_motor_tune(series_dc_motor_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != SERIES_DC_MOTOR_READY) {
+        series_dc_motor_nominal(p);
+        status = SERIES_DC_MOTOR_NO_PARAMETERS;
+    }
     /* each parameter in its range */
     {
         const float Q1 = p->gain.Q[0];
@@ -602,16 +685,76 @@ void series_dc_motor_reset(series_dc_motor_state *s)
     s->calls = 0u;
     s->used_y = 1u;
     s->u = 0.0f;
-    series_dc_motor_clear_doubt(s);
+    series_dc_motor_clear_fault_counts(s);
     series_dc_motor_clear_rest(s);
 }
 
 void series_dc_motor_init(series_dc_motor_state *s, series_dc_motor_params *p)
 {
-    p->gain.Q[0] = 2.0f;
-    p->gain.Q[1] = 90.0f;
-    p->gain.Q[2] = 10.0f;
-    p->gain.R = 1e-09f;
+    series_dc_motor_nominal(p);
     (void)series_dc_motor_tune(p);
     series_dc_motor_reset(s);
+}
+
+static const unsigned char series_dc_motor_layout[8] = {
+    0x5Au, 0x59u, 0xE3u, 0xC6u, 0x86u, 0x11u, 0xA1u, 0x1Cu
+};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t series_dc_motor_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void series_dc_motor_save(const series_dc_motor_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = series_dc_motor_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = series_dc_motor_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned series_dc_motor_restore(series_dc_motor_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == SERIES_DC_MOTOR_SAVED) {
+        refused = 0u;
+        uint32_t sum = series_dc_motor_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == series_dc_motor_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = SERIES_DC_MOTOR_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }

@@ -2,6 +2,7 @@
 #include "stribeck.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
@@ -115,265 +116,310 @@ static void stribeck_rate(const stribeck_params *p, float z1, float z2, float u,
     dz[1] = u - stribeck_table_friction(stribeck_limit(z2, 0.8f)) + p->derived.K[1]*t1;
 }
 
-/* memory that neither init nor reset has made a state becomes one, which the status says */
-static unsigned stribeck_ready(stribeck_state *s)
+STRIBECK_RARELY
+/* memory without its mark is not used: the state begins anew, which the status says */
+static unsigned stribeck_ready(stribeck_state *s, const stribeck_params *p)
 {
     unsigned status = 0u;
     if (s->ready != STRIBECK_READY) {
         stribeck_reset(s);
-        status = STRIBECK_UNINITIALISED;
+        status |= STRIBECK_UNINITIALISED;
+    }
+    if (p->ready != STRIBECK_READY) {
+        stribeck_reset(s);
+        status |= STRIBECK_NO_PARAMETERS;
     }
     return status;
 }
 
 STRIBECK_RARELY
-static void stribeck_clear_doubt(stribeck_state *s)
+static void stribeck_clear_fault_counts(stribeck_state *s)
 {
     /* as after a reset */
-    s->doubt_y = 0.0f;
-    s->patience_y = 2286.0f;
-    s->doubt_range = 0.0f;
-    s->patience_range = 2286.0f;
-    s->doubt_sum = 0.0f;
+    s->fault_count_y = 0.0f;
+    s->fault_limit_y = 2286.0f;
+    s->fault_count_range = 0.0f;
+    s->fault_limit_range = 2286.0f;
+    s->fault_checksum = 0.0f;
+}
+
+/* part of a step: keep the state in its box, or make it anew */
+static unsigned stribeck_keep_in_box(stribeck_state *s, const stribeck_params *p)
+{
+    unsigned status = 0u;
+    (void)p;
+    bool lost = false;
+    /* is a value lost? */
+    lost = !(stribeck_within(s->z[0], 1e+30f) && stribeck_within(s->z[1], 1e+30f));
+    if (lost) {
+        /* a value is lost: all restart */
+        s->z[0] = 0.0f;
+        s->z[1] = 0.0f;
+        status |= STRIBECK_RESTARTED;
+        stribeck_clear_fault_counts(s);
+    }
+    /* keep z in its box */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        s->z[0] = stribeck_limit(z1, 6.0f);
+        s->z[1] = stribeck_limit(z2, 64.0f);
+        if (stribeck_abs(z1) > 6.0f || stribeck_abs(z2) > 64.0f) {
+            status |= STRIBECK_STATE_LIMITED;
+        }
+    }
+    return status;
+}
+
+STRIBECK_RARELY
+/* nominal parameters */
+static void stribeck_nominal(stribeck_params *p)
+{
+    p->ready = STRIBECK_READY;
+    p->gain.theta = 80.0f;
 }
 
 unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribeck_input *in,
     const stribeck_output *out)
 {
-    unsigned status = stribeck_ready(s);
-    float ahead = 0.0f;
-    bool beyond = false;
-    bool doubtful = false;
-    float fraction = 0.0f;
-    bool lost = false;
-    bool over_range = false;
-    bool over_y = false;
-    bool running = false;
-    bool sampled = false;
-    float share = 0.0f;
-    bool shows_range = false;
-    bool shows_y = false;
-    bool spoiled = false;
-    float u = 0.0f;
-    float valid = 0.0f;
-    float y = 0.0f;
-    float y_last = 0.0f;
-    float z_at[2];
-    float z_sum[2];
-    /* guard the input */
-    {
-        const float u_given = in->u;
-        const bool u_usable = stribeck_within(u_given, 1e+15f);
-        const float u_taken = u_usable ? u_given : s->u;
-        u = stribeck_limit(u_taken, 6.0f);
-        if (!u_usable) {
-            status |= STRIBECK_REUSED_U;
-        }
-        if (stribeck_abs(u_taken) > 6.0f) {
-            status |= STRIBECK_CLAMPED_U;
-        }
+    unsigned status = 0u;
+    if ((s->ready != STRIBECK_READY) || (p->ready != STRIBECK_READY)) {
+        status = stribeck_ready(s, p);
     }
-    /* guard the measurements */
-    {
-        const float measurement = out->y;
-        const bool t1 = stribeck_within(measurement, 3e+38f);
-        const float z1 = s->z[0];
-        const bool t2 = t1 && stribeck_within(measurement, 6.6f) && stribeck_within(measurement - z1, 1e+16f);
-        const float t3 = t2 ? measurement : z1;
-        y = t3;
-        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
-        valid = t2 ? 1.0f : 0.0f;
-        if (!t1) {
-            status |= STRIBECK_MISSING_Y;
-        }
-        if (t1 && !t2) {
-            status |= STRIBECK_REJECTED_Y;
-        }
-    }
-    /* the first call advances no time */
-    {
-        const unsigned calls = s->calls;
-        running = calls >= 1u;
-        s->calls = 1u;
-    }
-    if (running) {
-        /* z: one step of classical Runge-Kutta */
-        z_sum[0] = 0.0f;
-        z_sum[1] = 0.0f;
-        z_at[0] = s->z[0];
-        z_at[1] = s->z[1];
+    if ((status & STRIBECK_NO_PARAMETERS) == 0u) {
+        bool acts = false;
+        float ahead = 0.0f;
+        bool beyond = false;
+        float fraction = 0.0f;
+        bool lost = false;
+        float moves_range = 0.0f;
+        float moves_y = 0.0f;
+        bool over_range = false;
+        bool over_y = false;
+        bool running = false;
+        bool sampled = false;
+        float share = 0.0f;
+        float side_y = 0.0f;
+        bool spoiled = false;
+        bool suspect = false;
+        float u = 0.0f;
+        float valid = 0.0f;
+        float y = 0.0f;
+        float y_last = 0.0f;
+        float z_at[2];
+        float z_sum[2];
+        /* guard the input */
         {
-            static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
-            static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
-            static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
-            for (unsigned r = 0u; r < 4u; ++r) {
-                fraction = each_fraction[r];
-                share = each_share[r];
-                ahead = each_ahead[r];
-                /* a stage */
-                {
-                    const float z_at1 = z_at[0];
-                    const float z_at2 = z_at[1];
-                    const float z_sum1 = z_sum[0];
-                    const float z_sum2 = z_sum[1];
-                    const float u_before = s->u;
-                    float k_z[2];
-                    stribeck_rate(p, z_at1, z_at2, u_before + fraction*(u - u_before), y_last
-                        + fraction*(y - y_last), valid, k_z);
-                    z_sum[0] = z_sum1 + share*k_z[0];
-                    z_sum[1] = z_sum2 + share*k_z[1];
-                    z_at[0] = s->z[0] + ahead*k_z[0];
-                    z_at[1] = s->z[1] + ahead*k_z[1];
+            const float u_given = in->u;
+            const bool u_usable = stribeck_within(u_given, 1e+15f);
+            const float u_taken = u_usable ? u_given : s->u;
+            u = stribeck_limit(u_taken, 6.0f);
+            if (!u_usable) {
+                status |= STRIBECK_REUSED_U;
+            }
+            if (stribeck_abs(u_taken) > 6.0f) {
+                status |= STRIBECK_CLAMPED_U;
+            }
+        }
+        /* guard the measurements */
+        {
+            const float measurement = out->y;
+            const bool t1 = stribeck_within(measurement, 3e+38f);
+            const float z1 = s->z[0];
+            const bool t2 = t1 && stribeck_within(measurement, 6.6f)
+                && stribeck_within(measurement - z1, 1e+16f);
+            const float t3 = t2 ? measurement : z1;
+            y = t3;
+            y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
+            valid = t2 ? 1.0f : 0.0f;
+            if (!t1) {
+                status |= STRIBECK_MISSING_Y;
+            }
+            if (t1 && !t2) {
+                status |= STRIBECK_REJECTED_Y;
+            }
+        }
+        /* the first call advances no time */
+        {
+            const unsigned calls = s->calls;
+            running = calls >= 1u;
+            s->calls = 1u;
+        }
+        if (running) {
+            /* z: one step of classical Runge-Kutta */
+            z_sum[0] = 0.0f;
+            z_sum[1] = 0.0f;
+            z_at[0] = s->z[0];
+            z_at[1] = s->z[1];
+            {
+                static const float each_fraction[4] = {0.0f, 0.5f, 0.5f, 1.0f};
+                static const float each_share[4] = {1.0f, 2.0f, 2.0f, 1.0f};
+                static const float each_ahead[4] = {0.0005f, 0.0005f, 0.001f, 0.0f};
+                for (unsigned r = 0u; r < 4u; ++r) {
+                    fraction = each_fraction[r];
+                    share = each_share[r];
+                    ahead = each_ahead[r];
+                    /* a stage */
+                    {
+                        const float z_at1 = z_at[0];
+                        const float z_at2 = z_at[1];
+                        const float z_sum1 = z_sum[0];
+                        const float z_sum2 = z_sum[1];
+                        const float u_before = s->u;
+                        float k_z[2];
+                        stribeck_rate(p, z_at1, z_at2, u_before + fraction*(u - u_before), y_last
+                            + fraction*(y - y_last), valid, k_z);
+                        z_sum[0] = z_sum1 + share*k_z[0];
+                        z_sum[1] = z_sum2 + share*k_z[1];
+                        z_at[0] = s->z[0] + ahead*k_z[0];
+                        z_at[1] = s->z[1] + ahead*k_z[1];
+                    }
                 }
             }
-        }
-        /* the slopes of all stages */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            s->z[0] = z1 + 0.00016666666f*z_sum[0];
-            s->z[1] = z2 + 0.00016666666f*z_sum[1];
-        }
-        /* is a value beyond its box, or lost? */
-        beyond = !(stribeck_within(s->z[0], 6.0f) && stribeck_within(s->z[1], 64.0f));
-        if (stribeck_acts(beyond)) {
-            /* is a value lost? */
-            lost = !(stribeck_within(s->z[0], 1e+30f) && stribeck_within(s->z[1], 1e+30f));
-            if (lost) {
-                /* a value is lost: all restart */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                status |= STRIBECK_RESTARTED;
-                stribeck_clear_doubt(s);
-            }
-            /* keep z in its box */
+            /* the slopes of all stages */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
-                s->z[0] = stribeck_limit(z1, 6.0f);
-                s->z[1] = stribeck_limit(z2, 64.0f);
-                if (stribeck_abs(z1) > 6.0f || stribeck_abs(z2) > 64.0f) {
-                    status |= STRIBECK_STATE_LIMITED;
-                }
+                s->z[0] = z1 + 0.00016666666f*z_sum[0];
+                s->z[1] = z2 + 0.00016666666f*z_sum[1];
             }
+            /* is a value beyond its box, or lost? */
+            beyond = !(stribeck_within(s->z[0], 6.0f) && stribeck_within(s->z[1], 64.0f));
+            if (stribeck_acts(beyond)) {
+                status |= stribeck_keep_in_box(s, p);
+            }
+        } else {
+            status |= stribeck_keep_in_box(s, p);
         }
-    }
-    /* remember the input */
-    s->u = u;
-    /* remember the sample */
-    s->y = y;
-    s->y_valid = valid;
-    /* is the estimate where it cannot be for long? */
-    {
-        const float z1 = s->z[0];
-        const bool t1 = stribeck_abs(z1) > 2.0f || stribeck_abs(s->z[1]) > 0.8f;
-        if (t1) {
-            status |= STRIBECK_OUTSIDE_BOX;
-        }
-        doubtful = stribeck_abs(out->y - z1) > 0.44f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
-    }
-    if (doubtful) {
-        /* is there a sample to judge by? */
+        /* remember the input */
+        s->u = u;
+        /* remember the sample */
+        s->y = y;
+        s->y_valid = valid;
+        /* is the estimate where it cannot be for long? */
         {
-            const float measurement = out->y;
-            sampled = valid > 0.0f || (stribeck_within(measurement, 3e+38f)
-                && stribeck_within(measurement, 6.6f));
+            const float z1 = s->z[0];
+            const bool t1 = stribeck_abs(z1) > 2.0f || stribeck_abs(s->z[1]) > 0.8f;
+            if (t1) {
+                status |= STRIBECK_OUTSIDE_BOX;
+            }
+            suspect = stribeck_abs(out->y - z1) > 0.44f || t1 || !(s->fault_checksum <= 0.0f)
+                || !(valid > 0.0f);
         }
-        if (sampled) {
-            /* was doubt or patience spoiled? */
+        if (suspect) {
+            /* is there a sample to judge by? */
             {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                const float t1 = stribeck_abs(patience_y - 2286.0f + doubt_y
-                    + (patience_range - 2286.0f + doubt_range) - s->doubt_sum);
-                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 2340864.0f
-                    && patience_y >= 2286.0f && patience_y <= 2340864.0f;
-                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 2340864.0f
-                    && patience_range >= 2286.0f && patience_range <= 2340864.0f;
-                spoiled = !t3;
+                const float measurement = out->y;
+                sampled = valid > 0.0f || (stribeck_within(measurement, 3e+38f)
+                    && stribeck_within(measurement, 6.6f));
             }
-            if (spoiled) {
-                stribeck_clear_doubt(s);
-            }
-            /* which signs show? */
-            {
-                const float z1 = s->z[0];
-                shows_y = !stribeck_within(out->y - z1, 0.44f);
-                shows_range = stribeck_abs(z1) > 2.2f || stribeck_abs(s->z[1]) > 0.88f;
-            }
-            if (shows_y) {
-                /* more doubt */
+            if (sampled) {
+                /* was a fault count or limit spoiled? */
                 {
-                    const float doubt_y = s->doubt_y;
-                    s->doubt_y = stribeck_min(doubt_y + 1.0f, 2340864.0f);
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = fault_limit_y - 2286.0f + stribeck_abs(fault_count_y)
+                        + (fault_limit_range - 2286.0f + fault_count_range);
+                    const bool t2 = stribeck_abs(t1 - s->fault_checksum) < 0.5f
+                        && stribeck_within(fault_count_y, 2340864.0f) && fault_limit_y >= 2286.0f
+                            && fault_limit_y <= 2340864.0f;
+                    const bool t3 = t2 && fault_count_range >= 0.0f && fault_count_range <= 2340864.0f
+                        && fault_limit_range >= 2286.0f && fault_limit_range <= 2340864.0f;
+                    spoiled = !t3;
                 }
-                /* is patience at its end? */
-                over_y = s->patience_y <= s->doubt_y;
-            } else {
-                /* less doubt */
+                if (spoiled) {
+                    stribeck_clear_fault_counts(s);
+                }
+                /* is the estimate out of a range? */
+                moves_range = (stribeck_abs(s->z[0]) > 2.2f || stribeck_abs(s->z[1]) > 0.88f) ? 1.0f : -1.0f;
+                /* count of range */
                 {
-                    const float doubt_y = s->doubt_y;
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = stribeck_max(doubt_y - 1.0f, 0.0f);
-                    s->patience_y = (doubt_y <= 1.0f) ? 2286.0f : patience_y;
-                    over_y = false;
+                    const float fault_count_range = s->fault_count_range;
+                    const float fault_limit_range = s->fault_limit_range;
+                    const float t1 = stribeck_max(fault_count_range + moves_range, 0.0f);
+                    s->fault_count_range = t1;
+                    s->fault_limit_range = (t1 <= 0.0f) ? 2286.0f : fault_limit_range;
                 }
-            }
-            if (shows_range) {
-                /* more doubt */
+                /* which signs show? */
                 {
-                    const float doubt_range = s->doubt_range;
-                    s->doubt_range = stribeck_min(doubt_range + 1.0f, 2340864.0f);
+                    const float t1 = out->y - s->z[0];
+                    const bool t2 = stribeck_within(t1, 0.44f);
+                    const float fault_count_y = s->fault_count_y;
+                    moves_y = (t2 ? 0.0f : ((fault_count_y*t1 < 0.0f) ? -1143.0f : 1.0f))
+                        + (t2 ? -1.0f : 0.0f);
+                    side_y = (t2 ? 0.0f : t1) + (t2 ? fault_count_y : 0.0f);
                 }
-                /* is patience at its end? */
-                over_range = s->patience_range <= s->doubt_range;
-            } else {
-                /* less doubt */
+                /* count of y */
                 {
-                    const float doubt_range = s->doubt_range;
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = stribeck_max(doubt_range - 1.0f, 0.0f);
-                    s->patience_range = (doubt_range <= 1.0f) ? 2286.0f : patience_range;
-                    over_range = false;
+                    const float fault_count_y = s->fault_count_y;
+                    const float fault_limit_y = s->fault_limit_y;
+                    const float t1 = stribeck_max(stribeck_abs(fault_count_y) + moves_y, 0.0f);
+                    s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
+                    s->fault_limit_y = (t1 <= 0.0f) ? 2286.0f : fault_limit_y;
                 }
-            }
-            /* is it lost? */
-            lost = over_y || over_range;
-            if (lost) {
-                if (over_y) {
-                    /* patience doubles */
+                /* does a guard act? */
+                acts = s->fault_limit_y <= stribeck_abs(s->fault_count_y)
+                    || s->fault_limit_range <= s->fault_count_range;
+                if (acts) {
+                    /* by which sign, and is the estimate lost? */
                     {
-                        const float patience_y = s->patience_y;
-                        s->doubt_y = stribeck_min(patience_y, 1170432.0f);
-                        s->patience_y = stribeck_min(2.0f*patience_y, 2340864.0f);
+                        const bool t1 = s->fault_limit_y <= stribeck_abs(s->fault_count_y);
+                        const float fault_limit_range = s->fault_limit_range;
+                        const bool t2 = fault_limit_range <= s->fault_count_range;
+                        const bool t3 = t2 && (fault_limit_range > 2286.0f || stribeck_abs(s->z[0]) > 4.0f
+                            || stribeck_abs(s->z[1]) > 1.6f);
+                        over_y = t1;
+                        over_range = t2;
+                        lost = t1 || t3;
+                    }
+                    if (over_y) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_count_y = s->fault_count_y;
+                            const float fault_limit_y = s->fault_limit_y;
+                            const float t1 = stribeck_min(fault_limit_y, 1170432.0f);
+                            s->fault_count_y = (fault_count_y < 0.0f) ? -t1 : t1;
+                            s->fault_limit_y = stribeck_min(2.0f*fault_limit_y, 2340864.0f);
+                        }
+                    }
+                    if (over_range) {
+                        /* the fault limit doubles */
+                        {
+                            const float fault_limit_range = s->fault_limit_range;
+                            s->fault_count_range = stribeck_min(fault_limit_range, 1170432.0f);
+                            s->fault_limit_range = stribeck_min(2.0f*fault_limit_range, 2340864.0f);
+                        }
+                    }
+                    if (lost) {
+                        /* the estimate restarts */
+                        s->z[0] = 0.0f;
+                        s->z[1] = 0.0f;
+                        /* from the sample of y */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            s->z[0] = stribeck_keep(out->y, -2.0f, 2.0f, z1, 1e+30f);
+                            s->z[1] = stribeck_keep(z2, -0.8f, 0.8f, z2, 1e+30f);
+                        }
+                        /* the estimate has restarted from the sample */
+                        status |= STRIBECK_RESTARTED_FROM_SAMPLE;
+                    } else {
+                        /* the estimate back onto its declared ranges */
+                        {
+                            const float z1 = s->z[0];
+                            const float z2 = s->z[1];
+                            s->z[0] = stribeck_limit(z1, 2.0f);
+                            s->z[1] = stribeck_limit(z2, 0.8f);
+                            status |= STRIBECK_PROJECTED_ONTO_RANGES;
+                        }
                     }
                 }
-                if (over_range) {
-                    /* patience doubles */
-                    {
-                        const float patience_range = s->patience_range;
-                        s->doubt_range = stribeck_min(patience_range, 1170432.0f);
-                        s->patience_range = stribeck_min(2.0f*patience_range, 2340864.0f);
-                    }
-                }
-                /* the estimate restarts */
-                s->z[0] = 0.0f;
-                s->z[1] = 0.0f;
-                /* from the sample of y */
-                {
-                    const float z1 = s->z[0];
-                    const float z2 = s->z[1];
-                    s->z[0] = stribeck_keep(out->y, -2.0f, 2.0f, z1, 1e+30f);
-                    s->z[1] = stribeck_keep(z2, -0.8f, 0.8f, z2, 1e+30f);
-                }
-                /* the estimate has restarted from the sample */
-                status |= STRIBECK_RESTARTED_FROM_SAMPLE;
+                /* the checksum of fault counts and limits */
+                s->fault_checksum = s->fault_limit_y - 2286.0f + stribeck_abs(s->fault_count_y)
+                    + (s->fault_limit_range - 2286.0f + s->fault_count_range);
             }
-            /* remember what doubt and patience add up to */
-            s->doubt_sum = s->patience_y - 2286.0f + s->doubt_y
-                + (s->patience_range - 2286.0f + s->doubt_range);
         }
     }
     return status;
@@ -390,6 +436,10 @@ void stribeck_estimate(const stribeck_state *s, const stribeck_params *p, stribe
 unsigned stribeck_tune(stribeck_params *p)
 {
     unsigned status = 0u;
+    if (p->ready != STRIBECK_READY) {
+        stribeck_nominal(p);
+        status = STRIBECK_NO_PARAMETERS;
+    }
     /* theta in its range */
     {
         const float theta = p->gain.theta;
@@ -417,12 +467,73 @@ void stribeck_reset(stribeck_state *s)
     s->u = 0.0f;
     s->y = 0.0f;
     s->y_valid = 0.0f;
-    stribeck_clear_doubt(s);
+    stribeck_clear_fault_counts(s);
 }
 
 void stribeck_init(stribeck_state *s, stribeck_params *p)
 {
-    p->gain.theta = 80.0f;
+    stribeck_nominal(p);
     (void)stribeck_tune(p);
     stribeck_reset(s);
+}
+
+static const unsigned char stribeck_layout[8] = {0x80u, 0x38u, 0xA1u, 0x92u, 0x22u, 0x4Cu, 0xB2u, 0xD2u};
+
+/* CRC-32 of IEEE 802.3 */
+static uint32_t stribeck_checksum(const unsigned char *bytes, size_t size)
+{
+    uint32_t sum = 0xFFFFFFFFu;
+    for (size_t k = 0u; k < size; ++k) {
+        sum ^= (uint32_t)bytes[k];
+        for (unsigned bit = 0u; bit < 8u; ++bit) {
+            const uint32_t odd = sum & 1u;
+            sum >>= 1u;
+            sum ^= (odd != 0u) ? 0xEDB88320u : 0u;
+        }
+    }
+    return sum ^ 0xFFFFFFFFu;
+}
+
+void stribeck_save(const stribeck_state *s, unsigned char *saved)
+{
+    const unsigned char *const bytes = (const unsigned char *)s;
+    for (size_t k = 0u; k < 8u; ++k) {
+        saved[k] = stribeck_layout[k];
+    }
+    for (size_t k = 0u; k < sizeof(*s); ++k) {
+        saved[k + 8u] = bytes[k];
+    }
+    uint32_t sum = stribeck_checksum(saved, sizeof(*s) + 8u);
+    for (size_t k = 0u; k < 4u; ++k) {
+        saved[k + sizeof(*s) + 8u] = (unsigned char)(sum & 0xFFu);
+        sum >>= 8u;
+    }
+}
+
+unsigned stribeck_restore(stribeck_state *s, const unsigned char *saved, size_t size)
+{
+    unsigned refused = 1u;
+    if (size == STRIBECK_SAVED) {
+        refused = 0u;
+        uint32_t sum = stribeck_checksum(saved, sizeof(*s) + 8u);
+        for (size_t k = 0u; k < 4u; ++k) {
+            refused |= (saved[k + sizeof(*s) + 8u] == (unsigned char)(sum & 0xFFu)) ? 0u : 1u;
+            sum >>= 8u;
+        }
+        for (size_t k = 0u; k < 8u; ++k) {
+            refused |= (saved[k] == stribeck_layout[k]) ? 0u : 1u;
+        }
+        const unsigned ready = STRIBECK_READY;
+        const unsigned char *const mark = (const unsigned char *)&ready;
+        for (size_t k = 0u; k < sizeof(ready); ++k) {
+            refused |= (saved[k + 8u] == mark[k]) ? 0u : 1u;
+        }
+    }
+    if (refused == 0u) {
+        unsigned char *const bytes = (unsigned char *)s;
+        for (size_t k = 0u; k < sizeof(*s); ++k) {
+            bytes[k] = saved[k + 8u];
+        }
+    }
+    return refused;
 }
