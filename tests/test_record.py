@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Run
+from hgogen.commands import csv_texts
+from hgogen.reading import log as log_module
 from hgogen.reading.assigned import mapping
-from hgogen.reading.log import BadRecord, table
+from hgogen.reading.log import BadRecord, _ragged, _regular, parsed, table
 from hgogen.reading.measured import Record, read
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
 from hgogen.trials import noise
@@ -126,14 +128,60 @@ def test_columns_that_are_not_there(tmp_path: Path):
         contents.column("y")
 
 
+CELL = st.sampled_from(["1", "-2.5", " 3e-4 ", "", "nan", "inf", "1e400", "1_000", "2d3", "-", "x", ".5", "5.", "1,5"])
+
+
+@settings(deadline=None)
+@given(st.lists(st.lists(CELL, min_size=2, max_size=2), min_size=1, max_size=6), st.sampled_from("\t;|"))
+def test_rows_of_one_length_are_split_at_once_as_one_by_one(rows: list[list[str]], delimiter: str):
+    lines = [delimiter.join(row) for row in rows]
+    at_once, one_by_one = _regular(lines, delimiter, 2), _ragged(lines, delimiter, ["a", "b"])
+    assert at_once is not None
+    assert [list(map(list, at_once[0])), *at_once[1:]] == [list(map(list, one_by_one[0])), *one_by_one[1:]]
+    assert _regular([*lines, "1"], delimiter, 2) is None
+    assert _regular([*lines, f'"1"{delimiter}2'], delimiter, 2) is None
+
+
+@settings(deadline=None)
+@given(st.lists(CELL.map(str.strip), max_size=30), st.integers(1, 8))
+def test_cells_are_the_same_numbers_in_pieces_of_any_length(cells: list[str], length: int):
+    """Pieces of one cell that is a number are read at once, those of another are not."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(log_module, "PIECE", length)
+        whole = parsed("y", cells, False)
+    assert whole.values == pytest.approx(
+        [float(c.replace("d", "e")) if c in ("1", "-2.5", "3e-4", "2d3", ".5", "5.") else math.nan for c in cells],
+        nan_ok=True,
+    )
+    assert whole.blank.tolist() == [c in ("", "-") for c in cells]
+    assert whole.example == next((c for c in cells if c in ("nan", "inf", "1_000", "x", "1,5")), "")
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.floats(), st.floats(), st.integers(0, 2**32 - 1)), max_size=8), st.integers(1, 3))
+def test_rows_are_written_in_ten_digits_and_empty_where_missing(rows: list[tuple[float, float, int]], length: int):
+    numbers, status = np.array([row[:2] for row in rows]).reshape(-1, 2), np.array([row[2] for row in rows], int)
+    cells = [["" if math.isnan(value) else f"{value:.10g}" for value in row] for row in numbers.tolist()]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(csv_texts, "PIECE", length)
+        assert csv_texts._csv(["t", "a"], numbers) == "".join(f"{','.join(row)}\n" for row in [["t", "a"], *cells])
+        behind = [f"{','.join(row)},{last}\n" for row, last in zip(cells, status.tolist(), strict=True)]
+        assert csv_texts._csv(["t", "a", "status"], numbers, status) == "".join(["t,a,status\n", *behind])
+
+
 @settings(max_examples=200, deadline=None)
 @given(st.binary(max_size=100) | st.text('ty,;\t|"# \r\n01.e-', max_size=100).map(str.encode))
 def test_no_file_makes_the_reader_fall(tmp_path_factory: pytest.TempPathFactory, content: bytes):
     path = log(tmp_path_factory.getbasetemp(), content)
     with suppress(BadRecord):
         contents = table(path)
-        assert all(len(row) == len(contents.header) for row in contents.rows)
-        assert all(len(contents.column(name).values) == len(contents.rows) for name in set(contents.header))
+        assert len(contents.columns) == len(contents.header)
+        assert {len(column) for column in contents.columns} == {contents.rows}
+        assert all(
+            len(contents.column(name).values) == contents.rows
+            for name in contents.header
+            if contents.header.count(name) == 1
+        )
 
 
 # --- the mapping ----------------------------------------------------------------------------------------------

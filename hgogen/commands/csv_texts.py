@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,6 +10,9 @@ import numpy as np
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Run
 from hgogen.reading.measured import Record
+
+PIECE = 10_000  # rows at once, whose cells take some ten times as much memory as their text
+_NAN = re.compile("nan")
 
 
 def estimates(step: CallableStep, record: Record, run: Run) -> str:
@@ -34,9 +38,13 @@ def innovations(step: CallableStep, record: Record, run: Run) -> str:
 def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None = None) -> str:
     """Rows of numbers as CSV text, empty for NaN; a status behind each."""
     stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    behind = [[] for _ in numbers] if status is None else status[:, None].tolist()
-    for row, last in zip(numbers.tolist(), behind, strict=True):
-        writer.writerow([*("" if value != value else f"{value:.10g}" for value in row), *last])
+    csv.writer(stream, lineterminator="\n").writerow(header)
+    cells = ",".join(["%.10g"] * numbers.shape[1])
+    pattern = f"{cells},%d\n" if status is not None else f"{cells}\n"
+    missing = np.isnan(numbers).any(axis=1)
+    columns = [*numbers.T, *([] if status is None else [status])]
+    for first in range(0, len(numbers), PIECE):
+        rows = zip(*(column[first : first + PIECE].tolist() for column in columns), strict=True)
+        text = "".join([pattern % row for row in rows])
+        stream.write(_NAN.sub("", text) if missing[first : first + PIECE].any() else text)
     return stream.getvalue()

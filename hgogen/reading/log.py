@@ -1,6 +1,7 @@
 """A log file as a table of text: encoding, delimiter, quotes and header, whatever program wrote it."""
 
 import csv
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from hgogen.reading.content import Unread, content_of
 
 BYTES = 1 << 28  # of a log, whose cells take some ten times as much memory
 DELIMITERS = ",;\t|"
+PIECE = 1024  # cells that are numbers at once, or one by one where one of them is none
 EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
 _EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the header shows as well
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
@@ -53,12 +55,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Header and rows of cells, each row as long as the header; `malformed` rows were longer and are left
+    """Header and columns of cells, each of so many `rows`; `malformed` rows were longer than the header and are left
     out."""
 
     path: str
     header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    columns: Sequence[Sequence[str]]
+    rows: int
     malformed: int
     decimal_comma: bool
     notes: tuple[str, ...]
@@ -71,8 +74,7 @@ class Table:
 
     def cells(self, name: str) -> Sequence[str]:
         """The cells of the column of that name, as text."""
-        index = self.header.index(name)
-        return [row[index] for row in self.rows]
+        return self.columns[self.header.index(name)]
 
     def no_column(self, name: str) -> str:
         """Why there is not one column of that name, with those there are."""
@@ -86,17 +88,36 @@ class Table:
 
 def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
     """Cells as numbers."""
+    if decimal_comma:
+        cells = [cell.replace(",", ".") for cell in cells]
     values, blank, example = np.full(len(cells), np.nan), np.zeros(len(cells), bool), ""
-    for k, cell in enumerate(cells):
-        cell = cell.replace(",", ".") if decimal_comma else cell
-        if _NUMBER.fullmatch(cell):
-            values[k] = float(cell.replace("d", "e").replace("D", "e"))
-        elif cell.lower() in EMPTY:
-            blank[k] = True
-        else:
-            example = example or cell
+    for first in range(0, len(cells), PIECE):
+        piece = cells[first : first + PIECE]
+        numbers = _plain_numbers(list(filter(None, piece)))
+        if numbers is not None:
+            there = first + np.flatnonzero(list(map(len, piece)))
+            values[there] = numbers
+            blank[first : first + PIECE] = True
+            blank[there] = False
+            continue
+        for k, cell in enumerate(piece, first):
+            if _NUMBER.fullmatch(cell):
+                values[k] = float(cell.replace("d", "e").replace("D", "e"))
+            elif cell.lower() in EMPTY:
+                blank[k] = True
+            else:
+                example = example or cell
     values[np.isinf(values)] = np.nan
     return Column(name, values, blank, example)
+
+
+def _plain_numbers(cells: Sequence[str]) -> list[float] | None:
+    """The numbers of cells that all are finite ones as Python writes them; None where one may be something else."""
+    try:
+        numbers = list(map(float, cells))
+    except ValueError:
+        return None
+    return numbers if math.isfinite(sum(numbers)) and "_" not in "".join(cells) else None  # float takes 1_000 as well
 
 
 def table(path: str | Path, content: bytes | None = None) -> Table:
@@ -110,14 +131,14 @@ def table(path: str | Path, content: bytes | None = None) -> Table:
     Raises: `BadRecord`.
     """
     text, notes = _text(Path(path), bytes_of(Path(path)) if content is None else content)
-    lines = re.split(r"\r\n|\r|\n", text)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     while lines and not lines[-1].strip():
         lines.pop()
     full = [line for line in lines if line.strip()]
     if len(full) < len(lines):
         notes.append(f"{len(lines) - len(full)} empty lines: skipped")
-    comments = [line for line in full if line.lstrip().startswith("#")]
-    data = [line for line in full if not line.lstrip().startswith("#")]
+    comments = [line for line in full if line.lstrip().startswith("#")] if "#" in text else []
+    data = [line for line in full if not line.lstrip().startswith("#")] if comments else full
     if data and _EXCEL.fullmatch(data[0].strip()):
         notes.append(f"the line {data.pop(0).strip()!r}, which is for a spreadsheet: skipped")
     if not data:
@@ -129,33 +150,51 @@ def table(path: str | Path, content: bytes | None = None) -> Table:
         data.insert(0, comments.pop().lstrip().lstrip("#"))
     if comments:
         notes.append(f"{len(comments)} comment lines: skipped")
-    header, *rows = (_cells(line, delimiter) for line in data)
-    return _aligned(str(path), header, rows, delimiter, notes)
+    return _aligned(str(path), _cells(data[0], delimiter), data[1:], delimiter, notes)
 
 
-def _aligned(path: str, header: list[str], rows: list[list[str]], delimiter: str, notes: list[str]) -> Table:
+def _aligned(path: str, header: list[str], lines: list[str], delimiter: str, notes: list[str]) -> Table:
     """The table of the rows that fit the header, short ones filled up with empty cells. Raises: `BadRecord`."""
-    if not rows:
+    if not lines:
         raise BadRecord(path, "has a header but no rows")
     width = len(header)
-    aligned, malformed, short = [], 0, 0
-    for row in rows:
-        if any(row[width:]):
-            malformed += 1
-            continue
-        short += len(row) < width - (header[-1] == "")
-        aligned.append(tuple(row[:width] + [""] * (width - len(row))))
-    if not aligned:
+    columns, malformed, short = _regular(lines, delimiter, width) or _ragged(lines, delimiter, header)
+    if not columns:
         raise BadRecord(
             path, f"has no row that fits its header of {width} columns; is the delimiter {delimiter!r} right?"
         )
     if short:
         notes.append(f"{short} rows have fewer cells than the header: the rest of them is empty")
     certain = _COMMA if delimiter != "," else _NO_THOUSANDS
-    comma = any("," in cell and certain.fullmatch(cell) for row in aligned for cell in row)
+    with_comma = (cell for column in columns if "," in "".join(column) for cell in column if "," in cell)
+    comma = any(map(certain.fullmatch, with_comma))
     if comma:
         notes.append("decimal commas: read as decimal points")
-    return Table(path, tuple(header), tuple(aligned), malformed, comma, tuple(notes))
+    return Table(path, tuple(header), columns, len(columns[0]), malformed, comma, tuple(notes))
+
+
+_Columns = tuple[Sequence[Sequence[str]], int, int]  # of cells, with how many rows are malformed, and how many short
+
+
+def _regular(lines: list[str], delimiter: str, width: int) -> _Columns | None:
+    """The columns of lines without quotes that all have `width` cells, in a tenth of the time; None of others."""
+    if '"' in "".join(lines) or {line.count(delimiter) for line in lines} != {width - 1}:
+        return None
+    cells = list(map(str.strip, delimiter.join(lines).split(delimiter)))
+    return [cells[k::width] for k in range(width)], 0, 0
+
+
+def _ragged(lines: list[str], delimiter: str, header: list[str]) -> _Columns:
+    """The columns of any lines; none where no row fits the header."""
+    width = len(header)
+    aligned, malformed, short = [], 0, 0
+    for row in (_cells(line, delimiter) for line in lines):
+        if any(row[width:]):
+            malformed += 1
+            continue
+        short += len(row) < width - (header[-1] == "")
+        aligned.append(row[:width] + [""] * (width - len(row)))
+    return list(zip(*aligned, strict=True)), malformed, short
 
 
 def bytes_of(path: Path) -> bytes:

@@ -157,7 +157,7 @@ def read(
         log, clock, _ = _converted(log, log.column(time), "time", time, unit)
         times = _stamps(log, clock, unit, caller)
     else:
-        times = np.arange(len(log.rows)) * float(period or 0.0)
+        times = np.arange(log.rows) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
     record = _gridded(log, series, times, dt, unit, inputs)
     record = replace(record, operands=operands)
@@ -295,6 +295,11 @@ def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
     return float(number @ since / (number @ number)) if np.any(number) else middle
 
 
+def _first_of_equals(ascending: np.ndarray) -> np.ndarray:
+    """Whether each of these numbers (N,) is larger than the one before it, as the first is (N,)."""
+    return np.concatenate([ascending[:1] == ascending[:1], ascending[1:] > ascending[:-1]])
+
+
 def _gridded(
     log: Table,
     series: Mapping[str, Column],
@@ -308,7 +313,7 @@ def _gridded(
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
-    distinct = np.unique(times)
+    distinct = times[_first_of_equals(times)]
     steps = np.diff(distinct)
     period = _typical(distinct) or step or 0.0
     dt = step or period
@@ -322,7 +327,7 @@ def _gridded(
         raise BadRecord(log.path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)
     away = np.abs(times - times[0] - point * dt)
-    samples, used = int(point[-1]) + 1, len(np.unique(point))
+    samples, used = int(point[-1]) + 1, int(np.count_nonzero(_first_of_equals(point)))
     if samples < 2:
         raise BadRecord(
             log.path, f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}; give a record of at least 2"
@@ -332,8 +337,8 @@ def _gridded(
     for c, column in enumerate(series.values()):
         numbers = column.values[ordered][nearest]
         there = np.flatnonzero(np.isfinite(numbers))
-        points, first = np.unique(point[nearest][there], return_index=True)
-        values[points, c] = numbers[there[first]]
+        first = there[_first_of_equals(point[nearest][there])]
+        values[point[nearest][first], c] = numbers[first]
     means = [name for name in series if name in inputs and averaged.wanted(steps, period, dt)]
     for name in means:
         hold = max(averaged.HELD * period, dt)
@@ -346,7 +351,7 @@ def _gridded(
     duplicates = int(np.count_nonzero(np.diff(times) == 0))
     report = Report(
         path=log.path,
-        rows=len(log.rows) + log.malformed,
+        rows=log.rows + log.malformed,
         samples=samples,
         dt=dt,
         period=period,

@@ -79,7 +79,7 @@ def _columns(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ...]
     rows = len(next(iter(arrays.values()), ()))
     if not rows:
         raise BadRecord(path, "has no rows")
-    return Columns(path, tuple(arrays), ((),) * rows, 0, False, notes, dict(arrays))
+    return Columns(path, tuple(arrays), (), rows, 0, False, notes, dict(arrays))
 
 
 def _parquet(path: str, content: bytes) -> Table:
