@@ -41,10 +41,9 @@ def clamp(value: Graph, low: float, high: float) -> Graph:
 
 def inside(value: Graph, ends: Sequence[tuple[float, float]]) -> Graph:
     """Whether every element of a column is a number in its range; SX."""
-    elements = (value[i] for i in range(len(ends)))
     tests = (
-        binary(ca.OP_AND, binary(ca.OP_LE, low, x), binary(ca.OP_LE, x, high))
-        for x, (low, high) in zip(elements, ends, strict=True)
+        binary(ca.OP_AND, binary(ca.OP_LE, low, value[i]), binary(ca.OP_LE, value[i], high))
+        for i, (low, high) in enumerate(ends)
     )
     return reduce(partial(binary, ca.OP_AND), tests)
 
