@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from hgogen.discretisation.runge_kutta import RK4, advance, repeated
 from hgogen.form import Form
@@ -20,7 +21,7 @@ from hgogen.structure.dynamics import Dynamics
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
     """CasADi functions: `move` (z, u now, u then) -> z one sample on, `read` (z, u) -> y, `enter` (x, u) -> z, of the
-    plant's state as it was first declared."""
+    plant's state as it was first declared; what they give is dense."""
 
     move: Any
     read: Any
@@ -41,10 +42,25 @@ def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
     plant = dict(zip((*states, *form.system.inputs), (*ca.vertsplit(x), *ca.vertsplit(now)), strict=True))
     plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
     return OpenLoop(
-        ca.Function("move", [z, now, then], [_nominal(form, moved)]),
-        ca.Function("read", [z, then], [_nominal(form, dynamics.output(z, then))]),
-        ca.Function("enter", [x, now], [column(to_casadi(form.entry, plant))]),
+        ca.Function("move", [z, now, then], [ca.densify(_nominal(form, moved))]),
+        ca.Function("read", [z, then], [ca.densify(_nominal(form, dynamics.output(z, then)))]),
+        ca.Function("enter", [x, now], [ca.densify(column(to_casadi(form.entry, plant)))]),
     )
+
+
+def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
+    """What a CasADi function of matrices, a column for each sample, gives of tables with a row for each, in their
+    memory: CasADi's own matrices are made number by number, which takes longer than most models."""
+    given = [np.ascontiguousarray(each, dtype=float) for each in tables]
+    columns, samples = function.size_out(0)
+    result = np.empty((samples, columns))
+    buffer, evaluate = function.buffer()
+    for k, each in enumerate(given):
+        if each.size:
+            buffer.set_arg(k, each.data)
+    buffer.set_res(0, result.data)
+    evaluate()
+    return result
 
 
 def _nominal(form: Form, graph: Graph) -> Graph:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.calling.samples import Run, held_last
-from hgogen.discretisation.open_loop import open_loop
+from hgogen.discretisation.open_loop import evaluated, open_loop
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -77,17 +77,23 @@ def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterabl
     y = np.where(rejected(step, run, y), np.nan, y)
     model = open_loop(step.observer.form, step.dt, step.between)
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
-    z = np.array(model.enter(run.x.T, u.T))
-    wanted, last = sorted(set(ahead)), held_last(y)
-    for h in range(1, max((h for h in wanted if h < len(y)), default=0) + 1):
-        now, after = _shifted(u, h - 1), _shifted(u, h)
-        z = np.array(model.move(z, now.T, after.T))
+    wanted, last, count = sorted(set(ahead)), held_last(y), len(y)
+    farthest = max((h for h in wanted if h < count), default=0)
+    later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # of which the last one is repeated
+    move, read = model.move.map(count), model.read.map(count)
+    z = evaluated(model.enter.map(count), run.x, u)
+    for h in range(1, farthest + 1):
+        z = evaluated(move, z, later[h - 1 : h - 1 + count], later[h : h + count])
         if h in wanted:
-            predicted = _limited(np.array(model.read(z, after.T)).T, step.outputs)[:-h]
+            predicted = _limited(evaluated(read, z, later[h : h + count]), step.outputs)[:-h]
             yield _compared(h, predicted, y, last[:-h])
-    start = model.enter(run.x[0], u[0])
-    alone = np.array(model.move.mapaccum(len(y) - 1)(start, u[:-1].T, u[1:].T)) if len(y) > 1 else z[:, :0]
-    yield _compared(None, _limited(np.array(model.read(alone, u[1:].T)).T, step.outputs), y, None)
+    alone = z[:0]
+    alone = np.empty((0, len(step.outputs)))
+    if count > 1:
+        start = evaluated(model.enter, run.x[:1], u[:1])
+        alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:])
+        alone = evaluated(model.read.map(count - 1), alone, u[1:])
+    yield _compared(None, _limited(alone, step.outputs), y, None)
 
 
 def _compared(ahead: int | None, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None) -> Forecast:
@@ -131,11 +137,6 @@ def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarr
         resting = signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
         held[:, i] = np.clip(np.where(np.isnan(held[:, i]), resting, held[:, i]), low, high)
     return held
-
-
-def _shifted(u: np.ndarray, by: int) -> np.ndarray:
-    """u (N, m) `by` samples later; the last one is repeated."""
-    return np.concatenate([u[by:], np.repeat(u[-1:], min(by, len(u)), axis=0)])[: len(u)]
 
 
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...]) -> np.ndarray:
