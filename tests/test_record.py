@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -126,6 +127,33 @@ def test_columns_that_are_not_there(tmp_path: Path):
         contents.column("levle")
     with pytest.raises(BadRecord, match="2 columns named 'y'"):
         contents.column("y")
+
+
+def cpu(function: Callable[[], Any]) -> float:
+    """Processor time of a call in seconds, the least of two."""
+    spent = []
+    for _ in range(2):
+        before = time.process_time()
+        function()
+        spent.append(time.process_time() - before)
+    return min(spent)
+
+
+@pytest.mark.parametrize("rows", [50_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("missing", [0, 10])
+def test_many_rows_are_read_in_the_time_of_a_split(tmp_path: Path, rows: int, missing: int):
+    """Within six times that of splitting the text and making numbers of its cells, whatever is missing; cell by cell
+    it takes ten times as long."""
+    level = np.round(np.sin(np.arange(rows)), 6)
+    cells = ["" if missing and k % missing == 0 else f"{value:g}" for k, value in enumerate(level.tolist())]
+    path = log(tmp_path, "t,y\n" + "".join(f"{k / 100:.2f},{cell}\n" for k, cell in enumerate(cells)))
+    record = read(path, {"y": "y"}, dt=0.01, time="t")
+    assert (record.report.rows, record.report.samples) == (rows, rows)
+    expected = [float(cell or "nan") for cell in cells]
+    assert np.array_equal(record.values[:, 0], expected, equal_nan=True)
+    text = path.read_text()
+    least = cpu(lambda: [float(cell or "nan") for line in text.splitlines()[1:] for cell in line.split(",")])
+    assert cpu(lambda: read(path, {"y": "y"}, dt=0.01, time="t")) < 6 * least
 
 
 CELL = st.sampled_from(["1", "-2.5", " 3e-4 ", "", "nan", "inf", "1e400", "1_000", "2d3", "-", "x", ".5", "5.", "1,5"])
@@ -408,7 +436,9 @@ def test_predictions_of_the_exact_model():
     t = 0.1 * np.arange(60)
     u = np.sin(t)[:, None]
     y = 1.5 * np.exp(-t) + (np.sin(t) - np.cos(t)) / 2
-    forecasts = predictions(decaying(), went(y[:, None]), u, y[:, None], (1, 5))
+    ticks: list[None] = []
+    forecasts = predictions(decaying(), went(y[:, None]), u, y[:, None], (1, 5), lambda: ticks.append(None))
+    assert len(ticks) == 5
     one, five, free = forecasts
     # The input on a line between samples is off by dt^2/8 |u''| at most; through x' = -x + u that much reaches x.
     assert max(one.model, five.model, free.model) < 0.1**2 / 8

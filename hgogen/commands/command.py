@@ -270,9 +270,9 @@ class Bar(Progress):
         super().__init__(*columns, console=err, transient=True, disable=not err.is_terminal)
         self._only = self.add_task(what, total=total)
 
-    def tick(self) -> None:
-        """One more is done."""
-        self.advance(self._only)
+    def tick(self, following: str | None = None) -> None:
+        """One more is done; what comes next may have a name of its own."""
+        self.update(self._only, advance=1, description=following)
 
     def advance_by(self, done: int) -> None:
         """So many more are done."""

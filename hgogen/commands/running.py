@@ -14,6 +14,7 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
 from hgogen.commands import csv_texts, drawings, log_tables, tables
 from hgogen.commands.command import (
+    Bar,
     Json,
     ModelArgument,
     Out,
@@ -63,6 +64,7 @@ Map = Annotated[
 
 
 ROUNDING = 1e-12  # of a time over a period
+STAGES = 5  # of `run` until the figures, besides a sample ahead of each prediction
 
 
 @command()
@@ -110,39 +112,44 @@ def run_(
     width of the range or the peak; status: samples whose status differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
-    loaded = _timed(load(model).set(setting), data, time, period)
-    folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
-    folder.demand(f"{name}_report.json")
-    step = loaded.step(observer)
-    true = truth_of(loaded.plant, truth or ())
-    record = _record(step, data, time, period, map_, (*step.inputs, *step.samples), true)
-    shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
-    record = record.shifted(
-        shifts | {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
-    )
-    u, samples = record.of(step.inputs), record.of(step.samples)
-    y = step.in_time(samples)
-    engine = engine_here()
-    step, begins = _begun(step, y, initial)
-    done = step.run(u=u, y=samples, engine=engine)
-    counted = _counted(step, burn_in, len(y))
-    judge, judged = _judged(step, done, u, y, engine)
-    there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
-    errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead)
-    measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
-    hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
-    sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
-    wrong = rejections(judge, judged, u, y, record.operands, engine)
-    single = _from_double(step, done, u, samples, engine)
-    other = None if wrong else better(judge, u, y, counted, engine)
-    notes = [
-        *loss(step, done, record.t, u, y),
-        *clamped(step, u, record.operands),
-        *beyond(loaded.plant, Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)),
-        *no_better(errors),
-        *sure.sentences(),
-        *coarse(single, step.time),
-    ]
+    with Bar("reading the log", STAGES + max(ahead)) as bar:
+        loaded = _timed(load(model).set(setting), data, time, period)
+        folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
+        folder.demand(f"{name}_report.json")
+        step = loaded.step(observer)
+        true = truth_of(loaded.plant, truth or ())
+        record = _record(step, data, time, period, map_, (*step.inputs, *step.samples), true)
+        shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
+        record = record.shifted(
+            shifts | {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
+        )
+        bar.tick("running the observer")
+        u, samples = record.of(step.inputs), record.of(step.samples)
+        y = step.in_time(samples)
+        engine = engine_here()
+        step, begins = _begun(step, y, initial)
+        done = step.run(u=u, y=samples, engine=engine)
+        counted = _counted(step, burn_in, len(y))
+        bar.tick("predictions")
+        judge, judged = _judged(step, done, u, y, engine)
+        there = np.where(np.arange(len(y))[:, None] < before_loss(done), y, np.nan)
+        errors = predictions(judge, judged.since(counted), u[counted:], there[counted:], ahead, bar.tick)
+        measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
+        hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
+        bar.tick("innovations")
+        sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
+        wrong = rejections(judge, judged, u, y, record.operands, engine)
+        single = _from_double(step, done, u, samples, engine)
+        bar.tick("other shifts and signs")
+        other = None if wrong else better(judge, u, y, counted, engine)
+        notes = [
+            *loss(step, done, record.t, u, y),
+            *clamped(step, u, record.operands),
+            *beyond(loaded.plant, Log(u, np.where(rejected(judge, judged, y), np.nan, y), step.dt)),
+            *no_better(errors),
+            *sure.sentences(),
+            *coarse(single, step.time),
+        ]
     acted = interventions(step, done.status, record.t)
     if acted:
         notes.append(f"the law of recovery acted: {acted.sentence(step.time)}")

@@ -9,7 +9,7 @@ sample; a predicted reading is limited to the output's declared range, as the se
 rejected is as good as missing: nothing is compared with it, and nothing copied from it.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -53,9 +53,11 @@ class Forecast:
     compared: np.ndarray
 
 
-def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> tuple[Prediction, ...]:
+def predictions(
+    step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
+) -> tuple[Prediction, ...]:
     """The prediction errors on y (N, p) from the estimates of a run with inputs u (N, m): for each number of samples
-    ahead, then in open loop."""
+    ahead, then in open loop. `tick` is called after each sample ahead of the farthest."""
     lost = rejected(step, run, y).sum(axis=0).tolist()
     return tuple(
         Prediction(
@@ -66,13 +68,15 @@ def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Itera
             int(one.compared[:, j].sum()),
             lost[j],
         )
-        for one in forecasts(step, run, u, y, ahead)
+        for one in forecasts(step, run, u, y, ahead, tick)
         for j, signal in enumerate(step.outputs)
         if one.compared[:, j].any()
     )
 
 
-def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> Iterator[Forecast]:
+def forecasts(
+    step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int], tick: Callable[[], None] = lambda: None
+) -> Iterator[Forecast]:
     """As `predictions`, sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
     model = open_loop(step.observer.form, step.dt, step.between)
@@ -84,6 +88,7 @@ def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterabl
     z = evaluated(model.enter.map(count), run.x, u)
     for h in range(1, farthest + 1):
         z = evaluated(move, z, later[h - 1 : h - 1 + count], later[h : h + count])
+        tick()
         if h in wanted:
             predicted = _limited(evaluated(read, z, later[h : h + count]), step.outputs)[:-h]
             yield _compared(h, predicted, y, last[:-h])
