@@ -13,6 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from hgogen.discretisation.open_loop import evaluated
 from hgogen.discretisation.runge_kutta import RK4, advance
 from hgogen.graph import Graph, sx
 from hgogen.kalman.factored import Moved
@@ -39,9 +40,11 @@ class Evaluated:
             for place, _ in self._reads
         ]
         rows, columns = self.matrix.shape
-        wide = np.array(self._graph(*(each.T for each in values))) if values else np.array(self._graph()["o0"])
-        wide = wide if values else np.tile(wide, len(records))
-        return np.asarray(wide.reshape(rows, len(records), columns).swapaxes(0, 1))
+        if not values or not len(records):
+            wide = np.zeros((rows, 0)) if values else np.array(self._graph()["o0"])
+            wide = wide if values else np.tile(wide, len(records))
+            return np.asarray(wide.reshape(rows, len(records), columns).swapaxes(0, 1))
+        return evaluated(self._graph.map(len(records)), *values).reshape(-1, columns, rows).swapaxes(1, 2)
 
     @cached_property
     def _reads(self) -> tuple[tuple[Place, int], ...]:

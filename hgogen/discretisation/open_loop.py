@@ -49,13 +49,13 @@ def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
 
 
 def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
-    """What a CasADi function of matrices, a column for each sample, gives of tables with a row for each, in their
-    memory: CasADi's own matrices are made number by number, which takes longer than most models."""
-    given = [np.ascontiguousarray(each, dtype=float) for each in tables]
+    """Return the values (N, k) of a CasADi function of matrices with N columns, a column for each sample, at tables
+    with a row for each. It reads and writes their memory, since CasADi converts an array number by number."""
+    arrays = [np.ascontiguousarray(each, dtype=float) for each in tables]
     columns, samples = function.size_out(0)
     result = np.empty((samples, columns))
     buffer, evaluate = function.buffer()
-    for k, each in enumerate(given):
+    for k, each in enumerate(arrays):
         if each.size:
             buffer.set_arg(k, each.data)
     buffer.set_res(0, result.data)
