@@ -92,7 +92,6 @@ def forecasts(
         if h in wanted:
             predicted = _limited(evaluated(read, z, later[h : h + count]), step.outputs)[:-h]
             yield _compared(h, predicted, y, last[:-h])
-    alone = z[:0]
     alone = np.empty((0, len(step.outputs)))
     if count > 1:
         start = evaluated(model.enter, run.x[:1], u[:1])
