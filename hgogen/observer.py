@@ -255,9 +255,9 @@ def founded(
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
     accept = names("accept", accept)
     slopes = evaluated(form) if linearises or accept else ()
-    checks = (*form.checks, *slopes) if linearises else form.checks
+    asked = replace(form, checks=(*form.checks, *slopes)) if linearises and slopes else form
     try:
-        demand(checks, accept, replace(form, checks=checks), (*own, *(check.id for check in slopes)))
+        demand(asked.checks, accept, asked, (*own, *(check.id for check in slopes)))
     except Refuted as error:
         raise replace(error, never=_never(name, form, takes, error.checks)) from None
     return accept

@@ -230,7 +230,7 @@ def test_headers_and_casts_are_those_that_the_code_needs(name: str, real: str) -
     included = set(re.findall(r"<(std\w+|limits)\.h>", source))
     words = set(re.findall(r"\w+", re.sub(r"#include.*", "", source)))
     wide = any(int(word[:-1]) > 0xFFFF for word in words if re.fullmatch(r"\d+u", word))
-    integers = {"int32_t", "int64_t", "__builtin_memcpy"}  # the last onto bits; a status is of the header's types
+    integers = {"int32_t", "int64_t", "uint32_t", "__builtin_memcpy"}  # the last onto bits
     needed = {"stdbool": bool(words & {"bool", "true", "false"}), "stdint": bool(words & integers)}
     assert included == {header for header, there in (needed | {"limits": wide}).items() if there}
     for head, inner in re.findall(r"^([^\n]+)\n\{\n(.*?)^\}$", source, flags=re.DOTALL | re.MULTILINE):

@@ -352,13 +352,13 @@ def test_what_is_proved_stands_beside_what_is_seen(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_bounds_of_which_no_time_is_proved_say_why(tmp_path: Path) -> None:
+def test_bounds_wider_than_their_ranges_say_why_there_are_none(tmp_path: Path) -> None:
     path = tmp_path / "swing.py"
     path.write_text(BOUNDED.replace('"noise": {"y": 1e-3}', '"noise": {"y": 10}'))
     arguments = ["--observers", "high_gain", "--engine", "python", "--seeds", "1", "--trial", "short"]
     done = CliRunner().invoke(app, ["compare", str(path), "-o", str(tmp_path), *arguments])
     text = " ".join(done.stdout.split())
-    assert "high_gain: no time is proved from which on the bounds of the errors hold: what enters may move" in text
+    assert "high_gain: no bound of the errors is proved: q is unknown, as 14.9 is more than its range" in text
 
 
 def test_the_table_of_what_is_proved_has_a_dash_for_what_is_not() -> None:

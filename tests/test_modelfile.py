@@ -227,7 +227,6 @@ def test_odd_text_and_numbers_come_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("flow", "words"),
     [
-        (lambda x: sp.floor(x), "there is no function 'floor'"),
         (lambda x: sp.E * x, "reads back as another expression; rename the signal E or pi"),
     ],
 )

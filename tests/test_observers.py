@@ -423,7 +423,7 @@ UNIT = np.eye(3)
     [
         ({"Q": (1, 2)}, r"Q of shape \(2,\) must be a diagonal of 3 numbers or a 3 x 3 matrix"),
         ({"Q": 1.0}, r"Q of shape \(\) must be"),
-        ({"Q": (1, 2, 0)}, "Q must be positive definite; a state believed constant takes a small positive number"),
+        ({"Q": (1, 2, 0)}, "Q must be positive definite, or a diagonal whose zeros"),
         ({"Q": np.ones((3, 3))}, "Q must be positive definite"),
         (
             {"Q": [[1, 3, 0], [3, 9, 0], [0, 0, 1]]},

@@ -18,6 +18,7 @@ BIT = "OUT_OF_ORDER"
 ORDERED = (  # by name, as to make all steps takes seconds
     *(
         "fitzhugh_nagumo",
+        "wider",
         "cascaded_tanks",
         "two",
         "no_input",

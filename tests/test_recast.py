@@ -75,7 +75,6 @@ def test_a_change_of_coordinates_is_proved(
         ("2*x1", 1, 2, "w/3", (1, 5), "refuted", {}),
         ("sqrt(x1)", 0, 4, "w**2", (0, 2), "unknown", {}),  # defined, but with no slope at 0
         ("x1 + Min(x1, 0)", -1, 1, "Max(w, 0) + Min(w, 0)/2", (-2, 1), "unknown", {}),
-        ("x1 + sign(x1)", -1, 1, "w - sign(w)", (-2, 2), "refuted", {}),
         ("Abs(x1)", -1, 1, "w", (0, 1), "refuted", {"x1": -1.0}),
         ("log(x1)", None, None, "exp(w)", (-3, 2), "unknown", {}),
     ],

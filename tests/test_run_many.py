@@ -220,7 +220,7 @@ def test_narrower_registers_have_the_same_bits(real: Real, monkeypatch: pytest.M
     made = step("fitzhugh_nagumo", real)
     u, y = signals(made, 5, 200)
     made.run_many(u[:1], y[:1])
-    wide = "__AVX__" in native._macros(native.compiler(), native.own())
+    wide = "__AVX__" in native._macros((native.compiler(),), native.own())
     assert (made._many.lanes.width > {"double": 2, "float": 4}[real]) == wide
     made = made.made_again()
     monkeypatch.setattr(native, "own", tuple)

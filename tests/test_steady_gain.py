@@ -145,7 +145,7 @@ def test_the_filter_names_no_gain_that_is_refused(form: Any) -> None:
         (
             {"Q": (0, 1)},
             BadGain,
-            "Q must be positive definite; a state believed constant takes a small positive number",
+            "Q must be positive definite",
         ),
         ({"R": -1}, BadGain, "R = -1 must be positive"),
         ({"theta": 0}, BadGain, "theta = 0 must be"),

@@ -66,10 +66,12 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
 
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:
-    """The numbers of the places of parameters, gains and what is derived of them, all as declared."""
+    """The numbers of the places of parameters, gains and what is derived of them, all as declared, and of rows that are
+    held, as before there was a finite value."""
     fields = [("plant", field) for field in parameter_fields(observer.form.system.parameters)]
     fields += [("gain", field) for field in observer.gains]
     values = {Place(kind, field.name): np.array(field.initial) for kind, field in fields}
+    values |= {Place("state", f"last_{name}"): np.zeros(1) for name in observer.form.held}
     for part in observer.parts:
         for block in part.tune if isinstance(part, Ode) else ():
             assert isinstance(block, Block)

@@ -20,7 +20,7 @@ from hgogen.structure.jacobians import jacobians_on_box
 from hgogen.structure.scaling import Scaling
 
 _WANTED = (
-    "must be positive definite, or have no negative eigenvalue and reach every state through the model, (A, Q) "
+    "must be positive definite, or a diagonal whose zeros the noise of other states reaches through the model, (A, Q) "
     "controllable; a state that no noise reaches, such as one believed constant, takes a small positive number"
 )
 
@@ -52,7 +52,7 @@ def limited(meaning: str, action: str) -> Bit:
 
 def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | None = None) -> np.ndarray:
     """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix; rounding is taken off (`symmetric`).
-    It may have zero eigenvalues where it `reaches` every state.
+    A diagonal may have zeros where it `reaches` every state.
 
     Raises: `BadGain`.
     """
@@ -67,7 +67,7 @@ def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | N
     if even is None:
         raise BadGain(name, unsymmetric(name))
     matrix = np.array(even, dtype=float)
-    if not is_definite(matrix) and not (reaches and _nonnegative(matrix) and reaches(matrix)):
+    if not is_definite(matrix) and not (reaches and _nonnegative_diagonal(matrix) and reaches(matrix)):
         raise BadGain(name, _WANTED if reaches else "must be positive definite")
     return matrix
 
@@ -86,13 +86,17 @@ def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
     return False
 
 
-def _nonnegative(matrix: np.ndarray) -> bool:
-    return definite.nonnegative(definite.exact(definite.rationals(matrix)))
+def _is_diagonal(matrix: np.ndarray) -> bool:
+    return not np.count_nonzero(matrix - np.diag(np.diag(matrix)))
+
+
+def _nonnegative_diagonal(matrix: np.ndarray) -> bool:
+    return _is_diagonal(matrix) and bool((np.diag(matrix) >= 0).all())
 
 
 def is_definite(matrix: np.ndarray) -> bool:
     """Whether a matrix is positive definite, by exact arithmetic: a float eigenvalue near 0 may have the wrong sign."""
-    if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+    if _is_diagonal(matrix):
         return bool((np.diag(matrix) > 0).all())
     return definite.positive(definite.exact(definite.rationals(matrix)))
 

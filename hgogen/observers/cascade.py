@@ -147,6 +147,7 @@ def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] 
     system = chain.form.system
     u = column(map(resting, system.inputs))
     places = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(system.parameters)}
+    places |= {Place("state", f"last_{name}"): np.zeros(1) for name in chain.form.held}
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), places).reshape(-1)
     rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]
     bottom, top = _span(chain)

@@ -185,9 +185,9 @@ class Assembly:
         if not self.clock.guarded:
             return ()
         programs = (self.whole.predict, *map(self._correct, self.correcting), self.adapt)
-        kept = [*estimate_fields(self.observer, self.state)]
-        kept += [field for program in programs for field in guarded(program, self.state)]
-        program = boxed([field for field in self.state if field in kept], self.state, self._fresh)
+        guarded_fields = [*estimate_fields(self.observer, self.state)]
+        guarded_fields += [field for program in programs for field in guarded(program, self.state)]
+        program = boxed([field for field in self.state if field in guarded_fields], self.state, self._fresh)
         return (Section("keep_in_box", "keep the state in its box, or make it anew", program),)
 
     def _correct(self, j: int) -> Program:
