@@ -72,6 +72,11 @@ class Method(Protocol):
         """What a step does, in lines for reports; h is its length."""
         ...
 
+    @property
+    def tableau(self) -> Tableau | None:
+        """The tableau by which the model moves while samples are missing; None for a method that realises a core."""
+        ...
+
     def __hash__(self) -> int:
         """Equal methods make the same step of an observer, which is remembered."""
         ...

@@ -6,6 +6,7 @@ clamped and its columns are 0: a clamp passes a share of an error, between none 
 Fields that adapt rest where the core is the fastest.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -47,6 +48,17 @@ class Frozen:
 @lru_cache(maxsize=16)
 def frozen(part: Ode, observer: Observer) -> Frozen:
     """The errors at fixed points of the box, without the points at which M is not finite."""
+    form, points = observer.form, box_points(observer.form)
+    M, blind = errors_at(part, observer)(points)
+    finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
+    linear = core(part, len(form.system.outputs))
+    line = np.zeros(M.shape[1:]) if linear is None else np.array(ca.DM(_numbers([linear.M], observer)[0]))
+    return Frozen(M[finite], points[finite], line, blind[finite], tuple(map(str, (*form.to_form, *form.system.inputs))))
+
+
+@lru_cache(maxsize=16)
+def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, Array]]:
+    """`Frozen.M` and `Frozen.blind` (k, N, N) as a function of points (k, n + m)."""
     form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
     values = {field.name: sym("state", field.name, field.size) for field in moving}
     x, u = ca.vertcat(*values.values()), sym("state", "u", len(form.system.inputs))
@@ -63,18 +75,18 @@ def frozen(part: Ode, observer: Observer) -> Frozen:
     estimate, seen, unseen = _numbers([observer.z, slope(1), slope(0)], observer)
     readout = ca.Function("readout", [x, u], [ca.densify(ca.jacobian(estimate, x)), ca.densify(estimate)])
     error = ca.Function("error", [x, u], [ca.densify(seen), ca.densify(unseen)])
-    points, n = box_points(form), form.n
-    z, inputs = points[:, :n].T, points[:, n:].T
-    start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
-    slopes = _stacked(readout(start, inputs)[0], len(points))
-    regular = np.isfinite(slopes).all(axis=(1, 2))
-    inverse = np.linalg.pinv(np.where(regular[:, None, None], slopes, 0.0))
-    fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(readout(start, inputs)[1]))
-    M, blind = (_stacked(matrix, len(points)) for matrix in error(fields, inputs))
-    finite = regular & np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
-    linear = core(part, output.numel())
-    line = np.zeros(M.shape[1:]) if linear is None else np.array(ca.DM(_numbers([linear.M], observer)[0]))
-    return Frozen(M[finite], points[finite], line, blind[finite], tuple(map(str, (*form.to_form, *form.system.inputs))))
+
+    def errors(points: Array) -> tuple[Array, Array]:
+        z, inputs = points[:, : form.n].T, points[:, form.n :].T
+        start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
+        slopes = _stacked(readout(start, inputs)[0], len(points))
+        regular = np.isfinite(slopes).all(axis=(1, 2), keepdims=True)
+        inverse = np.linalg.pinv(np.where(regular, slopes, 0.0))
+        fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(readout(start, inputs)[1]))
+        M, blind = (np.where(regular, _stacked(matrix, len(points)), np.nan) for matrix in error(fields, inputs))
+        return M, blind
+
+    return errors
 
 
 def box_points(form: Form) -> Array:

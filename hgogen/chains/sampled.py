@@ -102,6 +102,11 @@ class Sampled:
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     @property
+    def tableau(self) -> None:
+        """None: the core is realised."""
+        return None
+
+    @property
     def exact(self) -> bool:
         """The core is realised, not integrated."""
         return True

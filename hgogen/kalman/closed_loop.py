@@ -107,8 +107,7 @@ class Loops:
             reached = ~(self._way(doubled) <= 1)
             return bool(reached.any() and (free() & reached).any())
 
-        beyond = start * WIDER ** math.ceil(math.log(end / start, WIDER))  # the step of the search that passes `end`
-        return longest(grows, start, end) if grows(beyond) else math.inf
+        return longest(grows, start, end)  # from below: it may grow at a length and not at a longer one
 
     def refused(self, start: float) -> float:
         """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
@@ -156,11 +155,10 @@ def advised(part: Riccati, dt: float) -> tuple[float, float]:
     every = [loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})]
     inputs = math.inf if part.period is None else part.period / SAMPLES
     share = 1.0 if part.known is None else SHARE
-    good = [loop.longest(dt / share) for loop in every]
-    take = min(inputs, FOLLOWED * pace(whole), share * min(good))
+    take = min(inputs, FOLLOWED * pace(whole), share * min(loop.longest(dt / share) for loop in every))
     if dt <= take:
         return math.inf, take
-    return max(loop.refused(min(start, dt)) for loop, start in zip(every, good, strict=True)), take
+    return max(loop.refused(take) for loop in every), take
 
 
 def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops:

@@ -12,6 +12,7 @@ covariance; its numbers span half the decades, for 2n square roots, and n (n + 1
 from dataclasses import dataclass
 
 from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.square_root import RULE, square_root
@@ -33,6 +34,7 @@ class Cholesky:
 
     name: str = RULE
     equations: tuple[str, ...] = EQUATIONS
+    tableau: Tableau = RK4
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """Refused. Raises: `NoCovariance`."""

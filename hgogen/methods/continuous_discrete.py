@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from hgogen.discretisation.lengths import Lengths
-from hgogen.discretisation.runge_kutta import RK4
+from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.entering import Entering
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
@@ -43,6 +43,7 @@ class ContinuousDiscrete:
 
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
+    tableau: Tableau = RK4
 
     def obstacle(self, error: Inclusion) -> Reason:
         """None, as of every tableau."""

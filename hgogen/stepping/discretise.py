@@ -3,9 +3,15 @@ equation is, and how long a step may be."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
+import numpy as np
+
+from hgogen.chains.frozen import errors_at
 from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.open_loop_limit import Ranges, open_loop_lengths
+from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.errors import HgogenError
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.curvature import Curved, curved, curved_lengths
@@ -17,6 +23,7 @@ from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
 from hgogen.program import Program
 from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
+from hgogen.structure.jacobians import flow_jacobians
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
@@ -108,13 +115,36 @@ def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
         match part:
             case Ode():
                 yield method.ode_lengths(part, observer, dt)
+                yield unmeasured(observer, method.tableau, dt, part)
             case Riccati():
                 yield method.riccati_lengths(part, dt)
+                yield unmeasured(observer, method.tableau, dt)
             case Curved():
                 yield from curved_lengths(part, method, dt)
+                yield unmeasured(observer, method.tableau, dt)
             case AtSamples(plain=plain):
                 yield factored_lengths(plain, dt)
+                yield unmeasured(observer, RK4, dt)
             case Predictors(predictor=predictor):
                 yield predictor.lengths
             case Parallel(member=member):
                 yield from (*lengths(member, method, dt), *judge_lengths(part, dt))
+
+
+def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode | None = None) -> Lengths:
+    """The step length up to which the model is followed while samples are missing, if `dt` is longer: of its Jacobian,
+    or of the Jacobian of a part without samples; none where a method has no tableau."""
+    known = Lengths() if tableau is None else _unmeasured(observer, tableau, part)
+    return known if dt > known.take else Lengths()
+
+
+@lru_cache(maxsize=16)
+def _unmeasured(observer: Observer, tableau: Tableau, part: Ode | None) -> Lengths:
+    form = observer.form
+    signals = (*form.states, *form.system.inputs)
+    low, high = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
+    ranges = Ranges(low, high, tuple(map(str, (*form.to_form, *form.system.inputs))), form.n)
+    if part is None:
+        return open_loop_lengths(flow_jacobians(observer.dynamics), ranges, tableau, form.system.time)
+    errors = errors_at(part, observer)
+    return open_loop_lengths(lambda points: errors(points)[1], ranges, tableau, form.system.time)

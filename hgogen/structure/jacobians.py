@@ -1,5 +1,6 @@
 """The Jacobians of a form in numbers, at points of the declared box; parameters are nominal."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -65,6 +66,11 @@ def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -
     return F[finite], H[finite]
 
 
+def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
+    """F (k, n, n) as a function of points (k, n + m), each a state and an input; not finite where there is none."""
+    return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
+
+
 def not_finite(dynamics: Dynamics) -> dict[str, dict[str, float]]:
     """Of each row of the flow and of the output, by the name of its state or output, a point in the middle, on corners
     or inside of the box at which one of its derivatives is not a finite number."""
@@ -119,8 +125,17 @@ def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
 
 def _numbers(dynamics: Dynamics, matrix: Graph, points: np.ndarray) -> np.ndarray:
     """The matrix (r, c) of z and u at each of k points, (k, r, c)."""
+    return _evaluated(dynamics, matrix)(points)
+
+
+def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
+    """The matrix (r, c) of z and u as a function of points (k, n + m), (k, r, c)."""
     plant = [p for p in dynamics.form.system.parameters if p.bounded]
     graph = ca.Function("F", [*_variables(dynamics), *(sym("plant", p.name) for p in plant)], [matrix])
-    states, inputs = points[:, : dynamics.n].T, points[:, dynamics.n :].T
-    wide = graph(states, inputs, *(float(p.nominal or 0) for p in plant))  # the matrices side by side
-    return np.ascontiguousarray(np.array(wide).reshape(matrix.shape[0], len(points), -1).swapaxes(0, 1))
+
+    def numbers(points: np.ndarray) -> np.ndarray:
+        states, inputs = points[:, : dynamics.n].T, points[:, dynamics.n :].T
+        wide = graph(states, inputs, *(float(p.nominal or 0) for p in plant))  # the matrices side by side
+        return np.ascontiguousarray(np.array(wide).reshape(matrix.shape[0], len(points), -1).swapaxes(0, 1))
+
+    return numbers

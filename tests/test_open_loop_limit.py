@@ -1,0 +1,115 @@
+"""The limit of dt holds over the declared ranges while samples are missing, and the warning is monotone in dt."""
+
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hgogen as hg
+from hgogen.discretisation.open_loop_limit import Ranges, open_loop_limit
+from hgogen.discretisation.runge_kutta import HEUN, RK4, Tableau
+from hgogen.kalman.closed_loop import Loops
+from hgogen.model import load
+from hgogen.step import StepMayFail
+from hgogen.stepping.discretise import unmeasured
+
+MODELS = Path(__file__).parents[1] / "models"
+REAL_EXIT = 2.785293563405282  # of classical Runge-Kutta on the negative real axis: x^3/24 - x^2/6 + x/2 - 1 = 0
+
+
+def warned(observer: hg.Observer, dt: float) -> str:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StepMayFail)
+        hg.sample(observer, dt=dt)
+    return "".join(str(each.message) for each in caught)
+
+
+def slow_and_fast(rate: float, low: float, power: int) -> hg.Observer:
+    """A scheduled v that is measured, and w' = -rate w/v^power + 1, which is the fastest at the lowest v."""
+    v, w = hg.Signal("v", low=low, high=40), hg.Signal("w", low=-1, high=1)
+    outputs = (hg.Signal("a"), hg.Signal("b"))
+    plant = hg.System("p", states=(v, w), outputs=outputs, flow=[0, 1 - rate * w / v**power], output=[v, w])
+    form, h = hg.forms.original(plant), low**power / rate
+    return hg.observers.riccati(
+        form, Q=(0.01, 1e-6), R=(0.01 * h, 1e-6 * h), initial=(low + 1, 0), covariance=(0.01, 1e-6)
+    )
+
+
+@pytest.mark.parametrize(("rate", "low", "power"), [(60.0, 2.0, 1), (90.0, 3.0, 2)])
+def test_the_limit_is_that_of_the_fastest_point(rate: float, low: float, power: int) -> None:
+    limit = REAL_EXIT * low**power / rate
+    observer = slow_and_fast(rate, low, power)
+    assert math.isinf(unmeasured(observer, RK4, 0.99 * limit).take)
+    searched = unmeasured(observer, RK4, 1.01 * limit)
+    assert searched.take == pytest.approx(limit)
+    assert searched.basis.startswith(f"beyond it w diverges while samples are missing, at v = {low:g}, w = ")
+    assert f"eigenvalue {-rate / low**power:.3g} 1/s" in searched.basis
+    assert all(warned(observer, factor * limit) for factor in (1.01, 2, 5))
+
+
+def test_it_warns_where_only_missing_samples_tell() -> None:
+    """A filter whose closed loop is followed up to 0.39."""
+    observer = load(MODELS / "fitzhugh_nagumo.py").step("kalman_like").observer
+    assert not warned(observer, 0.24)
+    assert "take dt <= 0.243 (beyond it x1 diverges while samples are missing, at " in warned(observer, 0.3)
+
+
+def test_at_the_limit_the_step_begins_to_diverge() -> None:
+    observer, limit = slow_and_fast(60.0, 2.0, 1), REAL_EXIT * 3 / 60
+    for dt, stays in ((0.98 * limit, True), (1.05 * limit, False)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StepMayFail)
+            step = hg.sample(observer, dt=dt)
+        w = step.run(y=np.tile([3.0, np.nan], (600, 1)), engine="python").x[-40:, 1]
+        assert (abs(w - 3 / 60).max() < 1e-3) == stays
+
+
+class Window(Loops):
+    """Closed loops whose error grows at step lengths between 1 and 2 only."""
+
+    def _transition(self, h: float, P: np.ndarray) -> np.ndarray:
+        return np.eye(1)[None] * (2.0 if 1 < h < 2 else 0.5)
+
+
+def test_what_grows_at_a_step_and_not_at_a_longer_one_limits_the_longer() -> None:
+    one, none = np.ones((1, 1, 1)), np.zeros((1, 1, 1))
+    loops = Window(-one, none, 2 * one, none[0], 0.0, one[None], one, np.array([np.inf]), np.array([1.5]))
+    assert [loops.longest(end) for end in (0.5, 0.9)] == [math.inf] * 2
+    (limit,) = {loops.longest(end) for end in (1.5, 3.0, 10.0)}
+    assert limit == pytest.approx(1, rel=0.02)
+
+
+@pytest.mark.parametrize("tableau", [RK4, HEUN])
+def test_the_search_finds_an_extreme_inside_of_the_ranges(tableau: Tableau) -> None:
+    """-1 - 20 exp(-100 (p - .37)^2) is the fastest at p = .37, between the points that are tried first."""
+    ranges = Ranges(np.zeros(2), np.ones(2), ("p", "q"), 1)
+
+    def slopes(points: np.ndarray) -> np.ndarray:
+        return (-1 - 20 * np.exp(-100 * (points[:, 0] - 0.37) ** 2))[:, None, None]
+
+    searched = open_loop_limit(slopes, ranges, tableau.polynomial)
+    exits = {RK4: REAL_EXIT, HEUN: 2.0}
+    assert searched.dt == pytest.approx(exits[tableau] / 21, rel=1e-4)
+    assert searched.point[0] == pytest.approx(0.37, abs=2e-3)
+    assert searched.state == "p"
+
+
+def test_a_mode_that_grows_in_the_plant_limits_nothing() -> None:
+    ranges = Ranges(np.zeros(1), np.ones(1), ("p",), 2)
+    searched = open_loop_limit(
+        lambda points: np.tile(np.diag([50.0, 0.0]), (len(points), 1, 1)), ranges, RK4.polynomial
+    )
+    assert math.isinf(searched.dt)
+
+
+def test_ends_of_the_ranges_without_a_derivative_are_left_out() -> None:
+    """A slope -1/p at 0: the limit is that of half a percent of the range."""
+    ranges = Ranges(np.zeros(1), np.ones(1), ("p",), 1)
+
+    def slopes(points: np.ndarray) -> np.ndarray:
+        with np.errstate(divide="ignore"):
+            return (-1 / points[:, 0])[:, None, None]
+
+    assert open_loop_limit(slopes, ranges, RK4.polynomial).dt == pytest.approx(0.005 * REAL_EXIT)
