@@ -81,7 +81,8 @@ def errors_at(part: Ode, observer: Observer) -> Callable[[Array], tuple[Array, A
         start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
         slopes = _stacked(readout(start, inputs)[0], len(points))
         regular = np.isfinite(slopes).all(axis=(1, 2), keepdims=True)
-        inverse = np.linalg.pinv(np.where(regular, slopes, 0.0))
+        alike = bool((slopes == slopes[:1]).all())  # of most observers the estimate is linear in their fields
+        inverse = np.linalg.pinv(np.where(regular, slopes, 0.0)[: 1 if alike else None]) + np.zeros((len(points), 1, 1))
         fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(readout(start, inputs)[1]))
         M, blind = (np.where(regular, _stacked(matrix, len(points)), np.nan) for matrix in error(fields, inputs))
         return M, blind

@@ -25,9 +25,9 @@ Array = np.ndarray
 Slopes = Callable[[Array], Array]
 RANDOM = 64  # random points, and as many corners at most
 STARTS = 4  # points from which the search goes on
-SHORTEST = 2.0**-10  # of a range: the last step of the search
+FIRST, SHORTEST = 2.0**-2, 2.0**-10  # of a range: the first and the last step of the search
 EDGE = 0.005  # of a range that is left out at its ends where F is not finite at a corner: no plant stays there
-ANGLES = 721  # of the half plane Re < 0, between which the search interpolates the first exit
+ANGLES = 181  # of the half plane Re < 0, between which the search interpolates the first exit
 SEARCHED = "sought over the declared ranges, no proof"
 
 
@@ -70,10 +70,10 @@ def open_loop_limit(slopes: Slopes, ranges: Ranges, polynomial: Sequence[float])
     values = limits(shares)
     moving = np.flatnonzero(ranges.high > ranges.low)
     best = values.argsort(kind="stable")[:STARTS]
-    minima = [_descended(limits, shares[k], values[k], moving, edge) for k in best if np.isfinite(values[k])]
-    if not minima:
+    if not np.isfinite(values[best[0]]):
         return OpenLoopLimit(np.inf, ranges.points(shares[0]), 0j, "")
-    point = ranges.points(min(minima, key=lambda each: each[1])[0])
+    minima, least = _descended(limits, shares[best], values[best], moving, edge)
+    point = ranges.points(minima[least.argmin()])
     return _decided(slopes(point[None])[0], point, ranges, polynomial)
 
 
@@ -109,26 +109,24 @@ def _started(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:
 
 
 def _descended(
-    limits: Callable[[Array], Array], start: Array, value: float, moving: Array, edge: float
-) -> tuple[Array, float]:
-    """The point, and its limit, where no move of one coordinate finds a shorter one."""
-    point, length = start, 0.25
-    rows = np.arange(len(moving))
-    while length >= SHORTEST and len(moving):
-        tried = np.repeat(point[None], 4 * len(moving), axis=0).reshape(4, len(moving), -1)
-        here = point[moving]
-        for k, moved in enumerate(
-            (np.full(len(moving), edge), np.full(len(moving), 1 - edge), here - length, here + length)
-        ):
-            tried[k, rows, moving] = np.clip(moved, edge, 1 - edge)
-        flat = tried.reshape(-1, len(point))
-        values = limits(flat)
-        least = int(values.argmin())
-        if values[least] < value * (1 - AXIS):
-            point, value = flat[least], float(values[least])
-        else:
-            length /= 2
-    return point, value
+    limits: Callable[[Array], Array], points: Array, values: Array, moving: Array, edge: float
+) -> tuple[Array, Array]:
+    """Of each start (s, n), the point, and its limit (s), where no move of one coordinate finds a shorter one."""
+    points, values, lengths = points.copy(), values.copy(), np.full(len(points), FIRST)
+    every, rows = np.arange(len(points)), np.arange(len(moving))
+    while len(moving) and lengths.max() >= SHORTEST:
+        here, move = points[:, moving], lengths[:, None]
+        ends = np.full(here.shape, edge), np.full(here.shape, 1 - edge)
+        tried = np.repeat(points[:, None], 4 * len(moving), axis=1).reshape(len(points), 4, len(moving), -1)
+        for k, moved in enumerate((*ends, here - move, here + move)):
+            tried[:, k, rows, moving] = np.clip(moved, edge, 1 - edge)
+        moves: Array = tried.reshape(len(points), 4 * len(moving), -1)
+        limits_tried = limits(moves.reshape(-1, points.shape[1])).reshape(len(points), -1)
+        least = limits_tried.argmin(axis=1)
+        better = limits_tried[every, least] < values * (1 - AXIS)
+        points[better], values[better] = moves[every, least][better], limits_tried[every, least][better]
+        lengths[~better] /= 2
+    return points, values
 
 
 def _decided(F: Array, point: Array, ranges: Ranges, polynomial: Sequence[float]) -> OpenLoopLimit:

@@ -15,7 +15,7 @@ doubling: Chu, Fan, Lin, Wang, International Journal of Control 77 (2004).
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -35,6 +35,10 @@ Flags = NDArray[np.bool_]
 POINTS, EDGE = 12, 0.005  # corners of the box, and as many points inside; how far of each range the corners are
 FOLLOWED = 1.2  # |h lambda| of a mode that turns: |exp(ix) - R_4(ix)| = x^5/120 is .02 there
 PASSING = 10.0  # of the growth in continuous time, at a corner: more is much there
+MOVED = (
+    0.25  # over the fastest eigenvalue of every F: up to it a step moves no mode so far that its length has resonances
+)
+STILL = 1e-9  # of the fastest eigenvalue: one of F that is 0
 SHORT = 0.05  # over the fastest eigenvalue: a step that follows every F and every closed loop
 LONGEST = 100  # over the fastest eigenvalue of every F: where the search for what is refused ends
 ROUNDING = 1e-7  # of an eigenvalue of T
@@ -73,15 +77,27 @@ class Loops:
 
     def way(self, h: float) -> Array:
         """The largest P_ii/cap_i (k) from every start to where P settles, after 1, 2, 3, 4, 6, 8, 12, .. steps."""
-        return self._way(_doubled(*self._step(h)))
+        return self._way(list(_doubled(*self._step(h))))
 
-    def _way(self, doubled: Iterable[tuple[Array, Array, Array]]) -> Array:
+    def _way(self, doubled: Sequence[tuple[Array, Array, Array]], enough: float = 0.0) -> Array:
+        """`way`, without what comes after a step from which on no share exceeds `enough`.
+
+        From P <= c P_s, c >= 1, with the steady P_s, no later P exceeds c P_s, for a step of c P is at most c steps of
+        P; and c is at most the trace of P_s^-1 P.
+        """
+        settled, one = doubled[-1][2], np.eye(self.F.shape[-1])
+        with np.errstate(all="ignore"):
+            inverse, bound = _solved(settled, one), self._shares(settled).max(axis=1)
         half, now = self.starts, self.starts
         largest = np.zeros(len(self.F))
         for steps in doubled:
             moved = _moved(np.concatenate((now, half)), steps)
             half, now = now, moved[: len(now)]
             largest = np.maximum(largest, self._shares(moved).max(axis=(0, 2)))
+            with np.errstate(all="ignore"):
+                later = np.maximum(1.0, (inverse * now).sum(axis=(2, 3))) * bound
+            if (later <= enough).all():
+                break
         return largest
 
     def settles(self, h: float) -> Array:
@@ -92,10 +108,11 @@ class Loops:
     def longest(self, end: float) -> float:
         """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0. The
         value does not depend on `end`; it is inf where it lies beyond `end`."""
-        fastest = np.abs(np.linalg.eigvals(np.concatenate((self.F, self.continuous)))).max(initial=0.0)
+        model, loop = (np.abs(np.linalg.eigvals(M)).max(initial=0.0) for M in (self.F, self.continuous))
+        fastest = max(model, loop)
         if not fastest or SHORT / fastest > end:
             return math.inf
-        start = SHORT / fastest
+        start, coarse_end = SHORT / fastest, MOVED / max(model, STILL * fastest)
         most = self.most * continuous(self.continuous, np.full(len(self.F), start))
         free = cache(lambda: self.way(start) <= 1)  # as seldom asked as a cap is reached
 
@@ -104,10 +121,10 @@ class Loops:
             T = self._transition(h, doubled[-1][2])
             if (growth(T) > most).any():
                 return True
-            reached = ~(self._way(doubled) <= 1)
+            reached = ~(self._way(doubled, enough=1.0) <= 1)
             return bool(reached.any() and (free() & reached).any())
 
-        return longest(grows, start, end)  # from below: it may grow at a length and not at a longer one
+        return longest(grows, start, end, coarse_end)
 
     def refused(self, start: float) -> float:
         """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
@@ -152,13 +169,22 @@ def advised(part: Riccati, dt: float) -> tuple[float, float]:
     F, C = part.slopes(POINTS, EDGE)
     whole = F if part.known is None else jacobians_on_box(part.dynamics, POINTS, edge=EDGE)[0]
     low, peak = min(part.theta.late, part.theta.rest or part.theta.peak), part.theta.peak
-    every = [loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})]
+    every = together([loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})])
     inputs = math.inf if part.period is None else part.period / SAMPLES
     share = 1.0 if part.known is None else SHARE
-    take = min(inputs, FOLLOWED * pace(whole), share * min(loop.longest(dt / share) for loop in every))
+    take = min(inputs, FOLLOWED * pace(whole), share * every.longest(dt / share))
     if dt <= take:
         return math.inf, take
-    return max(loop.refused(take) for loop in every), take
+    return every.refused(take), take
+
+
+def together(every: Sequence[Loops]) -> Loops:
+    """The closed loops of several that have the same rho and caps."""
+    F, N, Q, prior, back, most = (
+        np.concatenate([getattr(each, name) for each in every]) for name in ("F", "N", "Q", "prior", "back", "most")
+    )
+    starts = np.concatenate([each.starts for each in every], axis=1)
+    return Loops(F, N, Q, prior, every[0].rho, starts, back, every[0].cap, most)
 
 
 def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops:
