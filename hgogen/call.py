@@ -29,6 +29,7 @@ from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
 from hgogen.step import BadStep, CannotUpdate, Guards, Prefer, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
+from hgogen.stepping.resolution import demand_motion
 from hgogen.stepping.sensors import AT, ROUND
 from hgogen.system import System
 
@@ -364,7 +365,8 @@ def sample(
     "float" as small firmware does, or "double".
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
-    cannot be stable; `BadWindow`; `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates
+    cannot be stable; `StepTooShort`, where a state stands still in numbers of this precision, or a count does not fit;
+    `BadWindow`; `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates
     with the measurement.
     """
     if not isinstance(observer, Observer):
@@ -379,6 +381,7 @@ def sample(
     demand_choice("prefer", prefer, ("speed", "flash"))
     with one_thread():
         planned = arranged(plan(observer, method, dt, between, periods, guards, prefer))
+    demand_motion(observer.form, dt, real)
     for section in planned.called:
         if dangling(section.program):
             missing = ", ".join(map(str, sorted(dangling(section.program))))

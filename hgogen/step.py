@@ -276,7 +276,7 @@ def plan(
 
     Raises: `BadStep`, `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`.
     """
-    if not isinstance(dt, int | float) or not 0 < dt <= float_info.max:
+    if not isinstance(dt, int | float) or not float_info.min <= dt <= float_info.max:
         raise BadStep(f"dt = {dt!r}", f"must be a positive time in {plural(observer.form.system.time)}")
     demand_choice("between", between, ("line", "hold"))
     system = observer.form.system

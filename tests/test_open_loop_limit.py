@@ -96,12 +96,10 @@ def test_the_search_finds_an_extreme_inside_of_the_ranges(tableau: Tableau) -> N
     assert searched.state == "p"
 
 
-def test_a_mode_that_grows_in_the_plant_limits_nothing() -> None:
-    ranges = Ranges(np.zeros(1), np.ones(1), ("p",), 2)
-    searched = open_loop_limit(
-        lambda points: np.tile(np.diag([50.0, 0.0]), (len(points), 1, 1)), ranges, RK4.polynomial
-    )
-    assert math.isinf(searched.dt)
+@pytest.mark.parametrize("F", [np.diag([50.0, 0.0]), np.array([[0, 8], [-8, 0]])], ids=["grows", "turns"])
+def test_a_mode_that_does_not_decay_in_the_plant_limits_nothing(F: np.ndarray) -> None:
+    ranges = Ranges(np.zeros(2), np.ones(2), ("p", "q"), 2)
+    assert math.isinf(open_loop_limit(lambda points: np.tile(F, (len(points), 1, 1)), ranges, RK4.polynomial).dt)
 
 
 def test_ends_of_the_ranges_without_a_derivative_are_left_out() -> None:
@@ -113,3 +111,20 @@ def test_ends_of_the_ranges_without_a_derivative_are_left_out() -> None:
             return (-1 / points[:, 0])[:, None, None]
 
     assert open_loop_limit(slopes, ranges, RK4.polynomial).dt == pytest.approx(0.005 * REAL_EXIT)
+
+
+def test_a_mode_that_turns_leaves_at_its_own_ray() -> None:
+    """F moves from -4, -4 to -1 +- 8i over the range of p; Heun's first exit is that of |1 + z + z^2/2| = 1."""
+    ends, lengths = np.array([[[-4, 0], [0, -4]], [[-1, 8], [-8, -1]]]), np.linspace(0.001, 1, 10_000)
+    ranges = Ranges(np.zeros(2), np.ones(2), ("p", "q"), 2)
+
+    def slopes(points: np.ndarray) -> np.ndarray:
+        p = points[:, :1, None]
+        return (1 - p) * ends[0] + p * ends[1]
+
+    modes = np.array([-4 + p * (3 + 8j) for p in np.linspace(0, 1, 101)])
+    z = modes[:, None] * lengths
+    first = lengths[(abs(1 + z + z**2 / 2) > 1).argmax(axis=1)]
+    searched = open_loop_limit(slopes, ranges, HEUN.polynomial)
+    assert searched.dt == pytest.approx(first.min(), rel=2e-3)
+    assert searched.point[0] == pytest.approx(first.argmin() / 100, abs=0.02)

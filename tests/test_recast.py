@@ -161,6 +161,9 @@ def test_nothing_is_concluded_of_a_plant_by_a_refuted_change(
         (2 * X1, Signal("w") / 2 + u * 0 + sp.sin(u), "x1 = w/2 + sin(u) reads the input u"),
         (2 * X1 + Signal("stranger"), Signal("w") / 2, "reads stranger"),
         (2 * X1, X1, "x1 = x1 reads x1"),
+        (X1 + sp.sign(X1 - 1), Signal("w"), "w = x1 + sign(x1 - 1) jumps, so that it has no rate there"),
+        (sp.Heaviside(X1 - 1) + X1, Signal("w"), "jumps"),
+        (sp.floor(X1), Signal("w"), "w = floor(x1) jumps"),
     ],
 )
 def test_coordinates_are_of_states_and_parameters(forward: sp.Expr, inverse: sp.Expr, says: str) -> None:

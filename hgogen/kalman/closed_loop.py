@@ -35,9 +35,7 @@ Flags = NDArray[np.bool_]
 POINTS, EDGE = 12, 0.005  # corners of the box, and as many points inside; how far of each range the corners are
 FOLLOWED = 1.2  # |h lambda| of a mode that turns: |exp(ix) - R_4(ix)| = x^5/120 is .02 there
 PASSING = 10.0  # of the growth in continuous time, at a corner: more is much there
-MOVED = (
-    0.25  # over the fastest eigenvalue of every F: up to it a step moves no mode so far that its length has resonances
-)
+MOVED = 0.25  # over the fastest eigenvalue of every F: a shorter step moves no mode so far that its length resonates
 STILL = 1e-9  # of the fastest eigenvalue: one of F that is 0
 SHORT = 0.05  # over the fastest eigenvalue: a step that follows every F and every closed loop
 LONGEST = 100  # over the fastest eigenvalue of every F: where the search for what is refused ends

@@ -67,6 +67,7 @@ from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups
 from hgogen.stepping.nearest import nearest
 from hgogen.stepping.projection import estimate_fields, projection
+from hgogen.stepping.resolution import StepTooShort
 from hgogen.stepping.settling import plant_rate, settling_time
 from hgogen.stepping.trust import innovation_variance, noisier_than_best, trusted
 
@@ -115,6 +116,7 @@ class Recovery:
             return ()
         time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
         signs, rate = [], plant_rate(self.observer)
+        self._demand_counts(time, min([self.clock.period(j) for j in outputs] + [dt / p] * ranges))
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
             wait = min(max(FEWEST, ceil(time / period)), longest // 2)
@@ -126,6 +128,13 @@ class Recovery:
             meaning = f"the estimate is out of a range by {MARGIN:.0%} of it"
             signs.append(Sign("range", None, meaning, wait * dt / p, wait, min(DOUBLED * wait, longest)))
         return tuple(signs)
+
+    def _demand_counts(self, time: float, period: float) -> None:
+        """Raise `StepTooShort` where a float does not count a settling time in periods."""
+        most, dt, unit = LONGEST // 2, self.clock.dt, self.observer.form.system.time
+        if time / period > most:
+            why = f"errors settle in {time:.3g} {unit}, more than the {most} samples that can be counted"
+            raise StepTooShort(dt, why, dt / period * time / most, unit)
 
     @cached_property
     def _outside(self) -> Graph:

@@ -65,13 +65,18 @@ def _recast(change: Change) -> System:
     flow = [exact(f).xreplace(plain) for f in plant.flow]  # a product of floats is a float, and none of the decimals
     ones = [plain[s] for s in plant.states]
     rates = [sum(sp.diff(forward[w], x) * f for x, f in zip(ones, flow, strict=True)) for w in states]
+    moved = [_moved(sp.sympify(rate), backward, back, plant, sp.powdenest) for rate in rates]
+    for w, rate in zip(states, moved, strict=True):
+        if rate.has(sp.DiracDelta, sp.Derivative) and w in change.forward:
+            what = f"{w} = {change.forward[w]} jumps, so that it has no rate there; take one that is continuous"
+            raise BadSystem(plant.name, what)
     result = System(
         plant.name,
         states=states,
         inputs=plant.inputs,
         outputs=plant.outputs,
         parameters=plant.parameters,
-        flow=[_moved(sp.sympify(rate), backward, back, plant, sp.powdenest) for rate in rates],
+        flow=moved,
         output=[_moved(exact(h).xreplace(plain), backward, back, plant) for h in plant.output],
         time=plant.time,
     )

@@ -30,6 +30,7 @@ from hgogen.program import Field, Group, Place
 from hgogen.reading.door import demand_switch
 from hgogen.step import Step, demand_step
 from hgogen.stepping.ready import NO_PARAMETERS, UNINITIALISED
+from hgogen.stepping.resolution import demand_motion
 from hgogen.target import Sources
 
 
@@ -39,12 +40,14 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
 
-    Raises: `NoStep`, `BadReal`; `HidesHeader`, `OneName` for names that C cannot carry; `BeyondFloat`,
-    `NotPrintable` for a number, an operation that has no text; `PointsMerge` for a table.
+    Raises: `NoStep`, `BadReal`; `StepTooShort` where a state stands still in that precision; `HidesHeader`, `OneName`
+    for names that C cannot carry; `BeyondFloat`, `NotPrintable` for a number, an operation that has no text;
+    `PointsMerge` for a table.
     """
     demand_step(step, "c99")
     demand_switch("c99, check=", check)
     demand_real(real)
+    demand_motion(step.observer.form, step.dt, real)
     demand_file(step.name)
     demand_distinct(step, C)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}

@@ -26,16 +26,19 @@ from hgogen.emit.structs import Struct, structs
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Place, Program
 from hgogen.step import Step, demand_step
+from hgogen.stepping.resolution import demand_motion
 from hgogen.target import Files
 
 
 def lanes(step: Step, *, real: Real = "double") -> Files:
     """The step in lanes as C text.
 
-    Raises: `NoStep`, `BadReal`; as `c99` does for names and numbers; `NoLanes` for a kernel that has no such text.
+    Raises: `NoStep`, `BadReal`; `StepTooShort` where a state stands still in that precision; as `c99` does for names
+    and numbers; `NoLanes` for a kernel that has no such text.
     """
     demand_step(step, "lanes")
     demand_real(real)
+    demand_motion(step.observer.form, step.dt, real)
     demand_file(step.name)
     demand_distinct(step, C)
     writer = LaneWriter(in_lanes(step.name, real), step, real)

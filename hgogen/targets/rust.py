@@ -25,6 +25,7 @@ from hgogen.emit.syntax import Real, demand_real
 from hgogen.errors import HgogenError
 from hgogen.reading.door import demand_switch
 from hgogen.step import Step, demand_step
+from hgogen.stepping.resolution import demand_motion
 from hgogen.target import Recipe, Sources
 
 _CRATES = {"alloc", "core", "proc_macro", "std", "test"}
@@ -55,12 +56,14 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
 
-    Raises: `NoStep`, `BadReal`; `NoCrate`, `OneName` for names that Rust cannot carry; `BeyondFloat`,
-    `NotPrintable` for a number, an operation that has no text; `PointsMerge` for a table.
+    Raises: `NoStep`, `BadReal`; `StepTooShort` where a state stands still in that precision; `NoCrate`, `OneName` for
+    names that Rust cannot carry; `BeyondFloat`, `NotPrintable` for a number, an operation that has no text;
+    `PointsMerge` for a table.
     """
     demand_step(step, "rust")
     demand_switch("rust, check=", check)
     demand_real(real)
+    demand_motion(step.observer.form, step.dt, real)
     if step.name in _CRATES | keywords():
         raise NoCrate(step.name)
     demand_distinct(step, RUST)

@@ -1,0 +1,54 @@
+"""Whether a state moves in a step: by what the model moves it at most, against the spacing of the numbers that hold it.
+
+z + dt f rounds to z where |dt f| is less than half the distance between z and its neighbours. With M the largest |z| of
+the declared range, that is half an ulp below M; with |f| <= F on the ranges, by one outward-rounded look at them, a
+state stands still for certain in the binade below M where dt F is less. A state whose F is 0, and one without a range,
+limit nothing.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.intervals.box import box
+from hgogen.intervals.digits import up
+from hgogen.intervals.glance import enclose
+
+_REALS = {"float": np.float32, "double": np.float64}
+
+
+@dataclass(eq=False)
+class StepTooShort(HgogenError):
+    """A step length with which a state stands still, or a count does not fit into a number: `take` is long enough, and
+    `way` names what else helps."""
+
+    dt: float
+    why: str
+    take: float
+    unit: str
+    way: str = ""
+
+    def __str__(self) -> str:
+        return f"dt = {self.dt:g} {self.unit} is too short: {self.why}; take dt >= {up(self.take, 3)}{self.way}"
+
+
+def demand_motion(form: Form, dt: float, real: str) -> None:
+    """Raise `StepTooShort` where a state of the form stands still for certain near the end of its range."""
+    system = form.system
+    known = box((*form.states, *system.inputs, *system.parameters), system.nominal)
+    for name, state, row in zip(form.names, form.states, form.flow, strict=True):
+        fastest = float(max(map(abs, enclose(row, known))))
+        if not state.bounded or not 0 < fastest < math.inf:
+            continue
+        end = max(map(abs, state.interval))
+        half = float(np.spacing(np.nextafter(_REALS[real](end), _REALS[real](0)))) / 2
+        if dt * fastest < half:
+            why = (
+                f"the model moves {name} by at most {dt * fastest:.3g} in a step, and half the distance of two numbers "
+                f"of type {real} below {end:g} is {half:.3g}, so that it stands still there"
+            )
+            way = ', real = "double",' * (real == "float") + f" or estimate {name} as the difference from a constant"
+            raise StepTooShort(dt, why, half / fastest, system.time, way)
