@@ -9,15 +9,13 @@ limit nothing.
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import up
 from hgogen.intervals.glance import enclose
 
-_REALS = {"float": np.float32, "double": np.float64}
+_DIGITS = {"float": 24, "double": 53}  # binary
 
 
 @dataclass(eq=False)
@@ -40,11 +38,12 @@ def demand_motion(form: Form, dt: float, real: str) -> None:
     system = form.system
     known = box((*form.states, *system.inputs, *system.parameters), system.nominal)
     for name, state, row in zip(form.names, form.states, form.flow, strict=True):
-        fastest = float(max(map(abs, enclose(row, known))))
+        fastest = max(abs(float(end)) for end in enclose(row, known))
         if not state.bounded or not 0 < fastest < math.inf:
             continue
         end = max(map(abs, state.interval))
-        half = float(np.spacing(np.nextafter(_REALS[real](end), _REALS[real](0)))) / 2
+        share, power = math.frexp(end)
+        half = math.ldexp(1.0, power - (share == 0.5) - _DIGITS[real] - 1)
         if dt * fastest < half:
             why = (
                 f"the model moves {name} by at most {dt * fastest:.3g} in a step, and half the distance of two numbers "
