@@ -365,9 +365,8 @@ def sample(
     "float" as small firmware does, or "double".
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
-    cannot be stable; `StepTooShort`, where a state stands still in numbers of this precision, or a count does not fit;
-    `BadWindow`; `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates
-    with the measurement.
+    cannot be stable; `StepTooShort` where a state stands still in this precision, or a count does not fit; `BadWindow`;
+    `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates with the measurement.
     """
     if not isinstance(observer, Observer):
         raise BadStep(f"{type(observer).__name__} given to sample", "is no observer; make one by hg.observers")
@@ -383,8 +382,7 @@ def sample(
         planned = arranged(plan(observer, method, dt, between, periods, guards, prefer))
     demand_motion(observer.form, dt, real)
     for section in planned.called:
-        if dangling(section.program):
-            missing = ", ".join(map(str, sorted(dangling(section.program))))
+        if missing := ", ".join(map(str, sorted(dangling(section.program)))):
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine, real=real)
 

@@ -26,8 +26,8 @@ def charge(low: float = 0, high: float = 1, hours: float = 1) -> hg.Observer:
 
 
 def named(error: Exception) -> float:
-    (found,) = re.findall(r"take dt >= ([0-9.e+-]+)", str(error))
-    return float(found.rstrip("."))
+    (dt,) = re.findall(r"take dt >= ([0-9.e+-]+)", str(error))
+    return float(dt.rstrip("."))
 
 
 def test_a_charge_that_float_does_not_count_is_refused() -> None:
