@@ -34,7 +34,6 @@ from hgogen.stepping.guards import readings
 from hgogen.trial import BadTrial, Plant, Truth, noisy, sampled
 
 WORSE, LEAST = 1.1, 2e-3  # times, and of a range
-NEVER = 1e15  # settling time of a law that never acts
 MOST = 60_000  # samples of a run
 RESTARTED, PROJECTED = "RESTARTED_FROM_SAMPLE", "PROJECTED_ONTO_RANGES"
 
@@ -107,7 +106,7 @@ def pairs() -> Iterator[tuple[str, str]]:
 def lawless(make: Callable[[], CallableStep]) -> CallableStep:
     """A step whose law of recovery never acts."""
     _assembled.cache_clear()
-    with mock.patch.object(recovery, "settling_time", return_value=NEVER):
+    with mock.patch.object(recovery.Recovery, "signs", ()):
         step = make()
     _assembled.cache_clear()
     return step

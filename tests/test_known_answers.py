@@ -66,7 +66,7 @@ def lasting(trial: Trial, duration: float, **changes: Any) -> Trial:
 def test_plain_filter_takes_690(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself: what recovers it is patient for longer than the trial."""
     with monkeypatch.context() as patch:
-        patch.setattr(recovery, "settling_time", lambda *_: 1e5)
+        patch.setattr(recovery.Recovery, "signs", ())
         step = neuron.step(1.0)
     result = summed(step, tried(step, lasting(ONE, 850.0)))
     assert 640 <= result.settled[1] <= 730

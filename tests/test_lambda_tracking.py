@@ -168,6 +168,22 @@ def test_a_phi_that_grows_again_and_again_keeps_the_gain_moving() -> None:
     assert row.verdict is None
 
 
+def test_a_gain_that_wild_samples_from_the_start_raised_falls_again() -> None:
+    """x'' = -x without a model: errors that change their sign TURNS times are of no estimate on its way."""
+    x, v = (hg.Signal(name, low=-1, high=1) for name in ("x", "v"))
+    plant = hg.System("swinging", states=[x, v], outputs=[hg.Signal("y")], flow=[v, -x], output=[x])
+    gains = {"k_0": 4, "k_max": 64, "gamma": 5000, "strip": 0.1, "reach": 0.6, "poles": (-1, -1)}
+    observer, dt = hg.observers.lambda_tracking(hg.forms.phase(plant), **gains), 2e-3
+    t = np.arange(0, 20, dt)
+    y, first = np.cos(t), t < 0.5
+    y[first] = np.random.default_rng().uniform(-1, 1, int(first.sum()))
+    run = hg.sample(observer, hg.methods.rk4, dt=dt).run(u=np.zeros((t.size, 0)), y=y)
+    k = np.asarray(run.traces["k"]).ravel()
+    assert k[first].max() > 16
+    assert k[-1] < 8
+    assert np.abs(run.x[t > 15, 0] - np.cos(t[t > 15])).max() < gains["strip"]
+
+
 def test_an_error_within_a_wide_strip_is_no_fault() -> None:
     """x'' = -x without a model, in a strip of more than a tenth of what y spans, without fault or noise: the error at
     the first gain that settles is 1/(1 + k^2), between a fifth and the strip. By the theorem the gain never falls."""

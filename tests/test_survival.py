@@ -49,7 +49,7 @@ def rows(*quick: tuple[Any, float]) -> Any:
 def forced(monkeypatch: pytest.MonkeyPatch, theta: float, how: Any, dt: float, **options: Any) -> Any:
     """The step, even where it would be refused, and by itself: nothing restarts it from a sample."""
     with monkeypatch.context() as patch:
-        patch.setattr(recovery, "settling_time", lambda *_: 1e5)
+        patch.setattr(recovery.Recovery, "signs", ())
         patch.setattr(method, "covariance_limits", lambda *_: [Limit(np.inf, "")])
         return neuron.step(float(theta), how, dt, **options)
 

@@ -4,7 +4,7 @@
     xhat_n' = p_n k^n e                        (with `model`: + c_n(xhat, u), and c_i in the rows above)
     k' = gamma d(e)^2,  k(0) = k_0,  d(e) = |e| - lambda, limited to [0, lambda_hat - lambda]
     k <- max(k/2, k_0)  once |e| <= lambda over a time in which the integral of k is 2 ln(100 r)/mu,
-                        at most N = ceil(log2(k_max/k_0)) times after an |e| that was far, once settled
+                        at most N = ceil(log2(k_max/k_0)) times after an |e| that was far by a fault
 
 on the phase form x_i' = x_(i+1), x_n' = phi(x, u, u', ..), y = x_1; the estimate in the plant's states goes through the
 inverse of the form, and rests where that is no number. Without phi the error is of order 1/k and never 0:
@@ -15,10 +15,12 @@ The gain of the paper never falls, so that what one fault has raised amplifies t
 halves when the error has stayed in the strip for twice the time in which the core at k, whose slowest rate is k mu,
 brings an error as wide as the outer box, r times the declared one, down to a hundredth. It does so only after a fault:
 an error that is far, beyond lambda_hat, or beyond twice the strip and a tenth of what y can span, once it has been in
-the strip while the integral of k grew by 1/mu; and no more often for each than it takes from k_max to k_0. Without such
-an error the law is the paper's, and after the last one the theorem holds from the last fall on. A phi that grows again
-after long calms, or that asks for the gain from which it has just fallen, makes such errors without any fault: then the
-gain may rise and fall for ever.
+the strip while the integral of k grew by 1/mu, or once errors that are far have changed their sign TURNS times, as
+those of wild samples from the start do: an error on its way from the start changes it n - 1 times where the core's
+poles are real, and has decayed by exp(-TURNS pi z/sqrt(1 - z^2)) where they have the damping ratio z. The gain falls no
+more often for each than it takes from k_max to k_0. Without such an error the law is the paper's, and after the last
+one the theorem holds from the last fall on. A phi that grows again after long calms, or that asks for the gain from
+which it has just fallen, makes such errors without any fault: then the gain may rise and fall for ever.
 
 Source: Bullinger, Ilchmann, Allgoewer, "A simple adaptive observer for nonlinear systems", NOLCOS 1998, (2), (4), (5);
 the paper's (14) lacks the factor sqrt(cond P), which its own (11) brings in. The variant with phi, the cap k_max on the
@@ -112,6 +114,7 @@ MODELLED = Theorem(
 )
 
 
+TURNS = 16  # changes of sign
 GROWN = replace(
     GAIN_LIMITED,
     action="after outliers the gain falls by halves; if it stays, raise strip, or declare a higher cap, and a "
@@ -217,13 +220,16 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
     ((least, most),) = k.box
     slowest = float(-np.linalg.eigvals(companion(p)).real.max())
     needed, times = 2 * log(FINE * max(3.0, most ** (chain.n - 1))) / slowest, float(ceil(log2(most / least)))
-    e, quiet, falls = ca.fabs(last_error(chain, w, clock)), sym("state", "quiet"), sym("state", "falls")
+    signed, turns = last_error(chain, w, clock), sym("state", "turns")
+    e, quiet, falls = ca.fabs(signed), sym("state", "quiet"), sym("state", "falls")
     level, seen = sym("state", "k"), clock.sampled
     (low, high), reach = readings(chain.form)[0], sym("gain", "reach")
     far = ca.fmin(reach, ca.fmax(2 * sym("gain", "strip"), SHARE * (high - low))) if high - low < INF else reach
     counted = ca.if_else(e <= sym("gain", "strip"), ca.fmin(quiet + level * clock.dt, needed), 0)
     known = ca.fmax(sym("state", "settled"), quiet >= 1 / slowest)
-    may = ca.if_else(ca.logic_and(e > far, sym("state", "settled") > 0), times, falls)
+    turned = ca.if_else(signed * turns > 0, turns, ca.sign(signed) * ca.fmin(ca.fabs(turns) + 1, TURNS))
+    fault = ca.logic_or(sym("state", "settled") > 0, ca.fabs(turns) >= TURNS)
+    may = ca.if_else(ca.logic_and(e > far, fault), times, falls)
     test = ca.logic_and(quiet >= needed, ca.logic_and(falls >= 1, level > least))
     fall = {
         Place("state", "quiet"): ca.SX(0),
@@ -241,6 +247,14 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
                 lasting=True,
                 meaning="1 once it was inside for a while: what is far then is a fault",
             ),
+            scalar(
+                "turns",
+                0.0,
+                low=-TURNS,
+                high=TURNS,
+                lasting=True,
+                meaning="how often an error that is far changed its sign, with the sign of the last",
+            ),
             scalar("falls", 0.0, low=0.0, high=times, lasting=True, meaning="how often the gain may still fall"),
         ),
         adapt=(
@@ -248,6 +262,7 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
                 "has the output error stayed inside the strip?",
                 {
                     Place("state", "quiet"): ca.if_else(seen, counted, quiet),
+                    Place("state", "turns"): ca.if_else(ca.logic_and(seen, e > far), turned, turns),
                     Place("state", "falls"): ca.if_else(seen, may, falls),
                     Place("state", "settled"): known,
                 },

@@ -116,7 +116,7 @@ class Recovery:
             return ()
         time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
         signs, rate = [], plant_rate(self.observer)
-        self._demand_counts(time, min([self.clock.period(j) for j in outputs] + [dt / p] * ranges))
+        self._demand_count(time)
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
             wait = min(max(FEWEST, ceil(time / period)), longest // 2)
@@ -129,12 +129,12 @@ class Recovery:
             signs.append(Sign("range", None, meaning, wait * dt / p, wait, min(DOUBLED * wait, longest)))
         return tuple(signs)
 
-    def _demand_counts(self, time: float, period: float) -> None:
-        """Raise `StepTooShort` where a float does not count a settling time in periods."""
+    def _demand_count(self, time: float) -> None:
+        """Raise `StepTooShort` where a float does not count the samples of a settling time."""
         most, dt, unit = LONGEST // 2, self.clock.dt, self.observer.form.system.time
-        if time / period > most:
+        if time > most * dt:
             why = f"errors settle in {time:.3g} {unit}, more than the {most} samples that can be counted"
-            raise StepTooShort(dt, why, dt / period * time / most, unit)
+            raise StepTooShort(dt, why, time / most, unit)
 
     @cached_property
     def _outside(self) -> Graph:
