@@ -23,7 +23,7 @@ from hgogen.reading.assigned import mapping
 from hgogen.reading.log import BadRecord, _ragged, _regular, parsed, table
 from hgogen.reading.measured import Record, read
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
-from hgogen.trials import noise
+from hgogen.trials import noise, prediction
 from hgogen.trials.prediction import predictions
 
 U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")
@@ -447,6 +447,22 @@ def test_predictions_of_the_exact_model():
     assert [p.count for p in forecasts] == [59, 55, 59]
     wrong = predictions(decaying(), went(y[:, None] + 1), u, y[:, None], (5,))[0]
     assert wrong.model == pytest.approx(math.exp(-0.5), abs=0.1**2 / 8)
+
+
+def test_of_a_long_record_some_predictions_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From one sample of each two, at random: a sensor that answers every second period only is met."""
+    n = 4000
+    y = np.random.default_rng().standard_normal((n, 1))
+    y[1::2] = np.nan
+    run, u = went(np.zeros((n, 1))), np.zeros((n, 1))
+    every = predictions(decaying(), run, u, y, (1, 4))
+    monkeypatch.setattr(prediction, "MOST", n // 2)
+    some = predictions(decaying(), run, u, y, (1, 4))
+    assert [one.count for one in every] == [n // 2 - 1, n // 2 - 2, n // 2 - 1]
+    assert some[2] == every[2]  # in open loop
+    for few, all_ in zip(some[:2], every[:2], strict=True):
+        assert abs(few.count - n // 4) < 5 * np.sqrt(n // 8)  # of n/2 draws with a half
+        assert few.model == pytest.approx(all_.model, rel=5 / np.sqrt(n // 2))
 
 
 def test_predictions_with_holes_and_limits():

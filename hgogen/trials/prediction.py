@@ -6,7 +6,8 @@ correction.
 beside copying the last measured y, and beside the model alone from its first estimate (open loop). The
 model is the form's, its nonlinear part evaluated in the declared box, by one classical Runge-Kutta step a
 sample; a predicted reading is limited to the output's declared range, as the sensor's is. A sample that the step
-rejected is as good as missing: nothing is compared with it, and nothing copied from it.
+rejected is as good as missing: nothing is compared with it, and nothing copied from it. Of a record of more than
+MOST samples k is one at random of each two, three, .., so that at most MOST predictions are made.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,6 +20,8 @@ from hgogen.calling.samples import Run, held_last
 from hgogen.discretisation.open_loop import evaluated, open_loop
 from hgogen.signal import Signal
 from hgogen.step import Step
+
+MOST = 100_000  # predictions of each horizon: independent errors have their root mean square to half a percent
 
 
 @dataclass(frozen=True)
@@ -84,30 +87,43 @@ def forecasts(
     wanted, last, count = sorted(set(ahead)), held_last(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # of which the last one is repeated
-    move, read = model.move.map(count), model.read.map(count)
-    z = evaluated(model.enter.map(count), run.x, u)
+    starts = _starts(count)
+    move, read = model.move.map(len(starts)), model.read.map(len(starts))
+    z = evaluated(model.enter.map(len(starts)), run.x[starts], u[starts])
     for h in range(1, farthest + 1):
-        z = evaluated(move, z, later[h - 1 : h - 1 + count], later[h : h + count])
+        z = evaluated(move, z, later[starts + h - 1], later[starts + h])
         tick()
         if h in wanted:
-            predicted = _limited(evaluated(read, z, later[h : h + count]), step.outputs)[:-h]
-            yield _compared(h, predicted, y, last[:-h])
+            from_here = starts[starts + h < count]
+            predicted = _limited(evaluated(read, z, later[starts + h]), step.outputs)[: len(from_here)]
+            yield _compared(h, from_here + h, predicted, y, last[from_here])
     alone = np.empty((0, len(step.outputs)))
     if count > 1:
         start = evaluated(model.enter, run.x[:1], u[:1])
         alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:])
         alone = evaluated(model.read.map(count - 1), alone, u[1:])
-    yield _compared(None, _limited(alone, step.outputs), y, None)
+    yield _compared(None, np.arange(1, count), _limited(alone, step.outputs), y, None)
 
 
-def _compared(ahead: int | None, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None) -> Forecast:
-    """Predictions and copies of the last samples of y."""
-    first = len(y) - len(predicted)
+def _starts(count: int) -> np.ndarray:
+    """The samples from which is predicted: all, or one at random of each few, as sensors may have periods."""
+    few = -(-count // MOST)
+    blocks = np.arange(0, count, few)
+    return np.minimum(blocks + np.random.default_rng(0).integers(few, size=len(blocks)), count - 1)
+
+
+def _compared(
+    ahead: int | None, places: np.ndarray, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None
+) -> Forecast:
+    """Predictions and copies of y at places."""
 
     def at_its_sample(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.full((first, y.shape[1]), np.nan), values - y[first:]])
+        errors = np.full(y.shape, np.nan)
+        errors[places] = values - y[places]
+        return errors
 
-    there = np.isfinite(y) & (np.arange(len(y))[:, None] >= first)
+    there = np.zeros(y.shape, bool)
+    there[places] = np.isfinite(y[places])
     if copied is None:
         return Forecast(ahead, at_its_sample(predicted), None, there)
     copying = at_its_sample(copied)
