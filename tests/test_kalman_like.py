@@ -388,6 +388,18 @@ def test_its_c_runs(real: Any) -> None:
     run_check(hg.targets.c99(hg.sample(hg.observers.kalman_like(rotor(), rho=0.7, R=0.1), dt=0.01), real=real))
 
 
+@pytest.mark.parametrize("drag", [sp.Max(0, x1 - 1), sp.Abs(x1) * x2, sp.Min(1, u) * x2, sp.sqrt(x1**2 + u**2) * x2])
+def test_kinks_of_what_is_measured_are_run(drag: Any) -> None:
+    """The program reads the kinks that proofs write as norms."""
+    form = hg.forms.state_affine(plant([x2 - drag, -x1 - x2], x1))
+    step = hg.sample(hg.observers.kalman_like(form, rho=2, R=1e-3), dt=0.01)
+    at = {form.states[0]: 1.5, form.states[1]: -0.5, u: 0.25, v: 0}
+    flow = (sp.Matrix(form.A) * sp.Matrix(form.states) + sp.Matrix(form.b)).subs(at)
+    assert float(flow[0]) == pytest.approx(float((x2 - drag).subs({x1: 1.5, x2: -0.5, u: 0.25})))
+    run = step.run(u=np.zeros((50, 2)), y=np.zeros(50))
+    assert np.isfinite(run.x).all()
+
+
 @needs_compiler
 def test_eight_states_in_loops() -> None:
     """The chain is state-affine: sin x1 is of the measured state."""

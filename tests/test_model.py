@@ -204,6 +204,24 @@ def test_a_refuted_form_is_not_wrapped(tmp_path: Path):
     assert f". {other} To build all the same, say accept=" in said
 
 
+def test_no_observer_is_offered_that_is_refused_too(tmp_path: Path) -> None:
+    """x' = A(u) x in its structure, but 1/u has a pole in every form of the plant."""
+    path = tmp_path / "pole.toml"
+    path.write_text(
+        """
+        name = "pole"
+        states.x = {low = -1, high = 1, flow = "-x/u"}
+        inputs.u = {low = 0, high = 1}
+        outputs.y = {equation = "x"}
+        observer = {kind = "riccati", form = "original", Q = [1], R = 1, dt = 0.1}
+        """
+    )
+    with pytest.raises(hg.check.Refuted) as caught:
+        load(path).step()
+    assert "singular.x" in str(caught.value)
+    assert "kalman_like takes" not in str(caught.value)
+
+
 def test_a_tuning_and_a_certificate_without_the_command_line(tmp_path: Path) -> None:
     step = hg.load(MODELS / "pendulum.py").step("riccati")
     assert step.observer.name == "riccati"

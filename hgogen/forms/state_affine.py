@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
+from hgogen.algebra.kinks import unbent
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import Asking, Form
@@ -55,8 +56,8 @@ def state_affine(plant: System) -> Form:
     linear, rest = split((row.rest for row in flow), plant.states)
     for i, row in enumerate(flow):
         for x, gain in zip(hidden, row.slopes, strict=True):
-            A[i, plant.states.index(x)] = z.carry(gain)
-        b.append(z.carry(rest[i]))
+            A[i, plant.states.index(x)] = z.carry(unbent(gain))
+        b.append(z.carry(unbent(rest[i])))
     A += linear
     steep = lipschitz("state_affine", plant.flow, plant, "A x + b")
     parts = sp.ImmutableDenseMatrix(A), tuple(b), z.output

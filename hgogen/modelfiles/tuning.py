@@ -36,7 +36,7 @@ from typing import Any
 
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep, sample
-from hgogen.check import Refuted
+from hgogen.check import Refuted, refuted
 from hgogen.errors import HgogenError, nearest
 from hgogen.form import Form
 from hgogen.modelfiles.arguments import faults, poles, value
@@ -212,9 +212,9 @@ class Tuning:
         except (HgogenError, TypeError, ValueError) as error:
             raise BadModelFile(self.file, where, str(error)) from None
 
-    def _other(self, refused: Any) -> str:
+    def _other(self, refused_form: Any) -> str:
         """The observer that takes the plant as it is, in a sentence, where that is known."""
         form = forms.state_affine(self.plant)
-        if getattr(refused, "kind", "") == form.kind or not form.structured:
+        if getattr(refused_form, "kind", "") == form.kind or not form.structured or refuted(form.checks):
             return ""
         return "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
