@@ -73,7 +73,7 @@ def test_a_state_that_rests_or_has_no_range_limits_nothing() -> None:
 @pytest.mark.parametrize("dt", [1e-8, 1e-12, 1e-300])
 def test_a_dt_with_which_the_fault_counts_overflow_is_refused(dt: float) -> None:
     observer = charge(hours=1e-6)
-    with pytest.raises(StepTooShort, match=f"more than the {LONGEST // 2} samples that can be counted") as caught:
+    with pytest.raises(StepTooShort, match=f"only {LONGEST // 2} samples can be counted") as caught:
         hg.sample(observer, dt=dt)
     take, (time,) = named(caught.value), re.findall(r"errors settle in ([0-9.]+) s", str(caught.value))
     assert take == pytest.approx(float(time) / (LONGEST // 2), rel=0.02)
@@ -81,6 +81,29 @@ def test_a_dt_with_which_the_fault_counts_overflow_is_refused(dt: float) -> None
     with pytest.raises(StepTooShort):
         hg.sample(observer, dt=0.98 * take)
     assert hg.sample(observer, dt=1e-9, guards="none").guards == "none"  # has no counts
+
+
+@pytest.mark.parametrize(
+    "flow",
+    [
+        lambda a, b: [-a / 14400, -b],  # four hours are no time in which an error settles
+        lambda a, b: [a / 10 + 3 * b / 10, -a / 30 - b / 10],  # nilpotent: its eigenvalues are 0 but for rounding
+    ],
+)
+def test_a_slow_plant_is_no_reason_to_refuse_a_dt(flow) -> None:  # type: ignore[no-untyped-def]
+    a, b = hg.Signal("a", low=-5, high=5), hg.Signal("b", low=-5, high=5)
+    outputs = (hg.Signal("y"), hg.Signal("z"))
+    plant = hg.System("slow", states=(a, b), outputs=outputs, flow=flow(a, b), output=[a, b])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(1, 1), R=(1e-3, 1e-3))
+    assert hg.sample(observer, dt=1e-4).dt == 1e-4
+
+
+def test_a_filter_that_forgets_as_fast_as_its_plant_decays_is_sampled() -> None:
+    """F + rho/2 has no rate there, and errors decay at rho/2."""
+    a, b = hg.Signal("a", low=-2, high=2), hg.Signal("b", low=-2, high=2)
+    plant = hg.System("ring", states=(a, b), outputs=(hg.Signal("y"),), flow=[b, -a - b], output=[a])
+    observer = hg.observers.kalman_like(hg.forms.state_affine(plant), rho=1, R=1e-3)
+    assert hg.sample(observer, dt=1e-2).dt == 1e-2
 
 
 def test_a_dt_that_is_no_normal_number_is_refused() -> None:

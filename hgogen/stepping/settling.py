@@ -7,7 +7,7 @@ declared one, down to a hundredth of the declared one; the other half is for pol
 works against the gain. mu is the slowest rate of the linear error core, at the geometric mean of the ends between which
 a gain moves; of a Riccati observer the geometric mean of those of its closed loop at rest, the median over points of
 the box, as if slow modes were the least observable. That need not be so: a filter that is slower restarts, and then
-waits for longer.
+waits for longer. One that forgets at the rate rho has no slower mode than rho/2: its closed loop is that of F + rho/2.
 A plant may do for a time what its model does not know, as a tank that overflows, and that takes as long as it is slow:
 lambda is the geometric mean of |eigenvalues| of its Jacobian, the median over points of the box.
 """
@@ -35,7 +35,12 @@ SAMPLES = 10  # the inverse of a rate, where none is known
 def settling_time(observer: Observer, clock: Clock, r: float) -> float:
     """T of the module, in the model's unit; r is by how much the outer box is wider than the declared one."""
     plant = plant_rate(observer)
-    return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
+    return max(convergence_time(observer, clock, r), 0.0 if plant is None else 2 / plant)
+
+
+def convergence_time(observer: Observer, clock: Clock, r: float) -> float:
+    """The share of T that the observer's own rate asks for, in the model's unit."""
+    return 2 * log(FINE * r) / rate(observer, clock)
 
 
 def plant_rate(observer: Observer) -> float | None:
@@ -72,6 +77,8 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
             return min(decays[decays > 0].tolist(), default=None)
         case Riccati():
             decays = closed_loop_rates(*part.linearised(POINTS), *part.nominal, part.theta.late, part.scaling)
+            if part.forgetting is not None:
+                decays = np.maximum(decays, part.forgetting.initial[0] / 2)
             return _typical(decays[decays[:, 0] > HIDDEN * decays[:, -1]])
         case Around():
             return _rate(part.plain, observer, clock)
