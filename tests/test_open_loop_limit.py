@@ -49,6 +49,20 @@ def test_the_limit_is_that_of_the_fastest_point(rate: float, low: float, power: 
     assert all(warned(observer, factor * limit) for factor in (1.01, 2, 5))
 
 
+def test_the_limit_is_that_of_every_value_that_can_be_tuned() -> None:
+    """tau is 30 and may be set to 10, where v' = -v/tau is followed up to 10 times the exit."""
+    s, v = hg.Signal("s", low=0, high=1), hg.Signal("v", low=-1, high=1)
+    i, tau = hg.Signal("i", low=-1, high=1), hg.Signal("tau", "s", "time constant", 30, low=10, high=60)
+    plant = hg.System(
+        "p", states=(s, v), inputs=(i,), outputs=(hg.Signal("y"),), parameters=(tau,),
+        flow=[i / 9000, i - v / tau], output=[3 * s + v],
+    )  # fmt: skip
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-4, 1e-4), R=1e-3)
+    assert not warned(observer, 9.99 * REAL_EXIT)
+    assert "take dt <= 27.8 (beyond it v diverges" in warned(observer, 10.1 * REAL_EXIT)
+    assert "tau = 10," in warned(observer, 20 * REAL_EXIT)
+
+
 def test_it_warns_where_only_missing_samples_tell() -> None:
     """A filter whose closed loop is followed up to 0.39."""
     observer = load(MODELS / "fitzhugh_nagumo.py").step("kalman_like").observer

@@ -23,7 +23,7 @@ from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
 from hgogen.program import Program
 from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
-from hgogen.structure.jacobians import flow_jacobians
+from hgogen.structure.jacobians import flow_jacobians, tunable
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
@@ -141,9 +141,10 @@ def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode
 @lru_cache(maxsize=16)
 def _unmeasured(observer: Observer, tableau: Tableau, part: Ode | None) -> Lengths:
     form = observer.form
-    signals = (*form.states, *form.system.inputs)
+    tuned = tunable(form.system) if part is None else ()
+    signals, names = (*form.states, *form.system.inputs, *tuned), (*form.to_form, *form.system.inputs, *tuned)
     low, high = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
-    ranges = Ranges(low, high, tuple(map(str, (*form.to_form, *form.system.inputs))), form.n)
+    ranges = Ranges(low, high, tuple(map(str, names)), form.n)
     if part is None:
         return open_loop_lengths(flow_jacobians(observer.dynamics), ranges, tableau, form.system.time)
     errors = errors_at(part, observer)

@@ -9,7 +9,9 @@ import numpy as np
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
 from hgogen.program import sym
+from hgogen.signal import Signal
 from hgogen.structure.dynamics import Dynamics
+from hgogen.system import System
 
 
 @dataclass(eq=False)
@@ -67,8 +69,14 @@ def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -
 
 
 def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
-    """F (k, n, n) as a function of points (k, n + m), each a state and an input; not finite where there is none."""
+    """F (k, n, n) as a function of points (k, n + m), each a state and an input, or (k, n + m + q) with the values of
+    the q parameters that have a range; not finite where there is none."""
     return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
+
+
+def tunable(system: System) -> tuple[Signal, ...]:
+    """The parameters with a range, which may be set while a program runs."""
+    return tuple(p for p in system.parameters if p.bounded)
 
 
 def not_finite(dynamics: Dynamics) -> dict[str, dict[str, float]]:
@@ -129,13 +137,15 @@ def _numbers(dynamics: Dynamics, matrix: Graph, points: np.ndarray) -> np.ndarra
 
 
 def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
-    """The matrix (r, c) of z and u as a function of points (k, n + m), (k, r, c)."""
-    plant = [p for p in dynamics.form.system.parameters if p.bounded]
+    """The matrix (r, c) of z and u as a function of points (k, n + m), (k, r, c); parameters with a range are nominal
+    where the points do not go on with their values."""
+    plant, given = tunable(dynamics.form.system), dynamics.n + len(dynamics.form.system.inputs)
     graph = ca.Function("F", [*_variables(dynamics), *(sym("plant", p.name) for p in plant)], [matrix])
 
     def numbers(points: np.ndarray) -> np.ndarray:
-        states, inputs = points[:, : dynamics.n].T, points[:, dynamics.n :].T
-        wide = graph(states, inputs, *(float(p.nominal or 0) for p in plant))  # the matrices side by side
+        states, inputs, values = points[:, : dynamics.n].T, points[:, dynamics.n : given].T, points[:, given:].T
+        parameters = values[:, None] if len(values) else (float(p.nominal or 0) for p in plant)
+        wide = graph(states, inputs, *parameters)  # the matrices side by side
         return np.ascontiguousarray(np.array(wide).reshape(matrix.shape[0], len(points), -1).swapaxes(0, 1))
 
     return numbers
