@@ -195,6 +195,28 @@ def test_an_accepted_pole_holds_the_last_rate_and_says_so(name: str, engine: str
     assert set(run.status[4:8]) == {run.status[4]}
 
 
+@pytest.mark.parametrize(
+    ("form", "refuted"),
+    [("original", ("original.lipschitz",)), ("triangular", ("triangular.a_2",)), ("state_affine", ())],
+)
+@pytest.mark.parametrize("engine", ["c", "python"])
+def test_a_pole_in_the_slope_of_the_next_state_is_held_too(form: str, refuted: tuple[str, ...], engine: str) -> None:
+    """x' = v/w - x: nothing is lost while w is 0, and no state restarts."""
+    plant = hg.System("p", states=(X, V), inputs=(W,), outputs=(Y,), flow=[V / W - X, -V], output=[X])
+    made = getattr(hg.forms, form)(plant)
+    if form == "state_affine":
+        accept = ("singular.x", "state_affine.lipschitz", "kalman_like.persistence")
+        observer = hg.observers.kalman_like(made, rho=1, R=0.1, accept=accept)
+    else:
+        observer = hg.observers.riccati(made, accept=("singular.x", *refuted), **KALMAN)
+    step = hg.sample(observer, dt=0.01, between="hold")
+    u = np.array([0.5] * 100 + [0.0] * 4 + [0.5] * 4)
+    run = step.run(u, np.full(108, 0.2), engine=engine)
+    assert raised(step, run, "HELD_X").tolist() == [False] * 100 + [True] * 4 + [False] * 4
+    assert not raised(step, run, "RESTARTED").any()
+    assert np.abs(np.diff(run.x[99:105], axis=0)).max() < 0.02
+
+
 def test_a_stage_alone_that_meets_a_pole_is_held_and_said() -> None:
     """Between samples the input runs on a line: from -1/2 to 1/2 it is 0 in the middle."""
     step = observed("riccati", oscillator(1 / (20 * W)), ("singular.v",), KALMAN, between="line")

@@ -115,7 +115,7 @@ class Dynamics:
         whole = self._jacobian(z, u)
         if not self.holding.rates:
             return whole
-        A, taken = ca.densify(self._unheld(z, u)[0]), self.slopes_taken(z, u)
+        A, taken = ca.densify(self.holding.coasting(self._unheld(z, u)[0])), self.slopes_taken(z, u)
         rows = (ca.if_else(taken[i], whole[i, :], A[i, :]) if i in taken else whole[i, :] for i in range(self.n))
         return ca.vertcat(*rows)
 
@@ -294,12 +294,14 @@ class Dynamics:
         return sym("form", "u", len(self.form.system.inputs))
 
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """A and b at z, which its callers have clamped; of a row that is held there the last b_i."""
+        """A and b at z, which its callers have clamped; of a row that is held there the last b_i, and 0 for a gain of a
+        chain that is not finite."""
         linear, rest = self._unheld(z, u)
         if not self.holding.rates:
             return linear, rest
         whole = linear @ z + rest
-        return linear, column(self.holding.rate(i, rest[i], whole[i]) for i in range(self.n))
+        held = column(self.holding.rate(i, rest[i], whole[i]) for i in range(self.n))
+        return self.holding.coasting(linear), held
 
     def _unheld(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A and b at z."""

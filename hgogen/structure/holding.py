@@ -54,6 +54,14 @@ class Holding:
         """b_i, or its last one where the `whole` rate A_i sat(z) + b_i is not taken."""
         return ca.if_else(self.takes_rate(i, whole), b, last(self.rates[i])) if i in self.rates else b
 
+    def coasting(self, A: Graph) -> Graph:
+        """A, sparse (n, n), whose gain of a chain in a row that is held is 0 where it is not taken."""
+        coasts = ca.SX(A)
+        for i, k in _links(self.form):
+            if i in self.rates and self.form.A[i, k].free_symbols:
+                coasts[i, k] = ca.if_else(within(A[i, k], (-self.largest, self.largest)), A[i, k], 0)
+        return coasts
+
     def output(self, j: int, h: Graph, whole: Graph) -> Graph:
         """h_j, or its last one where h_j(sat(z)), the `whole`, is not taken."""
         return ca.if_else(self.takes_output(j, whole), h, last(self.outputs[j])) if j in self.outputs else h
@@ -88,21 +96,29 @@ def last(signal: Signal) -> Graph:
 def holding(form: Form, accepted: Iterable[str]) -> Form:
     """Return the form, of which the rows whose checks `singular.NAME` are `accepted` are held.
 
-    Coefficients of A in a held row that may have no finite value go into its b; those of a chain stay, of which the
-    form has a check of its own.
+    Coefficients of A in a held row that may have no finite value go into its b; the gains of a chain stay, of which the
+    form has checks of their own, and are 0 there (`Holding.coasting`).
     """
     accepted = {id for id in accepted if isinstance(id, str)}
     names = tuple(s.name for s in _rows(form) if claim_id(s) in accepted)
     if not names:
         return form
     held = replace(form, held=names)
-    A, b = form.A.as_mutable(), list(form.b)
+    A, b, links = form.A.as_mutable(), list(form.b), _links(form)
     for i in Holding(held, 1.0).rates:
         for k in range(form.n):
-            if k != i + 1 and A[i, k] != 0 and gaps([A[i, k]], _in_z(form)):
+            if (i, k) not in links and A[i, k] != 0 and gaps([A[i, k]], _in_z(form)):
                 b[i] = sp.Add(b[i], A[i, k] * form.states[k])
                 A[i, k] = 0
     return replace(held, A=sp.ImmutableDenseMatrix(A), b=tuple(b))
+
+
+def _links(form: Form) -> set[tuple[int, int]]:
+    """The entries of A with which a state of a chain enters the row before it; none of a form without chains."""
+    if form.kind in ("original", "state_affine"):
+        return set()
+    chains = zip(form.heads, form.blocks, strict=True)
+    return {(i, i + 1) for head, size in chains for i in range(head, head + size - 1)}
 
 
 def _rows(form: Form) -> Iterator[Signal]:
