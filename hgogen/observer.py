@@ -256,8 +256,9 @@ def founded(
     accept = names("accept", accept)
     slopes = evaluated(form) if linearises or accept else ()
     asked = replace(form, checks=(*form.checks, *slopes)) if linearises and slopes else form
+    unclamped = evaluated(replace(form, clamped=False)) if accept else ()  # what is asked of a step without guards
     try:
-        demand(asked.checks, accept, asked, (*own, *(check.id for check in slopes)))
+        demand(asked.checks, accept, asked, (*own, *(check.id for check in (*slopes, *unclamped))))
     except Refuted as error:
         raise replace(error, never=_never(name, form, takes, error.checks)) from None
     return accept

@@ -160,6 +160,18 @@ def test_a_derivative_without_a_value_is_asked_of_those_who_evaluate_it() -> Non
         assert not raised(step, run, "RESTARTED").any()
 
 
+def test_what_a_step_without_guards_asks_can_be_accepted() -> None:
+    """The derivative of sqrt(x^2 + v^2) is 0/0 at 0; a form that clamps reads 0 there."""
+    system = hg.System("p", states=(X, V), outputs=(Y,), flow=[V, -X - V], output=[sp.sqrt(X**2 + V**2)])
+    form = hg.forms.original(system)
+    with pytest.raises(Refuted, match=r"accept=\('singular\.y',\)"):
+        hg.sample(hg.observers.riccati(form, **KALMAN), dt=0.01, guards="none")
+    observer = hg.observers.riccati(form, accept=("singular.y",), initial=(1, 0), **KALMAN)
+    plain, guarded = hg.sample(observer, dt=0.01, guards="none"), hg.sample(observer, dt=0.01)
+    y = 1 + 0.1 * np.sin(np.arange(50) / 5)
+    assert plain.run(y=y).x == pytest.approx(guarded.run(y=y).x, rel=1e-9)
+
+
 def test_a_name_that_is_no_check_is_refused() -> None:
     with pytest.raises(UnknownCheck, match=r"singular\.z"):
         hg.observers.ukf(hg.forms.triangular(oscillator(W)), Q=[1, 1], R=1, accept=("singular.z",))
