@@ -13,6 +13,7 @@ import hgogen as hg
 from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.structure.dynamics import HUGE
+from hgogen.trials.prediction import predictions
 
 X, V = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2)
 H = hg.Signal("h", low=0, high=2)
@@ -227,6 +228,15 @@ def test_a_pole_in_the_slope_of_the_next_state_is_held_too(form: str, refuted: t
     assert raised(step, run, "HELD_X").tolist() == [False] * 100 + [True] * 4 + [False] * 4
     assert not raised(step, run, "RESTARTED").any()
     assert np.abs(np.diff(run.x[99:105], axis=0)).max() < 0.02
+
+
+@pytest.mark.parametrize(("rate", "output", "name"), [(1 / (20 * W), X, "v"), (0 * W, X + 1 / (20 * W), "y")])
+def test_predictions_of_a_record_leave_out_where_there_is_no_value(rate: Any, output: Any, name: str) -> None:
+    step = observed("riccati", oscillator(rate, output), (f"singular.{name}",), KALMAN)
+    u, y = np.array([0.5] * 20 + [0.0] * 4 + [0.5] * 20)[:, None], np.full((44, 1), 0.2)
+    one, alone = predictions(step, step.run(u, y), u, y, (1,))
+    assert np.isfinite((one.model, alone.model)).all()
+    assert 30 < one.count < 43
 
 
 def test_a_stage_alone_that_meets_a_pole_is_held_and_said() -> None:

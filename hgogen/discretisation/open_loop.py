@@ -1,9 +1,9 @@
 """The model of a form without correction, one sample on: classical Runge-Kutta, parameters at their nominal values.
 
-Its nonlinear part is evaluated in the declared box, as in an observer.
+Its nonlinear part is evaluated in the declared box, as in an observer. Nothing is held where it has no value.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -31,7 +31,7 @@ class OpenLoop:
 @lru_cache(maxsize=8)  # one record after another is predicted by the same model
 def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
     """The model over a sample of `dt`, in so many Runge-Kutta steps; `between`: how inputs go on, "line" or "hold"."""
-    dynamics, states = Dynamics(form), [signal for signal, _ in form.estimates]
+    dynamics, states = Dynamics(replace(form, held=())), [signal for signal, _ in form.estimates]
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
     now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
 

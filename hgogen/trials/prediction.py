@@ -82,7 +82,7 @@ def forecasts(
 ) -> Iterator[Forecast]:
     """As `predictions`, sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
-    model = open_loop(step.observer.form, step.dt, step.between)
+    model, held = open_loop(step.observer.form, step.dt, step.between), bool(step.observer.form.held)
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
     wanted, last, count = sorted(set(ahead)), held_last(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
@@ -95,14 +95,14 @@ def forecasts(
         tick()
         if h in wanted:
             from_here = starts[starts + h < count]
-            predicted = _limited(evaluated(read, z, later[starts + h]), step.outputs)[: len(from_here)]
-            yield _compared(h, from_here + h, predicted, y, last[from_here])
+            predicted = _limited(evaluated(read, z, later[starts + h]), step.outputs, held)[: len(from_here)]
+            yield _compared(h, from_here + h, predicted, y, last[from_here], held)
     alone = np.empty((0, len(step.outputs)))
     if count > 1:
         start = evaluated(model.enter, run.x[:1], u[:1])
         alone = evaluated(model.move.mapaccum(count - 1), start, u[:-1], u[1:])
         alone = evaluated(model.read.map(count - 1), alone, u[1:])
-    yield _compared(None, np.arange(1, count), _limited(alone, step.outputs), y, None)
+    yield _compared(None, np.arange(1, count), _limited(alone, step.outputs, held), y, None, held)
 
 
 def _starts(count: int) -> np.ndarray:
@@ -113,9 +113,9 @@ def _starts(count: int) -> np.ndarray:
 
 
 def _compared(
-    ahead: int | None, places: np.ndarray, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None
+    ahead: int | None, places: np.ndarray, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None, held: bool
 ) -> Forecast:
-    """Predictions and copies of y at places."""
+    """Predictions and copies of y at places; of a model `held` where it has no value, there is none there."""
 
     def at_its_sample(values: np.ndarray) -> np.ndarray:
         errors = np.full(y.shape, np.nan)
@@ -123,7 +123,7 @@ def _compared(
         return errors
 
     there = np.zeros(y.shape, bool)
-    there[places] = np.isfinite(y[places])
+    there[places] = np.isfinite(y[places]) & (np.isfinite(predicted) | (not held))
     if copied is None:
         return Forecast(ahead, at_its_sample(predicted), None, there)
     copying = at_its_sample(copied)
@@ -159,6 +159,7 @@ def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarr
     return held
 
 
-def _limited(y: np.ndarray, outputs: tuple[Signal, ...]) -> np.ndarray:
+def _limited(y: np.ndarray, outputs: tuple[Signal, ...], held: bool) -> np.ndarray:
+    """Predictions in the ranges of the outputs; of a model that is `held` where it has no value, none there."""
     low, high = np.array([s.interval for s in outputs]).T
-    return np.asarray(np.clip(y, low, high))
+    return np.clip(np.where(np.isinf(y) & held, np.nan, y), low, high)
