@@ -388,6 +388,12 @@ def test_its_c_runs(real: Any) -> None:
     run_check(hg.targets.c99(hg.sample(hg.observers.kalman_like(rotor(), rho=0.7, R=0.1), dt=0.01), real=real))
 
 
+def test_kinks_stay_as_they_are_written_and_are_verified() -> None:
+    form = hg.forms.state_affine(plant([u * x2 - sp.Max(0, x1 - 1), -x1 - x2], x1))
+    assert form.b == (-sp.Max(0, form.states[0] - 1), 0)
+    assert set(rechecked(form, form.checks).values()) == {"verified"}
+
+
 @pytest.mark.parametrize("drag", [sp.Max(0, x1 - 1), sp.Abs(x1) * x2, sp.Min(1, u) * x2, sp.sqrt(x1**2 + u**2) * x2])
 def test_kinks_of_what_is_measured_are_run(drag: Any) -> None:
     """The program reads the kinks that proofs write as norms."""
