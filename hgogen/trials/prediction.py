@@ -162,4 +162,4 @@ def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarr
 def _limited(y: np.ndarray, outputs: tuple[Signal, ...], held: bool) -> np.ndarray:
     """Predictions in the ranges of the outputs; of a model that is `held` where it has no value, none there."""
     low, high = np.array([s.interval for s in outputs]).T
-    return np.clip(np.where(np.isinf(y) & held, np.nan, y), low, high)
+    return np.asarray(np.clip(np.where(np.isinf(y) & held, np.nan, y), low, high))
