@@ -294,14 +294,12 @@ class Dynamics:
         return sym("form", "u", len(self.form.system.inputs))
 
     def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """A and b at z, which its callers have clamped; of a row that is held there the last b_i, and 0 for a gain of a
-        chain that is not finite."""
+        """A and b at z, which its callers have clamped; of a row that is held there the last b_i, no infinite gain."""
         linear, rest = self._unheld(z, u)
         if not self.holding.rates:
             return linear, rest
         whole = linear @ z + rest
-        held = column(self.holding.rate(i, rest[i], whole[i]) for i in range(self.n))
-        return self.holding.coasting(linear), held
+        return self.holding.coasting(linear), column(self.holding.rate(i, rest[i], whole[i]) for i in range(self.n))
 
     def _unheld(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A and b at z."""

@@ -139,11 +139,11 @@ def _numbers(dynamics: Dynamics, matrix: Graph, points: np.ndarray) -> np.ndarra
 def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
     """The matrix (r, c) of z and u as a function of points (k, n + m), (k, r, c); parameters with a range are nominal
     where the points do not go on with their values."""
-    plant, given = tunable(dynamics.form.system), dynamics.n + len(dynamics.form.system.inputs)
+    plant, inputs_end = tunable(dynamics.form.system), dynamics.n + len(dynamics.form.system.inputs)
     graph = ca.Function("F", [*_variables(dynamics), *(sym("plant", p.name) for p in plant)], [matrix])
 
     def numbers(points: np.ndarray) -> np.ndarray:
-        states, inputs, values = points[:, : dynamics.n].T, points[:, dynamics.n : given].T, points[:, given:].T
+        states, inputs, values = np.split(points.T, (dynamics.n, inputs_end))
         parameters = values[:, None] if len(values) else (float(p.nominal or 0) for p in plant)
         wide = graph(states, inputs, *parameters)  # the matrices side by side
         return np.ascontiguousarray(np.array(wide).reshape(matrix.shape[0], len(points), -1).swapaxes(0, 1))
