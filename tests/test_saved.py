@@ -114,6 +114,53 @@ def test_states_of_many_records_are_saved_ones() -> None:
         made.run_many(y=np.ones((1, 4, 1)), starts=[spoiled if spoiled != many.states[0] else many.states[0][1:]])
 
 
+def declared(**changed: Any) -> hg.System:
+    """A plant with a constant parameter and a table, or with another value, range or table."""
+    values: dict[str, Any] = {"k": 1.0, "range": (-2.0, 2.0), "ys": (0.0, 1.0, 3.0)} | changed
+    x1 = hg.Signal("x1", low=values["range"][0], high=values["range"][1])
+    x2, y = hg.Signal("x2", low=-2, high=2), hg.Signal("y", low=-2, high=2)
+    k, curve = hg.Signal("k", nominal=values["k"]), hg.table(x1, xs=[-2, 0, 2], ys=values["ys"], name="curve")
+    flow = [x2, -k * x1 - curve]
+    return hg.System("kept", states=(x1, x2), outputs=(y,), parameters=(k,), flow=flow, output=[x1])
+
+
+def injected(system: hg.System, **arguments: Any) -> hg.Step:
+    chosen = {"theta": 3, "alpha": 3, "beta": 1, "poles": (-1, -1)} | arguments
+    observer = hg.observers.filtered(hg.forms.triangular(system), **chosen)
+    return hg.sample(observer, dt=1e-3)
+
+
+def selected(period: float, covariance: tuple[float, float] = (1, 1)) -> hg.Step:
+    form, theta = hg.forms.triangular(declared()), hg.theta.decaying(3, 1)
+    member = hg.observers.riccati(form, Q=[1, 1], R=1, theta=theta, covariance=covariance)
+    return hg.sample(hg.observers.bank(member, count=2, period=period), dt=1e-2)
+
+
+CONSTANTS: dict[str, Callable[[], tuple[hg.Step, hg.Step]]] = {
+    "value": lambda: (injected(declared()), injected(declared(k=1.5))),
+    "range": lambda: (injected(declared()), injected(declared(range=(-2.0, 1.5)))),
+    "table": lambda: (injected(declared()), injected(declared(ys=(0.0, 1.0, 3.5)))),
+    "poles": lambda: (injected(declared()), injected(declared(), poles=(-1, -2))),
+    "filter": lambda: (injected(declared()), injected(declared(), alpha=2.5)),
+    "period": lambda: (selected(1.0), selected(2.0)),
+    "covariance of a member": lambda: (selected(1.0), selected(1.0, (2, 1))),
+}
+
+
+@pytest.mark.parametrize("what", CONSTANTS)
+def test_the_digest_is_of_constants_that_no_field_holds(what: str) -> None:
+    """The same fields of the same size: what the code computes with is folded into it."""
+    one, other = CONSTANTS[what]()
+    assert len(layout(one, "float")) == len(layout(other, "float")) == 8
+    assert layout(one, "float") != layout(other, "float")
+
+
+def test_arguments_that_are_equal_have_one_digest() -> None:
+    one = injected(declared(), poles=(-1, -2), theta=3)
+    assert layout(one, "float") == layout(injected(declared(), poles=[-1.0, -2.0], theta=3.0), "float")
+    assert layout(one, "float") == layout(injected(declared(), poles=np.array([-1.0, -2.0]), initial=[1, 1]), "float")
+
+
 def test_the_digest_is_of_names_of_elements_and_of_what_lies_in_groups() -> None:
     made = built()
 

@@ -4,24 +4,32 @@
     state     any         the memory of the state as it lies there
     checksum  4 bytes     CRC-32 (IEEE 802.3) of all bytes before it, the lowest byte first
 
-The digest is of what must be the same for a state to mean the same: the model, the form and the observer, their
-parameters as they are generated, the method, dt, the precision, and the fields of the memory in their order. The name
-that a caller gives the code is none of it, nor is where an estimate begins.
+The digest is of what must be the same for a state to mean the same: the model with the values and ranges of its
+signals and its tables, the form, the observer with its arguments, the parameters as they are generated, the method, dt,
+the precision, and the fields of the memory in their order. The name that a caller gives the code is none of it, nor is
+where an estimate begins.
 """
 
 import hashlib
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
+from inspect import signature
+from typing import Any
+
+import numpy as np
 
 from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
+from hgogen.observer import STARTS, Observer
 from hgogen.program import Field, Group
 from hgogen.reading.release import version
 from hgogen.step import Step
 from hgogen.stepping import ready
+from hgogen.system import System
 
 DIGEST, CHECKSUM = 8, 4  # bytes
 ADDED = DIGEST + CHECKSUM  # bytes of a saved state beside those of the state
@@ -39,10 +47,10 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
     system = form.system.declared
     lines = [version(), language, real, system.name, form.kind, observer.name, step.rule]
     lines += [f"dt {step.dt!r}, {step.periods}, {step.between}, {step.guards}, {step.prefer}", str(observer.delays)]
-    lines += [f"{kind} {text}" for kind, each in (("'", system.flow), ("=", system.output)) for text in map(str, each)]
-    lines += map(str, form.to_form)
-    for fields in (step.plant, step.gains):
-        lines += (f"{field.name} {[DTYPE[real](value) for value in field.initial]}" for field in fields)
+    lines += [*_plant(system), *(_plant(form.system) if form.system is not system else ())]
+    lines += [*map(str, form.to_form), f"{form.clamped} {form.limits} {form.free} {form.held}", *_arguments(observer)]
+    for parameters in (step.plant, step.gains):
+        lines += (f"{field.name} {[DTYPE[real](value) for value in field.initial]}" for field in parameters)
     lines += [*_listed(step.derived, ()), *_listed(step.state, step.groups)]
     return hashlib.sha256("\n".join(lines).encode()).digest()[:DIGEST]
 
@@ -73,6 +81,46 @@ def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
     if saved[:DIGEST] != layout(step, real) or not marked:
         raise NotSaved(what, "is of another model, observer, gains, dt or precision; restore it where it was saved")
     return state
+
+
+def _plant(system: System) -> Iterator[str]:
+    """Yield a plant in words: its parameters' values, the ranges of its signals, its equations and its tables."""
+    yield from (f"{parameter.name} {parameter.nominal}" for parameter in system.parameters)
+    yield from (f"{signal.name} {signal.low} {signal.high} {signal.rates}" for signal in system.signals)
+    yield from (f"' {row}" for row in system.flow)
+    yield from (f"= {row}" for row in system.output)
+    yield from (f"{table.name} {table.points}" for table in system.tables)
+
+
+def _arguments(observer: Observer) -> Iterator[str]:
+    """Yield the arguments of an observer and of its members, but for where the estimate starts."""
+    if observer.made is None:
+        yield from observer.equations
+        return
+    bound = signature(observer.made.func).bind(*observer.made.args, **observer.made.keywords)
+    bound.apply_defaults()
+    (_, base), *others = bound.arguments.items()
+    yield observer.name
+    yield from (f"{name} {_text(value)}" for name, value in others if name not in STARTS)
+    if isinstance(base, Observer):
+        yield from _arguments(base)
+
+
+def _text(value: Any) -> str:
+    """Return the text of an argument, which is the same for equal numbers of any type in any sequence."""
+    match value:
+        case Mapping():
+            return f"{{{', '.join(sorted(f'{name}: {_text(each)}' for name, each in value.items()))}}}"
+        case np.ndarray():
+            return _text(value.tolist())
+        case list() | tuple():
+            return f"[{', '.join(map(_text, value))}]"
+        case int() | float() | complex() | np.number():
+            return repr(complex(value))
+    if is_dataclass(value) and not isinstance(value, type):
+        each = (f"{field.name}={_text(getattr(value, field.name))}" for field in fields(value))
+        return f"{type(value).__name__}({', '.join(each)})"
+    return str(getattr(value, "__qualname__", value))
 
 
 def _listed(fields: Iterable[Field], groups: Iterable[Group]) -> Iterator[str]:
