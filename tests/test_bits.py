@@ -75,7 +75,7 @@ def test_the_macros_and_the_constants_are_the_names(tmp_path: Path) -> None:
     step = by_case()
     wanted = [bit.name for bit in step.bits]
     header = hg.targets.c99(step, check=False)["by_case.h"]
-    assert re.findall(r"^#define BY_CASE_(?!READY)(\w+) +0x", header, re.MULTILINE) == wanted
+    assert re.findall(r"^#define BY_CASE_(?!READY)(\w+) +(?:UINT\d\d_C\()?0x", header, re.MULTILINE) == wanted
     crate = hg.targets.rust(step, check=False)["by_case.rs"]
     assert wanted[-2:] == ["UNINITIALISED", "NO_PARAMETERS"]  # of memory that nothing has made, which these have not
     assert re.findall(r"pub const (\w+): u32", crate) == wanted[:-2]

@@ -93,7 +93,8 @@ def test_a_name_that_an_ecosystem_has_for_its_own_is_refused(word: str, name: st
 def test_the_readme_has_every_bit_and_every_member(name: str) -> None:
     readme, header, each = made(name)["README.md"], emitted.files(name)[f"{step(name).name}.h"], step(name)
     rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \|$", readme, re.MULTILINE)
-    assert [name_ for name_, *_ in rows] == re.findall(r"^#define (\w+(?<!_READY)) +0x", header, re.MULTILINE)
+    macros = re.findall(r"^#define (\w+(?<!_READY)) +(?:UINT\d\d_C\()?0x", header, re.MULTILINE)
+    assert [name_ for name_, *_ in rows] == macros
     assert [(said, asked) for _, said, asked in rows] == [(bit.meaning, each.asked(bit)) for bit in each.bits]
     members = re.findall(r"^\| `(\w+)\.([\w.]+)` \|", readme, re.MULTILINE)
     assert [(a, b) for a, b in members if a != "p"] == [

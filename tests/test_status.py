@@ -1,13 +1,16 @@
 """The status word: 32 bits, 64 where they are needed, and a limit that is told at once, with what takes the bits."""
 
+from pathlib import Path
+
 import emitted
 import numpy as np
 import pytest
-from emitted import step
+from emitted import files, run, step, tool
 
 import hgogen as hg
 from hgogen import step as steps
 from hgogen.calling import native
+from hgogen.emit.cfunction import status_type
 from hgogen.step import BadStep
 from hgogen.stepping.status import certain_bits
 
@@ -88,3 +91,16 @@ def test_late_samples_have_bits_beyond_32() -> None:
     runs = [(made.reset(), made.run(u=np.full(4, 5.0), y=y, engine=engine))[1] for engine in ("c", "python")]
     assert {"CLAMPED_U0", "LATE_Y8"} <= set(made.flags(runs[0].status[3]))
     assert np.array_equal(runs[0].status, runs[1].status)
+
+
+@pytest.mark.parametrize("compiler", [("cc",), ("avr-gcc", "-mmcu=atmega2560")], ids=["cc", "avr-gcc"])
+@pytest.mark.parametrize("name", ["pendulum", "wide", "wider"])
+def test_a_mask_of_other_bits_leaves_the_highest(name: str, compiler: tuple[str, ...], tmp_path: Path) -> None:
+    """A bit has the type of the status, so that its complement is as wide, where an int has 16 bits too."""
+    made, upper = step(name), step(name).name.upper()
+    lowest, *_, highest = (f"{upper}_{bit.name}" for bit in made.bits)
+    lines = [f'#include "{made.name}.h"', f"typedef char left[((~{lowest} & {highest}) == {highest}) ? 1 : -1];"]
+    lines += [f"typedef char wide[(sizeof({lowest}) == sizeof({status_type(made)})) ? 1 : -1];"]
+    (tmp_path / f"{made.name}.h").write_text(files(name)[f"{made.name}.h"])
+    (tmp_path / "mask.c").write_text("\n".join(lines) + "\n")
+    run([tool(compiler[0]), *compiler[1:], "-std=c99", "-Wall", "-Werror", "-c", "mask.c"], tmp_path)

@@ -155,16 +155,21 @@ def _call(step: Step, section: Section) -> str:
     return prototype(step, of_section(step, section)).call(address)
 
 
+def _bit(step: Step, value: int) -> str:
+    """Return a bit in the type of the status: the complement of a narrower constant would mask the bits above it."""
+    size = step.word.itemsize
+    return f"0x{value:04X}u" if status_type(step) == "unsigned" else f"UINT{8 * size}_C(0x{value:0{2 * size}X})"
+
+
 def _status(step: Step) -> list[str]:
-    upper, digits = step.name.upper(), 4 if status_type(step) == "unsigned" else 2 * step.word.itemsize
     if not step.bits:
         return []
-    width = max(len(bit.name) for bit in step.bits)
+    upper, width = step.name.upper(), max(len(bit.name) for bit in step.bits)
     lines = ["/** @name Status bits: what happened, and what it asks of you. */", "/** @{ */", ""]
     for k, bit in enumerate(step.bits):
         lines += [
             documented(f"{bit.meaning}. To do: {step.asked(bit)}."),
-            f"#define {upper}_{bit.name:{width}} 0x{1 << k:0{digits}X}u",
+            f"#define {upper}_{bit.name:{width}} {_bit(step, 1 << k)}",
             "",
         ]
     return [*lines, "/** @} */", ""]
