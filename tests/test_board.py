@@ -1,19 +1,20 @@
 """What a step costs on a Cortex-M4F: counted, bounded, told, and refused in a sentence where the tools are missing."""
 
 import json
+import re
 import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
-from emitted import files, step, tool
+from emitted import files, run, step, tool
 from pages import shown
 from test_cli import as_json, hgogen
 from test_packing import here as here  # the fixture
 
 import hgogen as hg
 from hgogen.board import qemu, texts
-from hgogen.board.costs import measured
+from hgogen.board.costs import FLAGS, measured
 from hgogen.board.texts import driver, head, hostile, literal
 from hgogen.model import load
 from hgogen.trials.calm import rows_given
@@ -47,6 +48,15 @@ def test_the_worst_is_that_of_a_hostile_record(board: None, monkeypatch: pytest.
     worst = measured(step("pendulum"), files("pendulum"), rows, "float").worst
     monkeypatch.setattr(texts, "hostile", np.copy)
     assert worst > measured(step("pendulum"), files("pendulum"), rows, "float").worst + 10
+
+
+def test_the_stack_is_that_of_memory_that_is_spoiled_too(board: None, tmp_path: Path) -> None:
+    """At least the frames of the calls that begin a state anew, of which calm samples make none."""
+    hg.write(files("pendulum"), tmp_path)
+    run([qemu.COMPILER, "-std=c99", *FLAGS, "-fstack-usage", "-c", "pendulum.c"], tmp_path)
+    frames = dict(re.findall(r":pendulum_(\w+)\t(\d+)", (tmp_path / "pendulum.su").read_text()))
+    needed = sum(int(frames[name]) for name in ("step", "ready", "reset", "clear_fault_counts"))
+    assert measured(step("pendulum"), files("pendulum"), np.full((300, 2), 0.1), "float").stack >= needed
 
 
 @pytest.mark.slow

@@ -20,7 +20,8 @@ FLAGS = ("-O2", *qemu.M4F, "-ffp-contract=off")
 @dataclass(frozen=True)
 class Costs:
     """Instructions of a step, `quiet` the mean of calm samples and `worst` that of a hostile one; bytes of `flash`, of
-    `ram` (state and parameters) and of `stack`; and by what they were measured, of which source."""
+    `ram` (state and parameters) and of `stack`, the deepest of all samples and of spoiled memory; and by what they were
+    measured, of which source."""
 
     quiet: int
     worst: int

@@ -1,4 +1,7 @@
-/* instructions and stack of `sample`, over the calm rows of a record and the worst of those after them */
+/* instructions of `sample`, over the calm rows of a record and the worst of those after them; and its stack, over all
+ * rows and memory that is spoiled */
+#include <string.h>
+
 #include "mps2.h"
 static memory m, copies[COPIES];
 volatile real last;
@@ -31,11 +34,28 @@ static unsigned of_one(int k) /* the instructions of a sample, of so many runs o
     return count;
 }
 
+static void spoiled(int byte, unsigned mark) /* a sample of memory that has this mark and is filled with a byte */
+{
+    (void)memset(&copies[0].s, byte, sizeof copies[0].s);
+    (void)memcpy(&copies[0].s, &mark, sizeof mark);
+    copies[0].p = m.p;
+    sample(&copies[0], record[0]);
+}
+
 int board_main(void)
 {
     BEGIN(&m);
+    unsigned mark;
+    (void)memcpy(&mark, &m.s, sizeof mark);
     paint();
     (void)over(1, 50);
+    spoiled(0xFF, mark); /* no number is left */
+    spoiled(0x7E, mark); /* every number is lost by its size */
+    spoiled(0, 0u);      /* nothing has made it */
+    for (int k = QUIET; k < RECORD; ++k) {
+        copies[0] = m;
+        sample(&copies[0], record[k]);
+    }
     say_number("stack ", painted_over());
     say_number("quiet ", over(51, 200)*40u/200u);
     unsigned most = 0u;

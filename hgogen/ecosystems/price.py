@@ -13,7 +13,7 @@ _ROWS = (
     ("instructions of a step, the worst of a hostile record", "worst"),
     ("bytes of flash", "flash"),
     ("bytes of RAM, of `s` and `p`", "ram"),
-    ("bytes of stack", "stack"),
+    ("bytes of stack, the deepest of a hostile record and of spoiled memory", "stack"),
 )
 
 
