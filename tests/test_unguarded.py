@@ -278,3 +278,13 @@ def test_a_plain_text_model_may_ask_for_it(tmp_path: object) -> None:
     path = tmp_path / "decay.toml"  # type: ignore[operator]
     path.write_text(text)
     assert load(path).step().guards == "none"
+
+
+@pytest.mark.parametrize("name", ["pendulum", "two", "tunable"])
+def test_its_header_says_nothing_of_guards(name: str) -> None:
+    """Not that NaN is told, a second update ignored, a parameter limited or memory marked, which it does none of."""
+    made = both(name)[1]
+    header = " ".join(hg.targets.c99(made, check=False)[f"{made.name}.h"].replace("\n *", "").split())
+    for absent in ("MISSING", "does not correct", "limits them", "mark */", "status bits", "or their statuses"):
+        assert absent not in header
+    assert ("NaN spoils the state. An update that comes again corrects again." in header) == made.apart

@@ -52,7 +52,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
         lines += [*struct, ""]
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
-        lines += [*_function(entry), f"{prototype(step, entry)};", ""]
+        lines += [*_function(step, entry), f"{prototype(step, entry)};", ""]
     for each in csaved.prototypes(step):
         lines += [*_saving(each), f"{each};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
@@ -63,10 +63,10 @@ def _block(lines: Iterable[str]) -> list[str]:
     return ["/**", *(f" * {line}".rstrip() for line in lines), " */"]
 
 
-def _function(entry: Entry) -> list[str]:
+def _function(step: Step, entry: Entry) -> list[str]:
     """What a function does, what it is given and what it says."""
     parameters = [f"@param[{direction(entry, name)}] {name} {MEANINGS[name]}" for name in entry.parameters]
-    returned = ["@return 0, or an or of the status bits"] if entry.status else []
+    returned = [f"@return 0{', or an or of the status bits' * bool(step.bits)}"] if entry.status else []
     return _block([f"@brief {spoken(entry.meaning)}", *parameters, *returned])
 
 
@@ -177,7 +177,7 @@ def _status(step: Step) -> list[str]:
 
 _DIGEST = "a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state"
 _MARK = "what init and reset leave in `ready` of a state, and init in that of parameters"
-_CONSTANT = "what constant parameters begin with, which may lie in flash: nominal ones, tuned, with their mark"
+_CONSTANT = "what constant parameters begin with, which may lie in flash: nominal ones, tuned"
 
 
 def _constants(step: Step, real: Real) -> list[str]:
@@ -193,4 +193,4 @@ def _constants(step: Step, real: Real) -> list[str]:
     rows += [("SAVED", f"(sizeof({step.name}_state) + {ADDED}u)", "how many bytes a saved state has")]
     defined = ((f"#define {step.name.upper()}_{name:7} {value}", said) for name, value, said in rows)
     lines = [text for line, said in defined for text in (documented(said), line, "")]
-    return [*lines, documented(_CONSTANT), *csaved.initialiser(step, real), ""]
+    return [*lines, documented(_CONSTANT + ", with their mark" * bool(step.mark)), *csaved.initialiser(step, real), ""]

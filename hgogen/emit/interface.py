@@ -50,9 +50,8 @@ def entries(step: Step) -> dict[str, Entry]:
     """The functions by name, in the order in which they are shown: those of every step, then the sections that it is
     made of, which are none of the caller's where they cannot be called apart."""
     whole = "one sampling period: " + ", ".join(section.name for section in step.sections)
-    limits = "after a change of parameters: limits them to their ranges" + (
-        " and computes the derived ones" if step.derived else ""
-    )
+    does = ["limits them to their ranges"] * (step.guards == "all") + ["computes the derived ones"] * bool(step.derived)
+    limits = f"after a change of parameters: {' and '.join(does) or 'nothing is left to do'}"
     both, nominal = ("s", "p"), "nominal parameters, tuned, and a reset state"
     every = (
         Entry("init", both, both, nominal, status=False, anew=both),

@@ -56,6 +56,10 @@ ORDER = (
     "the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one the bits "
     "about the estimate. An update that comes again, or before a predict, does not correct, and says so."
 )
+ORDER_UNGUARDED = (
+    "in this order, each once a period. Call them one by one where a sample comes later than the input. Without a "
+    "sample leave its update out: NaN spoils the state. An update that comes again corrects again."
+)
 ORDER_OF_LATE = (
     "in this order. Call them one by one, and or their statuses, where several samples of an output come in one "
     "period, or none: predict once a period, an update for each sample, in any order; then adapt, once after them, "
@@ -131,7 +135,8 @@ def parts(step: Step, name: str, quoted: str = "{}") -> list[str]:
     Args: `name`, what calls all; `quoted`: {}, the name of a section in a text.
     """
     sections = ", ".join(quoted.format(section.name) for section in step.sections)
-    return [f"{name} is {sections}: {ORDER_OF_LATE if step.ages else ORDER}"] if step.apart else []
+    order = ORDER_OF_LATE if step.ages else ORDER if guarded(step) else ORDER_UNGUARDED
+    return [f"{name} is {sections}: {order}"] if step.apart else []
 
 
 def gains(step: Step, members: str, call: str) -> str:
