@@ -34,6 +34,7 @@ from hgogen.system import System
 DIGEST, CHECKSUM = 8, 4  # bytes
 ADDED = DIGEST + CHECKSUM  # bytes of a saved state beside those of the state
 POLYNOMIAL = 0xEDB88320
+_IN_EQUATIONS = ("poles", "gains", "Q", "R")  # arguments that may be given in several ways
 
 
 class NotSaved(BadArgument):
@@ -48,7 +49,7 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
     lines = [version(), language, real, system.name, form.kind, observer.name, step.rule]
     lines += [f"dt {step.dt!r}, {step.periods}, {step.between}, {step.guards}, {step.prefer}", str(observer.delays)]
     lines += [*_plant(system), *(_plant(form.system) if form.system is not system else ())]
-    lines += [*map(str, form.to_form), f"{form.clamped} {form.limits} {form.free} {form.held}", *_arguments(observer)]
+    lines += [*map(str, form.to_form), f"{form.clamped} {form.limits} {form.free} {form.held}", *_observer(observer)]
     for parameters in (step.plant, step.gains):
         lines += (f"{field.name} {[DTYPE[real](value) for value in field.initial]}" for field in parameters)
     lines += [*_listed(step.derived, ()), *_listed(step.state, step.groups)]
@@ -92,18 +93,17 @@ def _plant(system: System) -> Iterator[str]:
     yield from (f"{table.name} {table.points}" for table in system.tables)
 
 
-def _arguments(observer: Observer) -> Iterator[str]:
-    """Yield the arguments of an observer and of its members, but for where the estimate starts."""
+def _observer(observer: Observer) -> Iterator[str]:
+    """Yield an observer and its members in words: the equations with their numbers, and the arguments beside them."""
+    yield from observer.equations
     if observer.made is None:
-        yield from observer.equations
         return
     bound = signature(observer.made.func).bind(*observer.made.args, **observer.made.keywords)
     bound.apply_defaults()
     (_, base), *others = bound.arguments.items()
-    yield observer.name
-    yield from (f"{name} {_text(value)}" for name, value in others if name not in STARTS)
-    if isinstance(base, Observer):
-        yield from _arguments(base)
+    left = (*STARTS, *_IN_EQUATIONS, "accept")
+    yield from (f"{name} {_text(value)}" for name, value in others if name not in left)
+    yield from _observer(base) if isinstance(base, Observer) else ()
 
 
 def _text(value: Any) -> str:
