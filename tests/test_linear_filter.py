@@ -14,6 +14,7 @@ from scipy.linalg import expm
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.guarantees.linear_filter import Linear, linear, settles
 from hgogen.reading.given import BadGain
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import recheck
@@ -86,6 +87,34 @@ def test_it_is_not_proved_of_what_is_not_linear_or_varies() -> None:
     assert claim(plant(moving, C, parameters=(fixed,))).verdict is Verdict.PROVED
 
 
+@pytest.mark.parametrize("noise", [np.diag([-1.0, 1, 1]), -np.eye(3), np.diag([1, 1, -1e-9])])
+def test_it_is_not_proved_of_noise_that_is_none(noise: np.ndarray) -> None:
+    """Of a negative density, of one that is not symmetric, and of a theta that turns the sign of the correction."""
+    known = linear(hg.forms.original(plant(A, C)))
+    assert isinstance(known, Linear)
+    assert settles(known, np.eye(3), 1.0) is None
+    skew = np.eye(3) + np.eye(3, k=1)
+    for Q, theta in ((noise, 1.0), (noise, 2.0), (skew, 1.0), (np.eye(3), 0.0), (np.eye(3), -2.0)):
+        assert settles(known, Q, theta) is not None
+
+
+def test_it_is_not_proved_of_an_output_that_jumps() -> None:
+    """Of x = 5/2 and z = -5/2 both outputs read -5/2, and nothing corrects the estimate."""
+    x0, x1 = (hg.Signal(name, low=-10, high=10) for name in ("x0", "x1"))
+    read = sp.Piecewise((x0, x0 < 0), (x0 - 5, True))
+    jumps = hg.System("jumps", states=(x0, x1), inputs=(u,), outputs=(y,), flow=[x1, u], output=[read])
+    assert read.xreplace({x0: sp.Rational(5, 2)}) == read.xreplace({x0: -sp.Rational(5, 2)})
+    assert claim(jumps).verdict is Verdict.UNKNOWN
+
+
+def test_it_is_not_proved_where_there_is_no_value() -> None:
+    """log(u) of an input that may be negative: no sample of that output is used there."""
+    x0, x1 = (hg.Signal(name, low=-10, high=10) for name in ("x0", "x1"))
+    for rate, read, accept in ((u, x0 + sp.log(u), "singular.y"), (sp.log(u), x0, "singular.x1")):
+        plant = hg.System("gap", states=(x0, x1), inputs=(u,), outputs=(y,), flow=[x1, rate], output=[read])
+        assert claim(plant, accept=(accept,)).verdict is Verdict.UNKNOWN
+
+
 # --- the certificate ------------------------------------------------------------------------------------------
 
 
@@ -108,6 +137,8 @@ def verified(change: Callable[[dict[str, Any], dict[str, Any]], Any], **gains: A
         lambda e, c: e["C"][0].__setitem__(0, "2"),
         lambda e, c: c["observer"].update(R=["0"]),
         lambda e, c: c["observer"].update(R=["-1"]),
+        lambda e, c: c["observer"].update(theta="0"),
+        lambda e, c: c["observer"].update(theta="-2"),
         lambda e, c: c["observer"].update(Q=[["0"] * 3] * 3),
         lambda e, c: c["observer"].update(Q=[["0", "0", "0"], ["0", "1", "0"], ["0", "0", "0"]], theta="2"),
         lambda e, c: c["observer"].update(Q=[["-1", "0", "0"], ["0", "1", "0"], ["0", "0", "1"]]),

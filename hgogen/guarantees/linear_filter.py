@@ -17,8 +17,9 @@ import numpy as np
 import sympy as sp
 from flint import fmpq_mat
 
-from hgogen.algebra.definite import Matrix, exact, positive, rationals
+from hgogen.algebra.definite import Matrix, exact, nonnegative, positive, rationals
 from hgogen.algebra.points import exact as exactly
+from hgogen.analysis.undefined import undefined_values
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.sentence import Reason, because
@@ -48,9 +49,12 @@ def linear(form: Form) -> Linear | Reason:
         return because("the filter works in other coordinates than the form's")
     if form.limits:
         return because("values of b are limited")
+    if undefined_values(form.system):
+        return because("a rate or an output is not known to have a finite value everywhere")
     known = dict(fixed(form))
-    A, b, C = (exactly(sp.Matrix(rows)).xreplace(known) for rows in (form.A, form.b, _slopes(form)))
-    if b.free_symbols & z or C.free_symbols & z:
+    A, b, h, C = (exactly(sp.Matrix(rows)).xreplace(known) for rows in (form.A, form.b, form.output, _slopes(form)))
+    d = (h - C * sp.Matrix(form.states)).expand()  # a jump has a slope of 0 beside it
+    if (b.free_symbols | C.free_symbols | d.free_symbols) & z:
         return because("it is not linear in the state")
     if moving := sorted((A.free_symbols | C.free_symbols), key=str):
         return because("its coefficients vary with {names}", names=moving)
@@ -71,10 +75,15 @@ def _fractions(M: sp.Matrix) -> Matrix:
 def settles(plant: Linear, Q: np.ndarray, theta: float) -> Reason | None:
     """None where the filter of Q (n, n) and a constant theta converges; or which condition is not met.
 
-    A theta above 1 scales Q by rows and columns, which leaves it positive definite, but may end what one of lower rank
-    reaches.
+    Q is a density of noise: with a negative eigenvalue P may leave the positive definite matrices, where the theorem
+    says nothing. A theta above 1 scales Q by rows and columns, which leaves it positive definite, but may end what one
+    of lower rank reaches.
     """
     A, C, noise = exact(plant.A), exact(plant.C), exact(rationals(Q))
+    if not theta > 0:
+        return because("theta is not positive")
+    if noise != noise.transpose() or not nonnegative(noise):
+        return because("Q is not symmetric, or has a negative eigenvalue")
     if not positive(_gramian(A, C.transpose() * C, True)):
         return because("(C, A) is not observable: C, C A, .. have a rank below {n}", n=len(plant.A))
     if positive(noise):

@@ -26,10 +26,11 @@ def convergence(context: Context, claim: Claim) -> Shown:
     A, C = matrix(claim.evidence, "A", n, n), matrix(claim.evidence, "C", len(form.output), n)
     _linear(context, A, C)
     Q, R = matrix(observer.numbers, "Q", n, n), column(observer.numbers, "R", len(form.output))
-    if any(r <= 0 for r in R):
-        raise NotShown("its R is not positive")
+    theta = scalar(observer.numbers, "theta")
+    if theta <= 0 or any(r <= 0 for r in R):
+        raise NotShown("its theta or R is not positive")
     demand_positive({"sum of (A')^k C'C A^k": _gramian(transposed(A), times(transposed(C), C))})
-    if scalar(observer.numbers, "theta") != 1:
+    if theta != 1:
         demand_positive({"Q": Q})
     demand_nonnegative({"Q": Q})
     demand_positive({"sum of A^k Q Q (A')^k": _gramian(A, times(Q, Q))})
