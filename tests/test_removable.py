@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
+from hgogen.algebra.points import exact
 from hgogen.algebra.removable import _X, _enough, _majorant, _regular, _series, _Term, resolved, with_limits
 from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.graph import to_casadi
@@ -128,7 +129,48 @@ def test_a_row_with_a_limit_everywhere_is_refused_to_nobody(e: sp.Expr) -> None:
     hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1)
 
 
-@pytest.mark.parametrize("e", [1 / W, sp.cos(W) / W, sp.sin(W) / W**2, sp.sin(W) / V, W * sp.log(W), (W + 1) / W])
+@pytest.mark.parametrize(
+    "e",
+    [
+        (1 + W) * sp.sin(V * W) / W,
+        sp.exp(W) * sp.sin(V * W) / W,
+        sp.sin(W) * sp.sin(V * W) / W,
+        (1 - sp.cos(V * W)) * (1 + W) ** 2 / W**2,
+        (sp.exp(-W / (3 + A)) - 1) / W,
+        sp.sin(100 * W) / W,
+        sp.sin(0.1 * W) / W,
+        (0.5 - 0.5 * sp.cos(W)) / W**2,
+        (1 - sp.exp(-20.0 * W)) / W,
+        sp.sin(sp.pi * W) / (sp.pi * W),
+        (1 - sp.cos(40 * sp.sqrt(W**2 + V**2))) / (W**2 + V**2),
+    ],
+)
+def test_a_quotient_in_a_multiple_of_its_base_has_the_value_as_written(e: sp.Expr) -> None:
+    """By symbols, decimals and large numbers, beside factors that read the base alone; it has one at 0 as well."""
+    draw = np.random.default_rng()
+    form = resolved(e)
+    assert form != e
+    for size in (1e-3, 0.3, 3.0):
+        at = {s: sp.Rational(float(draw.uniform(size / 2, size) * draw.choice([-1, 1]))) for s in (W, V, A)}
+        wanted, value = (sp.re(sp.N(each.xreplace(at), 40)) for each in (exact(e), exact(form)))
+        assert abs(value - wanted) <= 2**-50 * abs(wanted)
+    plant = hg.System("limit", states=(X,), inputs=(W, V), outputs=(Y,), parameters=(A,), flow=[e - X], output=[X])
+    assert undefined_values(plant) == ()
+    assert sp.sympify(form.xreplace({W: sp.S.Zero, V: sp.S.Zero, A: sp.S.One})).is_finite
+
+
+@pytest.mark.parametrize(
+    "e",
+    [
+        1 / W,
+        sp.cos(W) / W,
+        sp.sin(W) * sp.sin(V * W) / W**3,
+        sp.sin(W) / W**2,
+        sp.sin(W) / V,
+        W * sp.log(W),
+        (W + 1) / W,
+    ],
+)
 def test_what_has_no_limit_stays_as_it_is_and_is_named(e: sp.Expr) -> None:
     assert resolved(e) == e
     plant = hg.System("limit", states=(X,), inputs=(W, V), outputs=(Y,), flow=[e - X], output=[X])

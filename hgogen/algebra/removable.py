@@ -22,12 +22,14 @@ from math import comb, factorial, fsum, inf
 import sympy as sp
 from flint import arb, ctx, fmpq, fmpq_poly
 
+from hgogen.algebra.points import exact
+
 LEAST = sp.Rational(1, 2**126)  # the smallest number of a float with all its digits
 _RADII = tuple(map(sp.Rational, ("1/4", "1/2", "3/4", "1", "3/2", "2", "5/2", "3")))
 _ORDER, _BITS, _DIGITS = 56, 57, 400  # of the series; the accuracy of what is left out, and of its bound, bits
 _LOSS = 4  # by which terms may be larger than their sum
 _OPERATIONS = 200  # of a sum that is looked at
-_X = sp.Dummy("x", real=True)
+_X, _Z = sp.Dummy("x", real=True), sp.Dummy("z", real=True)
 _ROOT = sp.Dummy("r", positive=True)
 
 
@@ -84,10 +86,13 @@ class Resolved(sp.Piecewise):  # type: ignore[misc]
         """The expressions on whose values its own rests: what the polynomial reads, and the parts of the other form,
         but for those that divide by its base."""
         (within, inside), (beyond, _) = self.args
-        base = inside.lhs.args[0] if isinstance(inside.lhs, sp.Abs) else inside.lhs
+        factors = [f.args[0] if isinstance(f, sp.Abs) else f for f in sp.Mul.make_args(inside.lhs)]  # |3 x| is 3 |x|
+        base = sp.Mul(*factors)
+        parts = (base, *factors, *(each for f in factors for each in sp.Mul.make_args(f)))
+        divisors = {sign * part for each in parts for part in (each, each.primitive()[1]) for sign in (1, -1)}
         yield within
         for part in beyond.atoms(sp.Pow, sp.Function):
-            if not (part.is_Pow and part.exp.is_Rational and part.base in (base, -base, *sp.Mul.make_args(base))):
+            if not (part.is_Pow and part.exp.is_Rational and part.base in divisors):
                 yield part
 
 
@@ -116,9 +121,9 @@ class _Regular:
 
     def at(self, base: sp.Expr) -> sp.Expr:
         """The quotient of `base`; an even polynomial of a root is one of what is under it."""
-        even = not any(self.coefficients[1::2])
-        if even and base.is_Pow and base.exp == sp.S.Half:
-            within, inside = _horner(self.coefficients[::2], base.base), base.base < self.radius**2
+        even, square = not any(self.coefficients[1::2]), base**2
+        if even and not square.is_Pow and any(root.is_Pow and root.exp == sp.S.Half for root in sp.Mul.make_args(base)):
+            within, inside = _horner(self.coefficients[::2], square), square < self.radius**2
         else:
             first = next(k for k, c in enumerate(self.coefficients) if c)
             step = 2 if not any(self.coefficients[first + 1 :: 2]) else 1
@@ -213,31 +218,51 @@ def _without(expression: sp.Expr, base: sp.Expr) -> sp.Expr | None:
     terms_left, groups = list[sp.Expr](), dict[sp.Expr, list[_Term]]()
     for term in sp.Add.make_args(expression):
         coefficient, f = _in_x(term, base).as_independent(_X, as_Add=False)
-        rational, others = coefficient.as_coeff_Mul(rational=True)
+        (number, others), f = coefficient.as_coeff_Mul(), exact(f)
         power = -f.as_powers_dict().get(_X, sp.S.Zero)
-        if power.is_Integer and power > 0 and rational.is_Rational:
-            groups.setdefault(others, []).append(_Term(rational, int(power), f * _X**power))
+        if power.is_Integer and power > 0 and exact(number).is_Rational:
+            h, beside = _parted(f * _X**power)
+            of = others * beside.xreplace({_X: base})
+            groups.setdefault(of, []).append(_Term(exact(number), int(power), h))
         else:
             terms_left.append(term)
-    quotients = {others: _scaled(terms) for others, terms in groups.items()}
+    quotients = {others: _scaled(tuple(terms)) for others, terms in groups.items()}
     regular = {others: _regular(terms) for others, (terms, _) in quotients.items()}
     if not any(regular.values()):
         return None
     for others, each in regular.items():
         terms, c = quotients[others]
-        scaled, others = c * base, others * c ** terms[0].power
+        scaled, others = c * base, others * (1 if c.is_Rational else c ** terms[0].power)
         back = each.at(scaled) if each else sp.Add(*(t.whole for t in terms)).xreplace({_X: scaled})
         terms_left.append(others * back)
     return sp.Add(*terms_left)
 
 
-def _scaled(terms: Sequence[_Term]) -> tuple[tuple[_Term, ...], sp.Expr]:
-    """The terms in c x for x, and c, where functions read c x with a symbol in c, and all terms have one power."""
-    arguments = [f.args[0] for term in terms for f in term.h.atoms(sp.Function) if f.free_symbols - {_X}]
-    c = arguments[0].coeff(_X) if arguments else sp.S.One
-    put = [_Term(t.number, t.power, t.h.xreplace({c * _X: _X, -c * _X: -_X})) for t in terms]
-    alone = c != 0 and not any(t.h.free_symbols - {_X} for t in put) and len({t.power for t in put}) == 1
-    return (tuple(put), c) if alone and not c.has(_X) else (tuple(terms), sp.S.One)
+def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
+    """The terms in c x for x, and c: 1 where they are regular in x. Else c x is what a function reads; where c is no
+    rational, all terms must have one power, and nothing but c x may stand in them."""
+    if _regular(terms):
+        return terms, sp.S.One
+    for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_COEFFICIENTS)):
+        if c == 0 or c.has(_X):
+            continue
+        if c.is_Rational:
+            put = tuple(_Term(t.number * c**t.power, t.power, t.h.xreplace({_X: _X / c})) for t in terms)
+        else:
+            put = tuple(_Term(t.number, t.power, t.h.xreplace({c * _X: _Z, -c * _X: -_Z})) for t in terms)
+            if any(t.h.has(_X) for t in put) or len({t.power for t in put}) > 1:
+                continue
+            put = tuple(_Term(t.number, t.power, t.h.xreplace({_Z: _X})) for t in put)
+        if _regular(put):
+            return put, c
+    return terms, sp.S.One
+
+
+def _parted(h: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """The factors that read more than `_X`, where there are any, and the others."""
+    factors = sp.Mul.make_args(h)
+    several = [f for f in factors if f.free_symbols - {_X}]
+    return (sp.Mul(*several), sp.Mul(*(f for f in factors if f not in several))) if several else (h, sp.S.One)
 
 
 def _in_x(term: sp.Expr, base: sp.Expr) -> sp.Expr:
