@@ -259,6 +259,28 @@ def test_a_parameter_in_no_equation_is_told_by_no_record() -> None:
     assert fit.parameters[0].deviation < 0.1 < fit.parameters[1].deviation == math.inf
 
 
+def test_a_threshold_is_not_said_to_be_told_by_no_record() -> None:
+    """No derivative on either side of the relay tells p; when it switches does, of a record in which it does."""
+    p = hg.Signal("p", nominal=0.3, low=-0.5, high=0.5)
+    flow = [sp.Piecewise((1, p > X), (2, True)) - K * X]
+    plant = hg.System("relay", states=(X,), outputs=(Y,), parameters=(K, p), flow=flow, output=[X])
+    fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), 1 + np.exp(-0.05 * 2 * np.arange(60)), 0.05), starts=1)
+    assert (fit.joint.hidden, fit.joint.doubtful) == ((), ("p",))
+    notes = " ".join(fit.notes())
+    assert "no record of these outputs" not in notes
+    assert "whether another record would is not known" in notes
+
+
+def test_a_rank_that_is_not_proved_is_no_fact() -> None:
+    """The level sets of a quotient are no symmetry that is looked for."""
+    p, q = hg.Signal("p", nominal=1, low=0, high=2), hg.Signal("q", nominal=1, low=0, high=2)
+    flow = [-X * (1 + p**2) / (2 + q * p**2)]
+    plant = hg.System("quotient", states=(X,), outputs=(Y,), parameters=(p, q), flow=flow, output=[X])
+    fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), np.exp(-0.6 * 0.05 * np.arange(60)), 0.05), starts=1)
+    assert (fit.joint.hidden, fit.joint.doubtful) == ((), ("p", "q"))
+    assert "no record of these outputs" not in " ".join(fit.notes())
+
+
 def test_a_record_that_stands_still_is_said() -> None:
     fit = hg.fit(PLANT, hg.Log(np.zeros(40), np.zeros(40), DT), free=["k", "c", "g"], starts=1)
     sentence = "y stands still in the records, so that it tells little; give a record in which the plant moves"

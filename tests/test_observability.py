@@ -133,6 +133,27 @@ def test_what_every_branch_hides_is_lost_on_all_of_them() -> None:
     assert both.lost == (b,)
 
 
+def test_a_threshold_is_not_lost_though_each_branch_hides_it() -> None:
+    """x' = -1 above b and 1 below: x arrives at b and stays there."""
+    relay = observability(plant([-sp.Piecewise((1, a > b), (-1, True)), 0 * b], a, parameters=())).known
+    assert (relay.rank.rank, relay.hidden) == (1, (b,))
+    assert (relay.lost, relay.advice) == ((), "")
+
+
+def test_a_direction_that_is_not_proved_is_no_fact() -> None:
+    answer = observability(plant([b, -a], a * (sp.sin(b) ** 2 + sp.cos(b) ** 2 - 1), parameters=())).known
+    assert answer.hidden == ()
+    assert "a direction in which no derivative up to order 0 is known to change: " in str(answer)
+    assert "an unobservable direction" not in str(answer)
+
+
+def test_a_rounding_is_asked_next_to_its_steps() -> None:
+    """Halfway between two points again and again, to where a ball's end is a whole number."""
+    p, q = hg.Signal("p", low=-1, high=1), hg.Signal("q", low=-1, high=1)
+    steps = hg.System("s", states=(p, q), outputs=(y,), flow=[-p, -q], output=[sp.floor(10 * p) + q])
+    assert hg.observability(steps).known.rank.unobservable == (p,)
+
+
 @pytest.mark.parametrize("thin", [sp.Rational(1, 10**3), sp.Rational(1, 10**9)])
 @pytest.mark.parametrize("at", [sp.Rational(7, 20), sp.Integer(0)])
 def test_a_thin_branch_between_others_is_asked(thin: sp.Rational, at: sp.Rational) -> None:

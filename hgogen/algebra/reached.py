@@ -258,7 +258,8 @@ def _decision(test: sp.Basic, balls: Sequence[Any]) -> Any:
         return tuple(last for _, last in spans) if all(first == last for first, last in spans) else None
     (ball,) = balls
     if isinstance(test, (sp.floor, sp.ceiling)):
-        return None if ball.contains_integer() else int(ball.floor().unique_fmpz())
+        whole = None if ball.contains_integer() else ball.floor().unique_fmpz()
+        return None if whole is None else int(whole)  # its ends are rounded, so that it may be none next to one
     return 1 if ball > 0 else -1 if ball < 0 else 0 if ball.is_zero() else None
 
 

@@ -72,7 +72,12 @@ class Answer:
 
     @property
     def lost(self) -> tuple[sp.Symbol, ...]:
-        """The unknowns that are proved to be unobservable on every branch that was asked."""
+        """The unknowns that are proved to be unobservable on every branch that was asked; none where the conditions of
+        a branch read what it hides, as a threshold: when the branch changes tells it."""
+        every = (self, *self.elsewhere)
+        read = {s for answer in every for condition in answer.where for s in condition.free_symbols}
+        if any(s in read for answer in every for s in answer.rank.unobservable):
+            return ()
         return tuple(s for s in self.hidden if all(s in answer.hidden for answer in self.elsewhere))
 
     @property
@@ -102,6 +107,13 @@ class Answer:
         hidden = because("{names} {are} not observable{place}", names=self.hidden, are=are, place=place)
         doubt = because("whether {names} can be observed{place} is not known", names=self.doubtful, place=place)
         return (*((hidden,) if self.hidden else ()), *((doubt,) if self.doubtful else ()))
+
+    @property
+    def _of_direction(self) -> str:
+        """What is known of the direction, in words."""
+        if any(s in self.doubtful for s, _ in self.direction):
+            return f"a direction in which no derivative up to order {self.rank.order} is known to change"
+        return "an unobservable direction"
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
@@ -134,7 +146,7 @@ class Answer:
         lines += map(str, self.unseen)
         lines += [f"not seen: {symmetry}" for symmetry in self.symmetries]
         if self.direction:
-            lines.append(f"an unobservable direction: {_values(self.direction)}, at {_values(self.point)}")
+            lines.append(f"{self._of_direction}: {_values(self.direction)}, at {_values(self.point)}")
         lines += [self.advice] if self.advice else []
         return "\n".join([*lines, *map(str, self.exceptions)])
 

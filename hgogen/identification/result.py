@@ -127,12 +127,16 @@ class Fit:
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
         what, fix = f"tell {total}, in units of ranges: where it ended says nothing", "fix one of them"
         joint, hidden = self.joint, set(self.joint.hidden if self.joint else ())
+        doubtful = hidden.union(self.joint.doubtful if self.joint else ())
         inside = [set(each) <= hidden for each in self.untold]
         if joint is not None and set(parts) <= hidden and sum(inside) <= joint.count - joint.rank:
             measured = " or ".join(name for name in joint.repairs if name not in parts)
             more = f", or measure {measured} as well" if measured else ""
             return f"no record of these outputs would {what}; {fix if len(parts) > 1 else 'fix it'}{more}"
-        others = ", though others would," if joint is not None and not hidden & set(parts) else ""
+        if set(parts) & doubtful:
+            unknown = f"the records do not {what}, and whether another record would is not known"
+            return f"{unknown}; {fix if len(parts) > 1 else 'fix it'}, or move the plant more"
+        others = ", though others would," if joint is not None else ""
         more = "" if len(parts) > 1 and not others else ", or move the plant more"
         return f"the records do not{others} {what}; {fix if len(parts) > 1 else 'fix it'}{more}"
 

@@ -3,7 +3,10 @@
     rank d(y, y', ..)/d(x, p) - rank d(y, y', ..)/dx
 
 sums of the parameters and offsets p are told by the outputs at most, of almost every motion (`analysis/observability`).
-Where the Fisher information tells fewer, another record may tell the rest: one that moves the plant more.
+Where the Fisher information tells fewer, another record may tell the rest: one that moves the plant more. That no
+record tells a parameter is a fact where a symmetry of the whole plant moves it. A rank alone is a number at random
+points, and one on a branch of a plant with kinks says nothing of a record that changes the branch, by which a threshold
+is told.
 """
 
 from collections.abc import Sequence
@@ -25,12 +28,13 @@ NONE = 1e-6  # of a direction: less of it is rounding
 @dataclass(frozen=True)
 class Structure:
     """Of `count` parameters, lags and offsets the outputs tell `rank` sums at most, and none of the `hidden` ones by
-    itself; `unseen`: what hides them, in words; `repairs`: states and parameters, of which measuring one as well would
-    show all."""
+    itself, which is proved; of the `doubtful` ones that is not known; `unseen`: what hides them, in words; `repairs`:
+    states and parameters, of which measuring one as well would show all."""
 
     rank: int
     count: int
     hidden: tuple[str, ...]
+    doubtful: tuple[str, ...]
     unseen: tuple[str, ...]
     repairs: tuple[str, ...]
 
@@ -60,10 +64,13 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
     joint = whole.joint
     if joint is None:
         return None
+    proved = () if whole.asked else joint.lost
+    untold = {s for answer in (joint, *joint.elsewhere) for s in answer.rank.unobservable}
     return Structure(
         joint.rank.rank - whole.rank,
         len(names),
-        tuple(names[s.name] for s in joint.rank.unobservable if s.name in names),
+        tuple(name for s, name in names.items() if s in {one.name for one in proved}),
+        tuple(name for s, name in names.items() if s in {one.name for one in untold.difference(proved)}),
         tuple(map(str, joint.symmetries)),
         tuple(s.name for s in joint.repairs if s not in added.values()),
     )

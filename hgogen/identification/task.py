@@ -189,7 +189,7 @@ class Task:
         free = [p for p, within in zip(self.free, inner, strict=False) if within]
         offset = [y for y, within in zip(self.offset, inner[len(self.free) :], strict=True) if within]
         joint = structure(self.plant, free, offset)
-        hidden = np.array([joint is not None and name in joint.hidden for name in names])
+        hidden = np.array([joint is not None and name in (*joint.hidden, *joint.doubtful) for name in names])
         return deviations, tuple(_named(names, v) for v in parted(V[:, ~sure], hidden).T), joint
 
     def _rivals(self, best: Solution, ended: Sequence[Solution], deviations: Array) -> Iterator[dict[str, float]]:
