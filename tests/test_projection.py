@@ -105,6 +105,17 @@ def test_a_projection_ends_at_the_outer_box(method: str) -> None:
     assert after == pytest.approx([-OUTER, 0, 1])
 
 
+def test_the_clamp_to_the_outer_box_may_make_v_larger_and_the_projection_may_not() -> None:
+    """What the module says of a correlated P."""
+    P = np.array([[0.911, -0.9937, 0.4137], [-0.9937, 1.21636, -0.35869], [0.4137, -0.35869, 0.25556]])
+    z, truth = np.array([0.42839, 2.12955, 2.84659]), np.array([-0.17851, 0.51171, 0.84566])
+    expected = z.copy()
+    for k in range(3):
+        expected -= P[:, k] * (expected[k] - np.clip(expected[k], -1, 1)) / P[k, k]
+    V = [(v - truth) @ np.linalg.solve(P, v - truth) for v in (z, expected, np.clip(expected, -OUTER, OUTER))]
+    assert np.round(V) == pytest.approx([45, 22, 243], rel=0.02)
+
+
 def memory(step: CallableStep, name: str) -> Any:
     return step._kept.places[Place("state", name)]
 

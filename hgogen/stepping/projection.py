@@ -10,9 +10,11 @@ with a truth x inside the ranges, V = e' S e, and g(z) = a'z > h.
 - V does not grow: V+ = V - 2 lambda a'e + lambda^2 a' P a, and a'e >= a'z - h = lambda a' P a, since a'x <= h. So
   V+ <= V - lambda^2 a' P a. Several ends in turn each leave V no larger, though the last estimate may be outside again
   by a little where P is correlated.
-- So a bound on V = e' P^-1 e holds with this guard at work, for a plant inside its ranges. It says nothing of two
-  estimates, of which one alone is projected, and nothing where Psi is nonlinear: there a is the gradient at sat(z), and
-  the step is one of Gauss and Newton.
+- So a bound on V = e' P^-1 e holds with this guard at work, for a plant inside its ranges, as long as the estimate
+  stays within its outer box: the clamp to that is none in the metric of P, and may make V larger. With a correlated P
+  of three states V went from 45 to 22 by the projection, and to 243 by the clamp. It says nothing of two estimates,
+  of which one alone is projected, and nothing where Psi is nonlinear: there a is the gradient at sat(z), and the step
+  is one of Gauss and Newton.
 
 Without a covariance P is the diagonal of the squared widths of the outer box, for a constant injection too: its
 Lyapunov matrix is known only after a search, and moves with the gains. For g(z) = z_k the formula then clamps z_k. No
