@@ -120,6 +120,7 @@ def test_the_derivative_is_that_of_the_limit_form(name: str) -> None:
         (1 - sp.cos(sp.sqrt(W**2 + V**2))) / (W**2 + V**2),
         sp.exp(sp.sin(W) / W),
         H * sp.log(H),
+        *(e for e in (H * sp.log(H / 3), H * sp.log(H * (V + 30)), W * sp.log(W**2), (W + V) * sp.log(sp.Abs(W + V)))),
         sp.sqrt(sp.Max(W, 0)),
     ],
 )
@@ -200,8 +201,52 @@ def test_a_slope_that_the_program_takes_at_an_end_is_met_at_the_door() -> None:
 
 
 def test_a_logarithm_below_0_has_no_value() -> None:
-    (value,) = to_casadi([with_limits(H * sp.log(H))], {H: -1.0})
-    assert np.isnan(float(value))
+    for e in (H * sp.log(H), H * sp.log(2 * H), H * sp.log(3 / H), H * V * sp.log(H * V)):
+        (value,) = to_casadi([with_limits(e)], {H: -1.0, V: 2.0})
+        assert np.isnan(float(value))
+
+
+MULTIPLES = {
+    "square": (W * sp.log(W**2), 1),
+    "size": (W * sp.log(sp.Abs(W)), 1),
+    "square of itself": (W**2 * sp.log(W**2), 2),
+    "multiple": (H * sp.log(2 * H), 1),
+    "inverse": (H * sp.log(3 / H), 1),
+}
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("name", MULTIPLES)
+def test_the_logarithm_of_a_multiple_or_a_square_is_near_its_limit_form(name: str, real: str) -> None:
+    e, p = MULTIPLES[name]
+    points = np.concatenate([[0.0], 10.0 ** np.random.default_rng().uniform(-37 / p, 1.2, 40)])
+    assert ulps(e, real, points if e.has(H) else np.concatenate([points, -points]), H if e.has(H) else W) <= ULPS
+
+
+@pytest.mark.parametrize("v", [2.0, -2.0])
+def test_a_logarithm_of_a_product_has_its_limit_on_the_side_where_it_has_values(v: float) -> None:
+    for h in (0.0, 1e-40 * v, v):
+        (value,) = to_casadi([with_limits(H * sp.log(H * V))], {H: h, V: v})
+        assert np.isfinite(float(value))
+    (value,) = to_casadi([with_limits(-H * sp.log(-H))], {H: 0.0})
+    assert float(value) == 0
+
+
+@pytest.mark.parametrize(
+    ("e", "place"),
+    [
+        (W * sp.log(V**2), "unless v**2 > 0"),
+        (V * sp.log(W**2), "unless w**2 > 0"),
+        (sp.log(W**2) / W, "at w = 0 or unless w**2 > 0"),
+        (H * sp.log(H * V), "unless h*v >= 0 or unless v**2 > 0"),
+        (H * sp.log(H / V), "at v = 0"),
+        (W * sp.log(2 * W), "unless w >= 0"),
+    ],
+)
+def test_a_logarithm_without_a_limit_is_named(e: sp.Expr, place: str) -> None:
+    plant = hg.System("limit", states=(X,), inputs=(W, V, H), outputs=(Y,), flow=[e - X], output=[X])
+    (check,) = undefined_values(plant)
+    assert (check.verdict, place in str(check.reason)) == ("refuted", True)
 
 
 def test_a_root_of_a_ramp_is_flat_where_the_ramp_is() -> None:
