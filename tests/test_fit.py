@@ -271,6 +271,16 @@ def test_a_threshold_is_not_said_to_be_told_by_no_record() -> None:
     assert "whether another record would is not known" in notes
 
 
+def test_a_parameter_of_another_branch_is_told_by_other_records() -> None:
+    """g moves x above 0 alone, where this record is not."""
+    flow = [G * sp.Max(X, 0) - K * X - 1]
+    plant = hg.System("valve", states=(X,), outputs=(Y,), parameters=(K, G), flow=flow, output=[X])
+    y = -1 + 0.5 * np.exp(-0.05 * np.arange(60))
+    fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), free=["k", "g"], starts=1)
+    assert (fit.joint.hidden, fit.joint.doubtful) == ((), ())
+    assert "the records do not, though others would, tell +1 g" in " ".join(fit.notes())
+
+
 def test_a_rank_that_is_not_proved_is_no_fact() -> None:
     """The level sets of a quotient are no symmetry that is looked for."""
     p, q = hg.Signal("p", nominal=1, low=0, high=2), hg.Signal("q", nominal=1, low=0, high=2)

@@ -65,12 +65,11 @@ def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -
     if joint is None:
         return None
     proved = () if whole.asked else joint.lost
-    untold = {s for answer in (joint, *joint.elsewhere) for s in answer.rank.unobservable}
     return Structure(
         joint.rank.rank - whole.rank,
         len(names),
-        tuple(name for s, name in names.items() if s in {one.name for one in proved}),
-        tuple(name for s, name in names.items() if s in {one.name for one in untold.difference(proved)}),
+        tuple(names[s.name] for s in joint.rank.unobservable if s.name in names and s in proved),
+        tuple(names[s.name] for s in joint.rank.unobservable if s.name in names and s not in proved),
         tuple(map(str, joint.symmetries)),
         tuple(s.name for s in joint.repairs if s not in added.values()),
     )
