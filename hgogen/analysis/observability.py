@@ -75,8 +75,8 @@ class Answer:
         """The unknowns that are proved to be unobservable on every branch that was asked; none where the conditions of
         a branch read what it hides, as a threshold: when the branch changes tells it."""
         every = (self, *self.elsewhere)
-        read = {s for answer in every for condition in answer.where for s in condition.free_symbols}
-        if any(s in read for answer in every for s in answer.rank.unobservable):
+        read = sp.Tuple(*(condition for answer in every for condition in answer.where)).free_symbols
+        if any(read.intersection(answer.rank.unobservable) for answer in every):
             return ()
         return tuple(s for s in self.hidden if all(s in answer.hidden for answer in self.elsewhere))
 
@@ -109,13 +109,6 @@ class Answer:
         return (*((hidden,) if self.hidden else ()), *((doubt,) if self.doubtful else ()))
 
     @property
-    def _of_direction(self) -> str:
-        """What is known of the direction, in words."""
-        if any(s in self.doubtful for s, _ in self.direction):
-            return f"a direction in which no derivative up to order {self.rank.order} is known to change"
-        return "an unobservable direction"
-
-    @property
     def exceptions(self) -> tuple[Reason, ...]:
         """The same of the other branches, of the first of them."""
         said = [one for answer in self.elsewhere for one in answer.unseen]
@@ -146,7 +139,9 @@ class Answer:
         lines += map(str, self.unseen)
         lines += [f"not seen: {symmetry}" for symmetry in self.symmetries]
         if self.direction:
-            lines.append(f"{self._of_direction}: {_values(self.direction)}, at {_values(self.point)}")
+            doubt = f"a direction in which no derivative up to order {rank.order} is known to change"
+            known = "an unobservable direction" if self.hidden == rank.unobservable else doubt
+            lines.append(f"{known}: {_values(self.direction)}, at {_values(self.point)}")
         lines += [self.advice] if self.advice else []
         return "\n".join([*lines, *map(str, self.exceptions)])
 

@@ -17,8 +17,9 @@ from math import inf
 import sympy as sp
 
 from hgogen.algebra.kinks import slope
-from hgogen.algebra.removable import Resolved, bounded_logs, resolved
+from hgogen.algebra.removable import Resolved, resolved
 from hgogen.algebra.tape import NoTape
+from hgogen.algebra.vanishing import bounded_logs
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import bound, problem_of
 from hgogen.intervals.box import Box, Point, box
