@@ -179,6 +179,12 @@ def test_what_has_no_limit_stays_as_it_is_and_is_named(e: sp.Expr) -> None:
     assert [check.verdict for check in undefined_values(plant)] == ["refuted"]
 
 
+def test_a_quotient_of_two_multiples_of_its_base_stays_as_it_is() -> None:
+    """In v w for x the sine would read x as well."""
+    for e in ((sp.exp(V * W) - 1 - sp.sin(W)) / W, sp.sin(W + sp.sin(V * W)) / W):
+        assert resolved(e) == e
+
+
 def test_an_endless_slope_is_named_of_those_that_linearise() -> None:
     """Signed roots and x log x have a value at 0, and no derivative."""
     for rate in (-sp.sign(X) * sp.sqrt(sp.Abs(X)), -sp.Abs(X) * sp.log(sp.Abs(X))):
