@@ -109,7 +109,8 @@ def _starts(count: int) -> np.ndarray:
     """The samples from which is predicted: all, or one at random of each few, as sensors may have periods."""
     few = -(-count // MOST)
     blocks = np.arange(0, count, few)
-    return np.minimum(blocks + np.random.default_rng(0).integers(few, size=len(blocks)), count - 1)
+    chosen = blocks + np.random.default_rng(0).integers(few, size=len(blocks))
+    return np.asarray(np.minimum(chosen, count - 1))
 
 
 def _compared(
