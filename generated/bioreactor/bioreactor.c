@@ -71,10 +71,21 @@ static bool bioreactor_within(float v, float limit)
 #pragma GCC diagnostic pop
 #endif
 
+/* v in [-most, most] */
+static float bioreactor_limit(float v, float most)
+{
+    return bioreactor_within(v, most) ? v : ((v > 0.0f) ? most : -most);
+}
+
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float bioreactor_keep(float v, float low, float high, float otherwise, float limit)
 {
     return bioreactor_within(v, limit) ? bioreactor_clamp(v, low, high) : otherwise;
+}
+
+static float bioreactor_sign(float v)
+{
+    return ((v > 0.0f) ? 1.0f : 0.0f) - ((v < 0.0f) ? 1.0f : 0.0f);
 }
 
 /* the right-hand side of the observer's differential equation */
@@ -117,8 +128,8 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
         const bool t1 = bioreactor_within(s->w[0], 1e+30f) && bioreactor_within(s->w[1], 1e+30f)
             && bioreactor_within(s->k, 1e+30f);
         const bool t2 = t1 && bioreactor_within(s->quiet, 1e+30f) && bioreactor_within(s->settled, 1e+30f)
-            && bioreactor_within(s->falls, 1e+30f);
-        lost = !t2;
+            && bioreactor_within(s->turns, 1e+30f);
+        lost = !(t2 && bioreactor_within(s->falls, 1e+30f));
     }
     if (lost) {
         /* a value is lost: all restart */
@@ -126,6 +137,7 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
         s->w[1] = 0.0f;
         s->k = 0.1f;
         s->settled = 0.0f;
+        s->turns = 0.0f;
         s->falls = 0.0f;
         status |= BIOREACTOR_RESTARTED;
         /* as after a reset */
@@ -159,6 +171,11 @@ static unsigned bioreactor_keep_in_box(bioreactor_state *s, const bioreactor_par
     {
         const float settled = s->settled;
         s->settled = bioreactor_clamp(settled, 0.0f, 1.0f);
+    }
+    /* keep turns in its box */
+    {
+        const float turns = s->turns;
+        s->turns = bioreactor_limit(turns, 16.0f);
     }
     /* keep falls in its box */
     {
@@ -409,14 +426,18 @@ static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p
             const float falls = s->falls;
             const float quiet = s->quiet;
             const float settled = s->settled;
+            const float turns = s->turns;
             const bool t1 = s->y_valid > 0.0f;
             const float t2 = s->y - s->w[0];
             const float strip = p->gain.strip;
             const bool t3 = bioreactor_min(p->gain.reach, bioreactor_max(2.0f*strip,
-                0.03f)) < bioreactor_abs(t2) && settled > 0.0f;
+                0.03f)) < bioreactor_abs(t2);
+            const float t4 = bioreactor_abs(turns);
             s->quiet = t1 ? (bioreactor_within(t2, strip) ? bioreactor_min(quiet + 0.01f*s->k, 44.969326f)
                 : 0.0f) : quiet;
-            s->falls = t1 ? (t3 ? 6.0f : falls) : falls;
+            s->turns = (t1 && t3) ? ((t2*turns > 0.0f) ? turns
+                : bioreactor_sign(t2)*bioreactor_min(t4 + 1.0f, 16.0f)) : turns;
+            s->falls = t1 ? ((t3 && (settled > 0.0f || t4 >= 16.0f)) ? 6.0f : falls) : falls;
             s->settled = bioreactor_max(settled, quiet >= 3.618034f ? 1.0f : 0.0f);
         }
         /* may the gain fall? */
@@ -443,7 +464,7 @@ static unsigned bioreactor_adapt(bioreactor_state *s, const bioreactor_params *p
             const bool t1 = k_2 >= 0.1f && k_2 <= 5.0f && quiet >= 0.0f && quiet <= 44.969326f
                 && settled >= 0.0f && settled <= 1.0f;
             const float falls = s->falls;
-            beyond = !(t1 && falls >= 0.0f && falls <= 6.0f);
+            beyond = !(t1 && bioreactor_within(s->turns, 16.0f) && falls >= 0.0f && falls <= 6.0f);
         }
         if (bioreactor_acts(beyond)) {
             status |= bioreactor_keep_in_box(s, p);
@@ -523,6 +544,7 @@ void bioreactor_reset(bioreactor_state *s)
     s->k = 0.1f;
     s->quiet = 0.0f;
     s->settled = 0.0f;
+    s->turns = 0.0f;
     s->falls = 0.0f;
     s->fault_count_y = 0.0f;
     s->fault_limit_y = 6360.0f;
@@ -540,7 +562,7 @@ void bioreactor_init(bioreactor_state *s, bioreactor_params *p)
     bioreactor_reset(s);
 }
 
-static const unsigned char bioreactor_layout[8] = {0xE7u, 0x28u, 0x8Cu, 0x1Au, 0xAEu, 0xC9u, 0xE2u, 0xBDu};
+static const unsigned char bioreactor_layout[8] = {0x0Fu, 0x2Au, 0xF7u, 0x7Eu, 0x97u, 0x41u, 0x40u, 0x04u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t bioreactor_checksum(const unsigned char *bytes, size_t size)

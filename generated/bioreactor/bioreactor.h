@@ -33,10 +33,10 @@
  * noticed. The step counts samples at which y is off by 10% of its span in s.fault_count_y; other samples
  * count down, and so does each change of sign of the error, so that noise does not add up. A guard acts where
  * a count reaches its limit, after 63.6 h (228960 s) of such samples at the least. All of the state but the
- * fault counts, s.k, s.settled and s.falls restarts from the sample where that of y reaches its limit. The
- * count stays and its limit doubles, so that a guard acts again when such samples have come for twice as long
- * in all, later every 33000 h (1.188e+08 s), until the count is 0 again: after a fault that has lasted long,
- * a restart may take as long once more. The status is 0 for ok, else an or of the bits below.
+ * fault counts, s.k, s.settled, s.turns and s.falls restarts from the sample where that of y reaches its
+ * limit. The count stays and its limit doubles, so that a guard acts again when such samples have come for
+ * twice as long in all, later every 33000 h (1.188e+08 s), until the count is 0 again: after a fault that has
+ * lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the bits below.
  *
  * Change gains in p.gain, then call bioreactor_tune, or the change is neither limited nor complete. Ranges
  * are those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
@@ -131,10 +131,10 @@
 #define BIOREACTOR_MODEL   "d3e50a381325b170"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define BIOREACTOR_LAYOUT  "e7288c1aaec9e2bd"
+#define BIOREACTOR_LAYOUT  "0f2af77e97414004"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define BIOREACTOR_READY   0xE829u
+#define BIOREACTOR_READY   0x102Cu
 
 /** how many bytes a saved state has */
 #define BIOREACTOR_SAVED   (sizeof(bioreactor_state) + 12u)
@@ -211,6 +211,8 @@ typedef struct {
     float k;              /**< gain, which grows outside the strip [1/h], 0.1 .. 5 */
     float quiet;          /**< integral of k since the error is inside the strip, 0 .. 44.9693 */
     float settled;        /**< 1 once it was inside for a while: what is far then is a fault, 0 .. 1 */
+    /** how often an error that is far changed its sign, with the sign of the last, -16 .. 16 */
+    float turns;
     float falls;          /**< how often the gain may still fall, 0 .. 6 */
     /** valid samples that show a fault, with the sign of the last error that does, -6.51264e+06 ..
      * 6.51264e+06 */

@@ -455,7 +455,7 @@ void chua_init(chua_state *s, chua_params *p)
     chua_reset(s);
 }
 
-static const unsigned char chua_layout[8] = {0x10u, 0x0Au, 0x20u, 0x52u, 0xF2u, 0xB9u, 0x4Cu, 0xCCu};
+static const unsigned char chua_layout[8] = {0xF7u, 0x45u, 0x17u, 0x00u, 0x23u, 0x2Eu, 0x8Eu, 0x69u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t chua_checksum(const unsigned char *bytes, size_t size)

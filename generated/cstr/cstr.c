@@ -690,7 +690,7 @@ void cstr_init(cstr_state *s, cstr_params *p)
     cstr_reset(s);
 }
 
-static const unsigned char cstr_layout[8] = {0x06u, 0xDEu, 0xF9u, 0xAEu, 0x34u, 0x4Cu, 0xB4u, 0xC8u};
+static const unsigned char cstr_layout[8] = {0xCFu, 0xC2u, 0x54u, 0x93u, 0x11u, 0xCBu, 0xA7u, 0x95u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t cstr_checksum(const unsigned char *bytes, size_t size)

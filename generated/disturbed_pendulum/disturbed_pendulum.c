@@ -534,7 +534,7 @@ void disturbed_pendulum_init(disturbed_pendulum_state *s, disturbed_pendulum_par
 }
 
 static const unsigned char disturbed_pendulum_layout[8] = {
-    0x43u, 0x41u, 0xBFu, 0xDEu, 0x5Fu, 0x3Au, 0xC4u, 0x23u
+    0xCCu, 0xDDu, 0xFAu, 0x6Eu, 0xCDu, 0x41u, 0x97u, 0xADu
 };
 
 /* CRC-32 of IEEE 802.3 */

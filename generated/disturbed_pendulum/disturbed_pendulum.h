@@ -125,10 +125,10 @@
 #define DISTURBED_PENDULUM_MODEL   "bbb9ececb691603d"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define DISTURBED_PENDULUM_LAYOUT  "4341bfde5f3ac423"
+#define DISTURBED_PENDULUM_LAYOUT  "ccddfa6ecd4197ad"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define DISTURBED_PENDULUM_READY   0x4442u
+#define DISTURBED_PENDULUM_READY   0xCDDFu
 
 /** how many bytes a saved state has */
 #define DISTURBED_PENDULUM_SAVED   (sizeof(disturbed_pendulum_state) + 12u)

@@ -132,10 +132,10 @@
 #define DUFFING_MODEL   "84a05909adea67ae"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define DUFFING_LAYOUT  "3ab749db83a0ab8b"
+#define DUFFING_LAYOUT  "02e4454e9d5fcdc4"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define DUFFING_READY   0x3BB9u
+#define DUFFING_READY   0x03E6u
 
 /** how many bytes a saved state has */
 #define DUFFING_SAVED   (sizeof(duffing_state) + 12u)

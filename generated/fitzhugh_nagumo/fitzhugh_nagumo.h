@@ -146,10 +146,10 @@
 #define FITZHUGH_NAGUMO_MODEL   "89cfd4a37039da7b"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define FITZHUGH_NAGUMO_LAYOUT  "3899dee17c2f6424"
+#define FITZHUGH_NAGUMO_LAYOUT  "efdc3ce0f09383c7"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define FITZHUGH_NAGUMO_READY   0x399Bu
+#define FITZHUGH_NAGUMO_READY   0xF0DDu
 
 /** how many bytes a saved state has */
 #define FITZHUGH_NAGUMO_SAVED   (sizeof(fitzhugh_nagumo_state) + 12u)

@@ -132,10 +132,10 @@
 #define FLEXIBLE_JOINT_MODEL   "a27107bfd01e5727"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define FLEXIBLE_JOINT_LAYOUT  "ed9cc89496cc3631"
+#define FLEXIBLE_JOINT_LAYOUT  "879cb98723498645"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define FLEXIBLE_JOINT_READY   0xEE9Du
+#define FLEXIBLE_JOINT_READY   0x889Eu
 
 /** how many bytes a saved state has */
 #define FLEXIBLE_JOINT_SAVED   (sizeof(flexible_joint_state) + 12u)

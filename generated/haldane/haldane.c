@@ -606,7 +606,7 @@ void haldane_init(haldane_state *s, haldane_params *p)
     haldane_reset(s);
 }
 
-static const unsigned char haldane_layout[8] = {0x87u, 0x07u, 0x2Au, 0xA1u, 0xACu, 0xE9u, 0x21u, 0x2Bu};
+static const unsigned char haldane_layout[8] = {0x7Fu, 0xE2u, 0x95u, 0x30u, 0x23u, 0x88u, 0x07u, 0x82u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t haldane_checksum(const unsigned char *bytes, size_t size)

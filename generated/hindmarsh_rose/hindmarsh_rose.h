@@ -132,10 +132,10 @@
 #define HINDMARSH_ROSE_MODEL   "9fbb62a01d3ba1a8"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define HINDMARSH_ROSE_LAYOUT  "e94d210f1b26a46e"
+#define HINDMARSH_ROSE_LAYOUT  "a5547b19b8625316"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define HINDMARSH_ROSE_READY   0xEA4Eu
+#define HINDMARSH_ROSE_READY   0xA655u
 
 /** how many bytes a saved state has */
 #define HINDMARSH_ROSE_SAVED   (sizeof(hindmarsh_rose_state) + 12u)

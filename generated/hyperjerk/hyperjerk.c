@@ -550,7 +550,7 @@ void hyperjerk_init(hyperjerk_state *s, hyperjerk_params *p)
     hyperjerk_reset(s);
 }
 
-static const unsigned char hyperjerk_layout[8] = {0x0Fu, 0xC5u, 0xF0u, 0x13u, 0x8Eu, 0x03u, 0x09u, 0x81u};
+static const unsigned char hyperjerk_layout[8] = {0xDAu, 0x50u, 0xC5u, 0x7Cu, 0x20u, 0x13u, 0x56u, 0xECu};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t hyperjerk_checksum(const unsigned char *bytes, size_t size)

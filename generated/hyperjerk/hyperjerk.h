@@ -124,10 +124,10 @@
 #define HYPERJERK_MODEL   "12d901580e429e51"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define HYPERJERK_LAYOUT  "0fc5f0138e030981"
+#define HYPERJERK_LAYOUT  "da50c57c201356ec"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define HYPERJERK_READY   0x10C7u
+#define HYPERJERK_READY   0xDB51u
 
 /** how many bytes a saved state has */
 #define HYPERJERK_SAVED   (sizeof(hyperjerk_state) + 12u)

@@ -78,75 +78,75 @@
 /** @{ */
 
 /** y1 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
-#define INDUCTION_MOTOR_MISSING_Y1            0x00000001u
+#define INDUCTION_MOTOR_MISSING_Y1            UINT32_C(0x00000001)
 
 /** y1 is implausible, outside -60 .. 60, or 1e+16 off its estimate: predicted only. To do: check the sensor
  * and the declared range. */
-#define INDUCTION_MOTOR_REJECTED_Y1           0x00000002u
+#define INDUCTION_MOTOR_REJECTED_Y1           UINT32_C(0x00000002)
 
 /** y2 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
-#define INDUCTION_MOTOR_MISSING_Y2            0x00000004u
+#define INDUCTION_MOTOR_MISSING_Y2            UINT32_C(0x00000004)
 
 /** y2 is implausible, outside -60 .. 60, or 1e+16 off its estimate: predicted only. To do: check the sensor
  * and the declared range. */
-#define INDUCTION_MOTOR_REJECTED_Y2           0x00000008u
+#define INDUCTION_MOTOR_REJECTED_Y2           UINT32_C(0x00000008)
 
 /** ua is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define INDUCTION_MOTOR_REUSED_UA             0x00000010u
+#define INDUCTION_MOTOR_REUSED_UA             UINT32_C(0x00000010)
 
 /** ua was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define INDUCTION_MOTOR_CLAMPED_UA            0x00000020u
+#define INDUCTION_MOTOR_CLAMPED_UA            UINT32_C(0x00000020)
 
 /** ub is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define INDUCTION_MOTOR_REUSED_UB             0x00000040u
+#define INDUCTION_MOTOR_REUSED_UB             UINT32_C(0x00000040)
 
 /** ub was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define INDUCTION_MOTOR_CLAMPED_UB            0x00000080u
+#define INDUCTION_MOTOR_CLAMPED_UB            UINT32_C(0x00000080)
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
  * it stays, the declared ranges are too narrow. */
-#define INDUCTION_MOTOR_OUTSIDE_BOX           0x00000100u
+#define INDUCTION_MOTOR_OUTSIDE_BOX           UINT32_C(0x00000100)
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges. */
-#define INDUCTION_MOTOR_STATE_LIMITED         0x00000200u
+#define INDUCTION_MOTOR_STATE_LIMITED         UINT32_C(0x00000200)
 
 /** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
  * new; check parameters (tune was called?) and ranges. */
-#define INDUCTION_MOTOR_RESTARTED             0x00000400u
+#define INDUCTION_MOTOR_RESTARTED             UINT32_C(0x00000400)
 
 /** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
-#define INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE 0x00000800u
+#define INDUCTION_MOTOR_RESTARTED_FROM_SAMPLE UINT32_C(0x00000800)
 
 /** the estimate was outside the declared ranges for long, and was projected onto them. To do: none if rare;
  * if it comes again without a fault, widen the ranges or check the model. */
-#define INDUCTION_MOTOR_PROJECTED_ONTO_RANGES 0x00001000u
+#define INDUCTION_MOTOR_PROJECTED_ONTO_RANGES UINT32_C(0x00001000)
 
 /** an update was called again, or before the first predict, without a predict since: no second correction. To
  * do: call predict once a period, then each update at most once. */
-#define INDUCTION_MOTOR_OUT_OF_ORDER          0x00002000u
+#define INDUCTION_MOTOR_OUT_OF_ORDER          UINT32_C(0x00002000)
 
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define INDUCTION_MOTOR_PARAMETER_LIMITED     0x00004000u
+#define INDUCTION_MOTOR_PARAMETER_LIMITED     UINT32_C(0x00004000)
 
 /** the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
-#define INDUCTION_MOTOR_COVARIANCE_LIMITED    0x00008000u
+#define INDUCTION_MOTOR_COVARIANCE_LIMITED    UINT32_C(0x00008000)
 
 /** the memory of the state was none that init or reset had made, or one of another program: it was not used,
  * the state began as before the first call. To do: call init once before all else; of a state that was
  * restored, check what was saved. */
-#define INDUCTION_MOTOR_UNINITIALISED         0x00010000u
+#define INDUCTION_MOTOR_UNINITIALISED         UINT32_C(0x00010000)
 
 /** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
  * the nominal values, any other call took no sample and left the state as before the first call. To do: call
  * init once before all else, or begin constant parameters with PARAMS_INIT. */
-#define INDUCTION_MOTOR_NO_PARAMETERS         0x00020000u
+#define INDUCTION_MOTOR_NO_PARAMETERS         UINT32_C(0x00020000)
 
 /** @} */
 
@@ -160,10 +160,10 @@
 #define INDUCTION_MOTOR_MODEL   "d114fcfad0b8ae13"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define INDUCTION_MOTOR_LAYOUT  "b6ec1f620af1b21e"
+#define INDUCTION_MOTOR_LAYOUT  "067d2e484e59cf20"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define INDUCTION_MOTOR_READY   0xB7EEu
+#define INDUCTION_MOTOR_READY   0x077Fu
 
 /** how many bytes a saved state has */
 #define INDUCTION_MOTOR_SAVED   (sizeof(induction_motor_state) + 12u)

@@ -677,7 +677,7 @@ void lithium_cell_init(lithium_cell_state *s, lithium_cell_params *p)
     lithium_cell_reset(s);
 }
 
-static const unsigned char lithium_cell_layout[8] = {0xA1u, 0x3Eu, 0x64u, 0x00u, 0xB1u, 0x89u, 0x2Cu, 0x47u};
+static const unsigned char lithium_cell_layout[8] = {0x9Fu, 0x65u, 0x07u, 0x90u, 0x61u, 0x90u, 0x51u, 0xE1u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t lithium_cell_checksum(const unsigned char *bytes, size_t size)

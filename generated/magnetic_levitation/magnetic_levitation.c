@@ -712,7 +712,7 @@ void magnetic_levitation_init(magnetic_levitation_state *s, magnetic_levitation_
 }
 
 static const unsigned char magnetic_levitation_layout[8] = {
-    0x47u, 0x7Du, 0xDFu, 0x10u, 0x24u, 0xDDu, 0xD1u, 0xBBu
+    0x90u, 0x8Du, 0x2Cu, 0x35u, 0x15u, 0x26u, 0xF5u, 0x2Bu
 };
 
 /* CRC-32 of IEEE 802.3 */

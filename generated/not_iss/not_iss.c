@@ -817,7 +817,7 @@ void not_iss_init(not_iss_state *s, not_iss_params *p)
     not_iss_reset(s);
 }
 
-static const unsigned char not_iss_layout[8] = {0x00u, 0x96u, 0x69u, 0x92u, 0xAAu, 0x2Au, 0xABu, 0xFFu};
+static const unsigned char not_iss_layout[8] = {0x15u, 0x7Fu, 0xD2u, 0x3Eu, 0xD4u, 0xA5u, 0x24u, 0xFDu};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t not_iss_checksum(const unsigned char *bytes, size_t size)

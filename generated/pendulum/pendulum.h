@@ -132,10 +132,10 @@
 #define PENDULUM_MODEL   "e1559e21a077d4ab"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define PENDULUM_LAYOUT  "ee10b6fc2a4732bd"
+#define PENDULUM_LAYOUT  "9a6281fd4bc341c1"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define PENDULUM_READY   0xEF11u
+#define PENDULUM_READY   0x9B63u
 
 /** how many bytes a saved state has */
 #define PENDULUM_SAVED   (sizeof(pendulum_state) + 12u)

@@ -918,7 +918,7 @@ void pmsm_init(pmsm_state *s, pmsm_params *p)
     pmsm_reset(s);
 }
 
-static const unsigned char pmsm_layout[8] = {0xBBu, 0x68u, 0x2Eu, 0x37u, 0x47u, 0xE1u, 0xC7u, 0xF2u};
+static const unsigned char pmsm_layout[8] = {0x67u, 0x0Au, 0x28u, 0xAAu, 0x91u, 0x89u, 0x45u, 0x9Cu};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t pmsm_checksum(const unsigned char *bytes, size_t size)

@@ -78,75 +78,75 @@
 /** @{ */
 
 /** y_a is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
-#define PMSM_SENSORLESS_MISSING_Y_A           0x00000001u
+#define PMSM_SENSORLESS_MISSING_Y_A           UINT32_C(0x00000001)
 
 /** y_a is implausible, outside -75 .. 75, or 1e+16 off its estimate: predicted only. To do: check the sensor
  * and the declared range. */
-#define PMSM_SENSORLESS_REJECTED_Y_A          0x00000002u
+#define PMSM_SENSORLESS_REJECTED_Y_A          UINT32_C(0x00000002)
 
 /** y_b is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
-#define PMSM_SENSORLESS_MISSING_Y_B           0x00000004u
+#define PMSM_SENSORLESS_MISSING_Y_B           UINT32_C(0x00000004)
 
 /** y_b is implausible, outside -75 .. 75, or 1e+16 off its estimate: predicted only. To do: check the sensor
  * and the declared range. */
-#define PMSM_SENSORLESS_REJECTED_Y_B          0x00000008u
+#define PMSM_SENSORLESS_REJECTED_Y_B          UINT32_C(0x00000008)
 
 /** u_a is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define PMSM_SENSORLESS_REUSED_U_A            0x00000010u
+#define PMSM_SENSORLESS_REUSED_U_A            UINT32_C(0x00000010)
 
 /** u_a was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define PMSM_SENSORLESS_CLAMPED_U_A           0x00000020u
+#define PMSM_SENSORLESS_CLAMPED_U_A           UINT32_C(0x00000020)
 
 /** u_b is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define PMSM_SENSORLESS_REUSED_U_B            0x00000040u
+#define PMSM_SENSORLESS_REUSED_U_B            UINT32_C(0x00000040)
 
 /** u_b was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define PMSM_SENSORLESS_CLAMPED_U_B           0x00000080u
+#define PMSM_SENSORLESS_CLAMPED_U_B           UINT32_C(0x00000080)
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
  * it stays, the declared ranges are too narrow. */
-#define PMSM_SENSORLESS_OUTSIDE_BOX           0x00000100u
+#define PMSM_SENSORLESS_OUTSIDE_BOX           UINT32_C(0x00000100)
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges. */
-#define PMSM_SENSORLESS_STATE_LIMITED         0x00000200u
+#define PMSM_SENSORLESS_STATE_LIMITED         UINT32_C(0x00000200)
 
 /** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
  * new; check parameters (tune was called?) and ranges. */
-#define PMSM_SENSORLESS_RESTARTED             0x00000400u
+#define PMSM_SENSORLESS_RESTARTED             UINT32_C(0x00000400)
 
 /** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
-#define PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE 0x00000800u
+#define PMSM_SENSORLESS_RESTARTED_FROM_SAMPLE UINT32_C(0x00000800)
 
 /** the estimate was outside the declared ranges for long, and was projected onto them. To do: none if rare;
  * if it comes again without a fault, widen the ranges or check the model. */
-#define PMSM_SENSORLESS_PROJECTED_ONTO_RANGES 0x00001000u
+#define PMSM_SENSORLESS_PROJECTED_ONTO_RANGES UINT32_C(0x00001000)
 
 /** an update was called again, or before the first predict, without a predict since: no second correction. To
  * do: call predict once a period, then each update at most once. */
-#define PMSM_SENSORLESS_OUT_OF_ORDER          0x00002000u
+#define PMSM_SENSORLESS_OUT_OF_ORDER          UINT32_C(0x00002000)
 
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define PMSM_SENSORLESS_PARAMETER_LIMITED     0x00004000u
+#define PMSM_SENSORLESS_PARAMETER_LIMITED     UINT32_C(0x00004000)
 
 /** the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
-#define PMSM_SENSORLESS_COVARIANCE_LIMITED    0x00008000u
+#define PMSM_SENSORLESS_COVARIANCE_LIMITED    UINT32_C(0x00008000)
 
 /** the memory of the state was none that init or reset had made, or one of another program: it was not used,
  * the state began as before the first call. To do: call init once before all else; of a state that was
  * restored, check what was saved. */
-#define PMSM_SENSORLESS_UNINITIALISED         0x00010000u
+#define PMSM_SENSORLESS_UNINITIALISED         UINT32_C(0x00010000)
 
 /** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
  * the nominal values, any other call took no sample and left the state as before the first call. To do: call
  * init once before all else, or begin constant parameters with PARAMS_INIT. */
-#define PMSM_SENSORLESS_NO_PARAMETERS         0x00020000u
+#define PMSM_SENSORLESS_NO_PARAMETERS         UINT32_C(0x00020000)
 
 /** @} */
 
@@ -160,10 +160,10 @@
 #define PMSM_SENSORLESS_MODEL   "f32ec139477915f4"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define PMSM_SENSORLESS_LAYOUT  "11f3eea865d65ebd"
+#define PMSM_SENSORLESS_LAYOUT  "9497c59714fcbc97"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define PMSM_SENSORLESS_READY   0x12F5u
+#define PMSM_SENSORLESS_READY   0x9599u
 
 /** how many bytes a saved state has */
 #define PMSM_SENSORLESS_SAVED   (sizeof(pmsm_sensorless_state) + 12u)

@@ -78,75 +78,75 @@
 /** @{ */
 
 /** y1 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
-#define QUADRUPLE_TANK_MISSING_Y1            0x00000001u
+#define QUADRUPLE_TANK_MISSING_Y1            UINT32_C(0x00000001)
 
 /** y1 is implausible, outside -18 .. 39, or 1e+16 off its estimate: predicted only. To do: check the sensor
  * and the declared range. */
-#define QUADRUPLE_TANK_REJECTED_Y1           0x00000002u
+#define QUADRUPLE_TANK_REJECTED_Y1           UINT32_C(0x00000002)
 
 /** y2 is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
-#define QUADRUPLE_TANK_MISSING_Y2            0x00000004u
+#define QUADRUPLE_TANK_MISSING_Y2            UINT32_C(0x00000004)
 
 /** y2 is implausible, outside -18 .. 39, or 1e+16 off its estimate: predicted only. To do: check the sensor
  * and the declared range. */
-#define QUADRUPLE_TANK_REJECTED_Y2           0x00000008u
+#define QUADRUPLE_TANK_REJECTED_Y2           UINT32_C(0x00000008)
 
 /** v1 is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define QUADRUPLE_TANK_REUSED_V1             0x00000010u
+#define QUADRUPLE_TANK_REUSED_V1             UINT32_C(0x00000010)
 
 /** v1 was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define QUADRUPLE_TANK_CLAMPED_V1            0x00000020u
+#define QUADRUPLE_TANK_CLAMPED_V1            UINT32_C(0x00000020)
 
 /** v2 is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define QUADRUPLE_TANK_REUSED_V2             0x00000040u
+#define QUADRUPLE_TANK_REUSED_V2             UINT32_C(0x00000040)
 
 /** v2 was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define QUADRUPLE_TANK_CLAMPED_V2            0x00000080u
+#define QUADRUPLE_TANK_CLAMPED_V2            UINT32_C(0x00000080)
 
 /** the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
  * it stays, the declared ranges are too narrow. */
-#define QUADRUPLE_TANK_OUTSIDE_BOX           0x00000100u
+#define QUADRUPLE_TANK_OUTSIDE_BOX           UINT32_C(0x00000100)
 
 /** the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges. */
-#define QUADRUPLE_TANK_STATE_LIMITED         0x00000200u
+#define QUADRUPLE_TANK_STATE_LIMITED         UINT32_C(0x00000200)
 
 /** a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
  * new; check parameters (tune was called?) and ranges. */
-#define QUADRUPLE_TANK_RESTARTED             0x00000400u
+#define QUADRUPLE_TANK_RESTARTED             UINT32_C(0x00000400)
 
 /** good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
  * estimate as new; if it comes again without a fault, widen the ranges or check the model. */
-#define QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE 0x00000800u
+#define QUADRUPLE_TANK_RESTARTED_FROM_SAMPLE UINT32_C(0x00000800)
 
 /** the estimate was outside the declared ranges for long, and was projected onto them. To do: none if rare;
  * if it comes again without a fault, widen the ranges or check the model. */
-#define QUADRUPLE_TANK_PROJECTED_ONTO_RANGES 0x00001000u
+#define QUADRUPLE_TANK_PROJECTED_ONTO_RANGES UINT32_C(0x00001000)
 
 /** an update was called again, or before the first predict, without a predict since: no second correction. To
  * do: call predict once a period, then each update at most once. */
-#define QUADRUPLE_TANK_OUT_OF_ORDER          0x00002000u
+#define QUADRUPLE_TANK_OUT_OF_ORDER          UINT32_C(0x00002000)
 
 /** tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define QUADRUPLE_TANK_PARAMETER_LIMITED     0x00004000u
+#define QUADRUPLE_TANK_PARAMETER_LIMITED     UINT32_C(0x00004000)
 
 /** the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
-#define QUADRUPLE_TANK_COVARIANCE_LIMITED    0x00008000u
+#define QUADRUPLE_TANK_COVARIANCE_LIMITED    UINT32_C(0x00008000)
 
 /** the memory of the state was none that init or reset had made, or one of another program: it was not used,
  * the state began as before the first call. To do: call init once before all else; of a state that was
  * restored, check what was saved. */
-#define QUADRUPLE_TANK_UNINITIALISED         0x00010000u
+#define QUADRUPLE_TANK_UNINITIALISED         UINT32_C(0x00010000)
 
 /** the memory of the parameters was none that init or PARAMS_INIT had made, or of another program: tune took
  * the nominal values, any other call took no sample and left the state as before the first call. To do: call
  * init once before all else, or begin constant parameters with PARAMS_INIT. */
-#define QUADRUPLE_TANK_NO_PARAMETERS         0x00020000u
+#define QUADRUPLE_TANK_NO_PARAMETERS         UINT32_C(0x00020000)
 
 /** @} */
 
@@ -160,10 +160,10 @@
 #define QUADRUPLE_TANK_MODEL   "5ab24eb24b4bb7d1"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define QUADRUPLE_TANK_LAYOUT  "05d7ec8021dedaf1"
+#define QUADRUPLE_TANK_LAYOUT  "b6f77fa330f28b78"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define QUADRUPLE_TANK_READY   0x06D9u
+#define QUADRUPLE_TANK_READY   0xB7F9u
 
 /** how many bytes a saved state has */
 #define QUADRUPLE_TANK_SAVED   (sizeof(quadruple_tank_state) + 12u)

@@ -471,7 +471,7 @@ void roessler_init(roessler_state *s, roessler_params *p)
     roessler_reset(s);
 }
 
-static const unsigned char roessler_layout[8] = {0x1Au, 0x24u, 0xFEu, 0x65u, 0x52u, 0x49u, 0x32u, 0x6Fu};
+static const unsigned char roessler_layout[8] = {0xD0u, 0xAEu, 0xBAu, 0x8Bu, 0x9Cu, 0x1Bu, 0x24u, 0xDFu};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t roessler_checksum(const unsigned char *bytes, size_t size)

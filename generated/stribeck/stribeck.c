@@ -477,7 +477,7 @@ void stribeck_init(stribeck_state *s, stribeck_params *p)
     stribeck_reset(s);
 }
 
-static const unsigned char stribeck_layout[8] = {0x80u, 0x38u, 0xA1u, 0x92u, 0x22u, 0x4Cu, 0xB2u, 0xD2u};
+static const unsigned char stribeck_layout[8] = {0x76u, 0x13u, 0x3Fu, 0xABu, 0x12u, 0x2Du, 0x14u, 0x9Du};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t stribeck_checksum(const unsigned char *bytes, size_t size)

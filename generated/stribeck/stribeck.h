@@ -132,10 +132,10 @@
 #define STRIBECK_MODEL   "80ff64b9e8d52961"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define STRIBECK_LAYOUT  "8038a192224cb2d2"
+#define STRIBECK_LAYOUT  "76133fab122d149d"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define STRIBECK_READY   0x8139u
+#define STRIBECK_READY   0x7714u
 
 /** how many bytes a saved state has */
 #define STRIBECK_SAVED   (sizeof(stribeck_state) + 12u)

@@ -434,7 +434,7 @@ void van_der_pol_init(van_der_pol_state *s, van_der_pol_params *p)
     van_der_pol_reset(s);
 }
 
-static const unsigned char van_der_pol_layout[8] = {0xBEu, 0xECu, 0xA4u, 0x17u, 0x70u, 0x7Bu, 0xAFu, 0x68u};
+static const unsigned char van_der_pol_layout[8] = {0x1Eu, 0x1Cu, 0x36u, 0x95u, 0x6Bu, 0x46u, 0x53u, 0x51u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t van_der_pol_checksum(const unsigned char *bytes, size_t size)

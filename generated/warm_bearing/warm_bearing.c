@@ -521,7 +521,7 @@ void warm_bearing_init(warm_bearing_state *s, warm_bearing_params *p)
     warm_bearing_reset(s);
 }
 
-static const unsigned char warm_bearing_layout[8] = {0x91u, 0xBFu, 0x78u, 0xB2u, 0x03u, 0x2Du, 0x16u, 0xDFu};
+static const unsigned char warm_bearing_layout[8] = {0xC4u, 0xD7u, 0xB0u, 0xB6u, 0x96u, 0x3Fu, 0x75u, 0xFCu};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t warm_bearing_checksum(const unsigned char *bytes, size_t size)

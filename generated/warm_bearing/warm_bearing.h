@@ -139,10 +139,10 @@
 #define WARM_BEARING_MODEL   "af292b148a5e24b1"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define WARM_BEARING_LAYOUT  "91bf78b2032d16df"
+#define WARM_BEARING_LAYOUT  "c4d7b0b6963f75fc"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define WARM_BEARING_READY   0x92C1u
+#define WARM_BEARING_READY   0xC5D9u
 
 /** how many bytes a saved state has */
 #define WARM_BEARING_SAVED   (sizeof(warm_bearing_state) + 12u)
