@@ -128,6 +128,7 @@ REFUSED = [
     ("sqrt(-1)", 1, "is not a real number"),
     ("(-8)**(1/3)", 5, "is not a real number"),
     ("asin(2)", 1, "is not a real number"),
+    ("Piecewise((x, x < acos(Piecewise((x, x < y), (2, True)))), (x, True))", 1, "is not a real number"),
     ("1e999999", 1, "a power of ten beyond 400; write a shorter one"),
     ("1e-401", 1, "a power of ten beyond 400"),
     ("1" * 401, 1, "more than 400 digits"),

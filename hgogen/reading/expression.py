@@ -39,6 +39,7 @@ ARGUMENTS = 20  # of Min, Max and Piecewise
 
 _BINDING = {"<": 1, "<=": 1, ">": 1, ">=": 1, "|": 2, "&": 3, "+": 4, "-": 4, "*": 5, "/": 5, "**": 7}
 _SIGN, _POWER = 6, 6  # a sign binds more tightly than *, less than **; the exponent may carry a sign
+_COMPLEX = "is not a real number; keep roots, logarithms and asin, acos in their domain"
 _RELATIONS = {"<": sp.Lt, "<=": sp.Le, ">": sp.Gt, ">=": sp.Ge}
 _ONE = "exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh Abs sign Heaviside floor"
 _FUNCTIONS: dict[str, tuple[Callable[..., sp.Expr], int, int]] = {
@@ -285,14 +286,19 @@ class _Parser:
         del self.demanded[before:]  # which branch is taken is not known here
         if not closed:
             raise self.bad(token, "Piecewise has no value where every condition fails; end it with (value, True)")
-        return pairs[0][0] if len(pairs) == 1 else sp.Piecewise(*pairs, evaluate=False)
+        if len(pairs) == 1:
+            return pairs[0][0]
+        try:
+            return sp.Piecewise(*pairs, evaluate=False)
+        except TypeError:  # of a Piecewise in a condition, one of whose branches is not real
+            raise self.bad(token, _COMPLEX) from None
 
     def real(self, value: sp.Expr, token: Token) -> sp.Expr:
         """The value, unless it is infinite or complex."""
         if value in _INFINITE:
             raise self.bad(token, "is infinite or undefined here; remove the division by zero or the pole")
         if value.has(sp.I, *_INFINITE) or (value.is_number and value.is_real is False):
-            raise self.bad(token, "is not a real number; keep roots, logarithms and asin, acos in their domain")
+            raise self.bad(token, _COMPLEX)
         return self.bounded(value, token)
 
     def bounded(self, value: sp.Expr, token: Token) -> sp.Expr:
