@@ -16,7 +16,7 @@ from hgogen.forms.phase import phase
 from hgogen.part import Clock
 from hgogen.program import Block, Place
 from hgogen.stepping import discretise
-from hgogen.stepping.projection import projection
+from hgogen.stepping.projection import _within, projection
 
 OUTER = 3  # the end of the outer box of this filter
 RESTARTED, PROJECTED = "RESTARTED_FROM_SAMPLE", "PROJECTED_ONTO_RANGES"
@@ -57,6 +57,13 @@ def fields(P: np.ndarray) -> dict[str, Any]:
     }
 
 
+def reached(z: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The last point of the way from z to `end` in the outer box."""
+    way = end - z
+    room = np.where(way > 0, OUTER - z, z + OUTER)
+    return z + way * min(1.0, (room / np.maximum(np.abs(way), 1e-300)).min())
+
+
 numbers = st.floats(-1, 1, width=32)
 
 
@@ -77,9 +84,9 @@ def test_a_projection_brings_the_estimate_no_farther_from_any_plant_in_its_range
         expected -= P[:, k] * (expected[k] - np.clip(expected[k], -1, 1)) / P[k, k]
     V = [float((v - truth) @ np.linalg.solve(P, v - truth)) for v in (z, expected, after)]
     assert V[1] <= V[0] * (1 + 1e-9) + 1e-9
-    assert after == pytest.approx(np.clip(expected, -OUTER, OUTER), abs=1e-8)
-    if (np.abs(expected) <= OUTER).all():
-        assert V[2] <= V[0] * (1 + 1e-6) + 1e-6
+    assert after == pytest.approx(reached(z, expected), abs=1e-8)
+    assert (np.abs(after) <= OUTER).all()
+    assert V[2] <= V[0] * (1 + 1e-6) + 1e-6
     if (np.abs(z) <= 1).all():
         assert after.tolist() == z.tolist()
 
@@ -97,23 +104,46 @@ def test_two_states_are_projected_along_their_correlation() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_projection_ends_at_the_outer_box(method: str) -> None:
-    """z_1 would become 0 - .4 .099/.01 = -3.96, after its own range has been looked at."""
+    """z_1 would become 0 - .4 .099/.01 = -3.96, after its own range has been looked at: 3/3.96 of the way is taken."""
     P = np.array([[1, 0, 0.099], [0, 1, 0], [0.099, 0, 0.01]])
     function = graph(method)
     arguments = {name: value for name, value in {**fields(P), "z": [0, 0, 1.4]}.items() if name in function.name_in()}
     after = np.array(function(**arguments)["z_after"]).ravel()
-    assert after == pytest.approx([-OUTER, 0, 1])
+    assert after == pytest.approx([-OUTER, 0, 1.4 - 0.4 * OUTER / 3.96])
 
 
-def test_the_clamp_to_the_outer_box_may_make_v_larger_and_the_projection_may_not() -> None:
+@pytest.mark.parametrize(
+    ("start", "end", "last"),
+    [
+        ((0, 0), (6, 4), (3, 2)),
+        ((0, 0), (-4, 6), (-2, 3)),
+        ((3, 1), (4, -1), (3, 1)),  # at an end already
+        ((1, 2), (2, -2), (2, -2)),
+        ((0, 3), (0, 3), (0, 3)),
+    ],
+)
+def test_the_way_ends_where_the_first_state_meets_its_outer_box(
+    start: tuple[float, ...], end: tuple[float, ...], last: tuple[float, ...]
+) -> None:
+    x, moved = ca.SX.sym("x", 2), ca.SX.sym("m", 2)
+    function = ca.Function("within", [x, moved], [_within(x, moved, [(-3, 3), (-3, 3)])])
+    assert np.array(function(start, end)).ravel() == pytest.approx(last)
+
+
+def test_a_clamp_to_the_outer_box_would_make_v_larger_and_the_way_to_it_does_not() -> None:
     """What the module says of a correlated P."""
     P = np.array([[0.911, -0.9937, 0.4137], [-0.9937, 1.21636, -0.35869], [0.4137, -0.35869, 0.25556]])
     z, truth = np.array([0.42839, 2.12955, 2.84659]), np.array([-0.17851, 0.51171, 0.84566])
     expected = z.copy()
     for k in range(3):
         expected -= P[:, k] * (expected[k] - np.clip(expected[k], -1, 1)) / P[k, k]
-    V = [(v - truth) @ np.linalg.solve(P, v - truth) for v in (z, expected, np.clip(expected, -OUTER, OUTER))]
-    assert np.round(V) == pytest.approx([45, 22, 243], rel=0.02)
+    function = graph("L D L'")
+    arguments = {name: value for name, value in {**fields(P), "z": z}.items() if name in function.name_in()}
+    after = np.array(function(**arguments)["z_after"]).ravel()
+    clamped = np.clip(expected, -OUTER, OUTER)
+    V = [(v - truth) @ np.linalg.solve(P, v - truth) for v in (z, expected, clamped, after)]
+    assert np.round(V[:3]) == pytest.approx([45, 22, 243], rel=0.02)
+    assert V[3] < V[0]
 
 
 def memory(step: CallableStep, name: str) -> Any:

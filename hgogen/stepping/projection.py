@@ -10,11 +10,12 @@ with a truth x inside the ranges, V = e' S e, and g(z) = a'z > h.
 - V does not grow: V+ = V - 2 lambda a'e + lambda^2 a' P a, and a'e >= a'z - h = lambda a' P a, since a'x <= h. So
   V+ <= V - lambda^2 a' P a. Several ends in turn each leave V no larger, though the last estimate may be outside again
   by a little where P is correlated.
-- So a bound on V = e' P^-1 e holds with this guard at work, for a plant inside its ranges, as long as the estimate
-  stays within its outer box: the clamp to that is none in the metric of P, and may make V larger. With a correlated P
-  of three states V went from 45 to 22 by the projection, and to 243 by the clamp. It says nothing of two estimates,
-  of which one alone is projected, and nothing where Psi is nonlinear: there a is the gradient at sat(z), and the step
-  is one of Gauss and Newton.
+- Where z+ is outside its outer box, the estimate goes from z towards z+ as far as the box allows: V is convex, so it is
+  no larger than at z anywhere on this way. A clamp of z+ to the box may make it larger: with a correlated P of three
+  states V went from 45 to 22 by the projection, and to 243 by the clamp.
+- So a bound on V = e' P^-1 e holds with this guard at work, for a plant inside its ranges. It says nothing of two
+  estimates, of which one alone is projected, and nothing where Psi is nonlinear: there a is the gradient at sat(z), and
+  the step is one of Gauss and Newton.
 
 Without a covariance P is the diagonal of the squared widths of the outer box, for a constant injection too: its
 Lyapunov matrix is known only after a search, and moves with the gains. For g(z) = z_k the formula then clamps z_k. No
@@ -22,10 +23,10 @@ component's error grows by that, since |min(max(z_k, l), h) - x_k| <= |z_k - x_k
 matrix may: of S = [1 -.99; -.99 1] and e = (1, 1) it is .02, and 1 with e_1 = 0. The same P stands for a covariance
 that is kept in columns (more than 7 states).
 
-A value that would leave its outer box is clamped to that. Source: Simon, "Optimal State Estimation" (2006), 7.5.
+Source: Simon, "Optimal State Estimation" (2006), 7.5.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import casadi as ca
 
@@ -77,8 +78,17 @@ def _projected(observer: Observer, pieces: Pieces, fields: tuple[Field, ...], x:
         now, a = ca.substitute([g, slope], [x], [moved])
         across = P @ a
         moved = moved - across * ((now - clamp(now, *end)) / ca.dot(a, across))
-    outer = (end for field in fields for end in field.box)
-    return column(clamp(moved[i], *end) for i, end in enumerate(outer))
+    return _within(x, moved, [end for field in fields for end in field.box])
+
+
+def _within(x: Graph, moved: Graph, outer: Sequence[tuple[float, float]]) -> Graph:
+    """The last point on the way from x to `moved` that is in the outer box; the clamp is of its rounding."""
+    way, share = moved - x, ca.SX(1)
+    for i, (low, high) in enumerate(outer):
+        room = ca.if_else(way[i] > 0, high - x[i], x[i] - low)
+        share = ca.if_else(share * ca.fabs(way[i]) > room, room / ca.fabs(way[i]), share)
+    reached = x + share * way
+    return column(clamp(reached[i], *end) for i, end in enumerate(outer))
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:
