@@ -15,9 +15,10 @@ import sympy as sp
 from hgogen.form import Form
 from hgogen.guarantees.plant_step import Unbounded, steepness_in
 from hgogen.intervals.box import Box, box
-from hgogen.structure.dynamics import moved, reach, split
+from hgogen.structure.dynamics import moved
 from hgogen.structure.polytope import signals
 from hgogen.structure.sided import sided
+from hgogen.structure.unclamped import reach, split
 
 Slopes = Mapping[str, tuple[Fraction, ...]]
 

@@ -41,13 +41,15 @@ def extended(
     covariance: Matrix | None,
     initial: Values | None,
     theta: Theta | None = None,
+    tangent: bool = True,
 ) -> Extended:
-    """The filter of what `observers.riccati` says of its arguments; theta = 1 without one.
+    """The filter of what `observers.riccati` says of its arguments; theta = 1 without one. `tangent`: whether outputs
+    go on by their tangents outside of the box, as Jacobians have it.
 
     Raises: `BadGain`, `BadNames`.
     """
     n, outputs, theta = form.n, len(form.output), theta or constant(1.0)
-    dynamics = Dynamics(form)
+    dynamics = Dynamics(form, tangent)
 
     def reaches(noise: np.ndarray) -> bool:
         return reached_by(noise, jacobians_on_box(dynamics, 1)[0])

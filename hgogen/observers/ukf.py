@@ -88,7 +88,7 @@ def ukf(
     if form.n > LARGEST:
         raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
     reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
-    filter = extended(form, Q, R, covariance, initial)
+    filter = extended(form, Q, R, covariance, initial, tangent=False)
     points = Unscented(filter.part, reach, more)
     return Observer(
         form=form,

@@ -2,12 +2,14 @@
 
 sat clamps the argument of b to the declared box of the states; the linear part is never clamped; the Jacobian is the
 model's, A(u) + b*(sat(z), u), at the clamped point: no clamp has a slope in it, neither that of z nor that of a state
-x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. Whether a table's slopes are 0 beyond its points is
+x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. So a filter that corrects by the Jacobian takes y by
+its tangent outside of the box, h(sat(z)) + h*(sat(z)) (z - sat(z)): of the clamped h its corrections would be too long,
+and with two states in a reading grow without end. Whether a table's slopes are 0 beyond its points is
 decided on that box, as proofs do (`intervals.taken`). Parameters with a range become places `plant.NAME`, the others
 are folded.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial, reduce
 from typing import Any
@@ -21,13 +23,13 @@ from hgogen.analysis.determinant import determinant
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, leaves, to_casadi
 from hgogen.intervals.box import Box, box
-from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
-from hgogen.signal import Signal, resting
+from hgogen.signal import resting
 from hgogen.structure.holding import Holding
 from hgogen.structure.matrices import filled, regular_at
 from hgogen.structure.sided import Sided, sided
+from hgogen.structure.unclamped import reach, split
 
 # A value beyond this is absurd in any unit; its square still is a float.
 HUGE = 1e15
@@ -59,6 +61,7 @@ class Dynamics:
     """Graphs of `form`; z is an SX column (n), u an SX column (m)."""
 
     form: Form
+    tangent: bool = False  # whether outputs go on by their tangents outside of the box
 
     @property
     def n(self) -> int:
@@ -140,12 +143,26 @@ class Dynamics:
         return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output(self, z: Graph, u: Graph) -> Graph:
-        """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped."""
+        """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped, or by its tangent there."""
         values = self._saturating(self.form.output, z, u)
+        if self.tangent and self.form.clamped:
+            values += self._beyond(z, u)
         if not self.holding.outputs:
             return values
         whole = self._saturating(self.form.output, self.saturated(z), u)
         return column(self.holding.output(j, values[j], whole[j]) for j in range(self.outputs))
+
+    def _beyond(self, z: Graph, u: Graph) -> Graph:
+        """What the tangents of the nonlinear parts of the outputs (p) add outside of the box."""
+        rest = column(self._convert([split(h, self.form.states)[1] for h in self.form.output], self._z, self._u))
+        slope = ca.substitute([jacobian(rest, self._z)], [self._z, self._u], [self.saturated(z), u])[0]
+        return self._taken(slope, self.readable(z, u)) @ (z - self.saturated(z))
+
+    @staticmethod
+    def _taken(slopes: Graph, read: Mapping[int, Graph]) -> Graph:
+        """The rows of slopes, 0 where one that may be held is not `read`."""
+        rows = (ca.if_else(read[j], slopes[j, :], 0) if j in read else slopes[j, :] for j in range(slopes.shape[0]))
+        return ca.vertcat(*rows) if read else slopes
 
     def readable(self, z: Graph, u: Graph) -> dict[int, Graph]:
         """Whether each output that may be held is taken at sat(z), with its derivatives."""
@@ -160,12 +177,7 @@ class Dynamics:
 
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
         """The Jacobian dh/dz (p, n) of the output; 0 of one that is held there."""
-        slopes, read = self._output_jacobian(z, u), self.readable(z, u)
-        if not read:
-            return slopes
-        return ca.vertcat(
-            *(ca.if_else(read[j], slopes[j, :], 0) if j in read else slopes[j, :] for j in range(self.outputs))
-        )
+        return self._taken(self._output_jacobian(z, u), self.readable(z, u))
 
     def rates_taken(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
         """b_i of each row that may be held, and whether its rate is taken at (sat(z), u)."""
@@ -377,24 +389,3 @@ def _with_constants(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any],
 def moved(form: Form) -> bool:
     """Whether the form's coordinates are more than the system's states in another order, with signs."""
     return not all(x.is_Symbol or (-x).is_Symbol for x in form.from_form)
-
-
-def split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
-    """The sum of the terms that are linear in a state with a coefficient free of states, and the rest."""
-    linear: list[sp.Expr] = []
-    rest: list[sp.Expr] = []
-    for term in sp.Add.make_args(sp.expand_mul(expression)):
-        _, factor = term.as_independent(*states, as_Add=False)
-        (linear if factor in states else rest).append(term)
-    return sp.Add(*linear), sp.Add(*rest)
-
-
-def reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
-    """The state's range, without an end beyond which every row that reads the state goes on in one direction."""
-    slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
-    around, (low, high) = box(states), state.interval
-
-    def turns(beyond: tuple[float, float]) -> bool:
-        return any(contains_zero(enclose(slope, {**around, state: beyond})) for slope in slopes)
-
-    return (low if turns((-INF, low)) else -INF), (high if turns((high, INF)) else INF)
