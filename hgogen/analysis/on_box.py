@@ -10,12 +10,9 @@ import sympy as sp
 
 from hgogen.algebra.rank import at_values
 from hgogen.algebra.reached import Reached, reached
-from hgogen.algebra.tabulated import Table
-from hgogen.intervals.box import Box, box
+from hgogen.intervals.box import box
 from hgogen.intervals.one_sided import one_sided
 from hgogen.system import System
-
-Rows = tuple[sp.Expr, ...]
 
 
 def on_box(plant: System) -> System:
@@ -34,9 +31,3 @@ def on_branches(plant: System, loose: Iterable[sp.Symbol]) -> Reached:
     loose, plain = tuple(loose), on_box(plant)
     fixed = {p: value for p, value in plant.nominal.items() if p not in loose}
     return reached(at_values((*plain.flow, *plain.output), fixed), box((*plant.states, *plant.inputs, *loose)))
-
-
-def between_points(rows: Rows, around: Box) -> Rows:
-    """The rows on a box where they have tables: beyond its points a table is flat, which says nothing of what it shows
-    between them."""
-    return tuple(one_sided(row, around) if row.has(Table) else row for row in rows)

@@ -22,7 +22,6 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import kind
 from hgogen.algebra.rank import observability
 from hgogen.analysis.gauthier_bornard import gauthier_bornard
-from hgogen.analysis.on_box import between_points
 from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
@@ -117,8 +116,7 @@ class _Forms:
 
 def _ranks(forms: _Forms) -> Iterator[Answer]:
     e, before = forms.entry, perf_counter()
-    flow, output = between_points(e.flow, e.outer), between_points(e.output, e.outer)
-    ranks = observability(flow, output, e.states, e.inputs, e.unknown or e.known, sides=e.outer)
+    ranks = observability(e.flow, e.output, e.states, e.inputs, e.unknown or e.known, sides=e.outer)
     yield "seconds", round(perf_counter() - before, 5)
     for which, rank in (("params_known", ranks.known), ("joint", ranks.joint)):
         yield f"observable_{which}", [s.name for s in rank.observable] if rank.final else None
