@@ -4,18 +4,21 @@ import copy
 import sys
 from fractions import Fraction
 from functools import partial
+from itertools import product
 from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
-from flint import arb, ctx
+from flint import arb, ctx, fmpq_mat
 from forger import sealed
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from plants import MODELS, model
 from scipy.linalg import expm
 
 import hgogen as hg
-from hgogen.algebra.definite import definite, number
+from hgogen.algebra.definite import definite, fraction, number
 from hgogen.check import Verdict
 from hgogen.discretisation import kernels
 from hgogen.guarantees import realised
@@ -127,6 +130,44 @@ def test_balls_are_definite_where_every_matrix_within_them_is() -> None:
         assert definite(matrix) is sure
     assert not definite(-wide)
     assert not definite(np.array([[arb(0, "inf")]], dtype=object))
+
+
+def within(M: Any, radius: Fraction) -> Any:
+    """Balls around the elements of a matrix."""
+    return np.array([[arb(x, number(radius)) for x in row] for row in M], dtype=object)
+
+
+@pytest.mark.parametrize("n", [4, 10, 16])
+def test_wide_balls_are_definite_up_to_a_share_of_the_least_eigenvalue(n: int) -> None:
+    """The inverse of min(i, j) is the second difference, of a norm below 4: no eigenvalue is below 1/4, and no matrix
+    within balls of a radius of 1/(4 n) is singular. An elimination makes balls wider at each pivot. In balls of 1/3 is
+    min(i, j) - s s'/3 of the signs s = (-1)^i, with (1, -1, 0, ..) M (1, -1, 0, ..)' = 1 - 4/3."""
+    M = np.minimum.outer(np.arange(1, n + 1), np.arange(1, n + 1)).tolist()
+    with ctx.workprec(BALLS):
+        assert definite(within(M, Fraction(1, 8 * n * n)))
+        assert not definite(within(M, Fraction(1, 3)))
+
+
+def test_narrow_balls_are_definite_where_no_float_factors() -> None:
+    """Hilbert's matrix of 20 rows has a condition number of 1e28."""
+    n = 20
+    M = [[number(Fraction(1, i + j + 1)) for j in range(n)] for i in range(n)]
+    with ctx.workprec(BALLS):
+        assert definite(within(M, Fraction(1, 2**200)))
+        assert not definite(within(M, Fraction(1, 10**9)))
+
+
+@given(st.lists(st.lists(st.integers(-5, 5), min_size=4, max_size=4), min_size=4, max_size=4))
+@settings(deadline=None, max_examples=60)
+def test_balls_that_hold_a_singular_matrix_are_not_definite(rows: list[list[int]]) -> None:
+    """M - r s s' of signs s is singular where r s'M^-1 s = 1."""
+    A = fmpq_mat(rows)
+    assume(A.rank() == 4)
+    M = A * A.transpose()
+    signs = fmpq_mat([list(s) for s in product((-1, 1), repeat=4)]).transpose()
+    most = max((signs.transpose() * M.solve(signs)).tolist()[k][k] for k in range(16))
+    with ctx.workprec(BALLS):
+        assert not definite(within(M.tolist(), 1 / fraction(most)))
 
 
 @pytest.mark.parametrize("size", [0.01, 0.4, 3, 40])

@@ -11,7 +11,7 @@ from math import isqrt
 from typing import Any
 
 import numpy as np
-from flint import arb, fmpq, fmpq_mat, fmpz_mat
+from flint import arb, arb_mat, fmpq, fmpq_mat, fmpz_mat
 
 Matrix = tuple[tuple[Fraction, ...], ...]
 
@@ -70,13 +70,12 @@ def positive(M: Any) -> bool:
 
 def _near_unit(M: Any) -> bool:
     """Whether the diagonal of R M R' dominates its rows, so that it is positive definite (Gershgorin), and so is M, of
-    whole numbers: exactly, R the inverse of a Cholesky factor in floats, rounded."""
-    rows = [[int(value) for value in row] for row in M.tolist()]
-    units = [row[k].bit_length() // 2 for k, row in enumerate(rows)]
+    whole numbers or balls, whatever these hold: R the inverse of a Cholesky factor in floats, as whole numbers."""
+    rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
-        scaled = [
-            [x / (1 << i + j) for x, j in zip(row, units, strict=True)] for row, i in zip(rows, units, strict=True)
-        ]
+        units = [_bits(row[k]) // 2 for k, row in enumerate(rows)]
+        over = [arb(2) ** -j for j in units]
+        scaled = [[float(x * i * j) for x, j in zip(row, over, strict=True)] for row, i in zip(rows, over, strict=True)]
         inverse = np.linalg.inv(np.linalg.cholesky(scaled)).tolist()
         R = fmpz_mat([[int(x * 2**40) << max(units) - j for x, j in zip(row, units, strict=True)] for row in inverse])
     except (ValueError, OverflowError):  # without a factor, or beyond a float
@@ -85,11 +84,20 @@ def _near_unit(M: Any) -> bool:
     return all(2 * row[k] > sum(map(abs, row)) for k, row in enumerate(seen))
 
 
+def _bits(x: Any) -> int:
+    """The binary exponent of a ball without a radius. Raises: `ValueError` where it is not finite."""
+    mantissa, exponent = x.man_exp()
+    return int(mantissa.bit_length() + exponent)
+
+
 def definite(M: np.ndarray) -> bool:
     """Whether a symmetric matrix of FLINT's rationals is positive definite, proved either way; of its balls, whether
-    every matrix within them is shown to be, by the signs of pivots."""
+    every matrix within them is shown to be: by a congruence that brings it near the unit matrix, in which wide balls
+    are no wider, else by the signs of pivots, in which narrow balls need no float."""
     if not any(isinstance(value, arb) for value in M.flat):
         return positive(fmpq_mat(M.tolist()))
+    if _near_unit(arb_mat(M.tolist())):
+        return True
     rest = M.copy()
     for k in range(len(M)):
         if not rest[k, k] > 0:
