@@ -50,12 +50,7 @@ PLANTS, TIMES = 1000, 5  # that are drawn at random, or searched in one way; how
 MOST = 30  # rows of an inequality, of more of which bounds of all that enters are minutes
 PAIRS = 5000  # of estimates, at random and searched
 EXACT, ROUNDED = 1 + 1e-9, 1e-9  # of a bound, of a range: what doubles may be off
-UNBOUNDED = (
-    "cascaded_tanks",
-    "geared_motor",
-    "stribeck",
-    "warm_bearing",
-)  # whose flows have slopes without bound, or that jump
+UNSETTLED = {("cascaded_tanks", "peaking_free")}  # whose estimate what enters may move to its limits, from any start
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +87,12 @@ class Claims:
         assert self.known is not None
         assert self.known.check.verdict is Verdict.PROVED, self.known
         return self.known
+
+    @property
+    def noisy(self) -> float:
+        """The largest share of noise in a bound of what it and the method do."""
+        noise, method = (self.bound.shares[what] for what in ("noise", "method"))
+        return max(size / (size + method[x]) for x, size in noise.items())
 
     @cached_property
     def sizes(self) -> dict[str, dict[str, float]]:
@@ -287,13 +288,16 @@ def tried(known: Claims) -> dict[str, float]:
 @pytest.mark.parametrize(("name", "tuning"), EACH)
 def test_no_trial_errs_further(name: str, tuning: str) -> None:
     known = claims(name, tuning)
-    if name in UNBOUNDED or known.known is None:
+    if known.known is None:
+        return
+    assert (known.bound.multiple is None) is ((name, tuning) in UNSETTLED)
+    if known.bound.multiple is None:
         return
     most = tried(known)
     print(f"{name} {tuning}: " + ", ".join(f"{kind} {worst:.3f}" for kind, worst in most.items()))
     assert max(most.values()) <= 1
     assert most["start"] > 0.5  # so that the search is one
-    assert most["noise"] > 0.15
+    assert most["noise"] > 0.15 * known.noisy
 
 
 @pytest.mark.slow
