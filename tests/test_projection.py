@@ -130,6 +130,15 @@ def test_the_way_ends_where_the_first_state_meets_its_outer_box(
     assert np.array(function(start, end)).ravel() == pytest.approx(last)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_projection_that_is_lost_leaves_the_estimate_where_it_was(method: str) -> None:
+    """A covariance or its inverse that is 0, of which P a/(a' P a) is no number."""
+    function, z = graph(method), [1.4, 0.2, -1.2]
+    arguments = {name: value for name, value in {**fields(np.eye(3)), "z": z}.items() if name in function.name_in()}
+    arguments |= {name: np.zeros(len(value)) for name, value in arguments.items() if name != "z"}
+    assert np.array(function(**arguments)["z_after"]).ravel().tolist() == z
+
+
 def test_a_clamp_to_the_outer_box_would_make_v_larger_and_the_way_to_it_does_not() -> None:
     """What the module says of a correlated P."""
     P = np.array([[0.911, -0.9937, 0.4137], [-0.9937, 1.21636, -0.35869], [0.4137, -0.35869, 0.25556]])

@@ -50,13 +50,13 @@ def nearest(
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
             moved = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
-            fitted = column(_number(moved[i], end, x[i]) for i, end in enumerate(limits))
+            fitted = column(kept(moved[i], end, x[i]) for i, end in enumerate(limits))
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
             blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", placed(shown, value)))
     return tuple(blocks)
 
 
-def _number(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
+def kept(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
     """A value clamped to a range, another where it is lost; of a plausible sample none is, which an analyser sees."""
     return ca.if_else(ca.fabs(value) <= LOST, clamp(value, *end), other)
 

@@ -23,7 +23,7 @@ component's error grows by that, since |min(max(z_k, l), h) - x_k| <= |z_k - x_k
 matrix may: of S = [1 -.99; -.99 1] and e = (1, 1) it is .02, and 1 with e_1 = 0. The same P stands for a covariance
 that is kept in columns (more than 7 states).
 
-Source: Simon, "Optimal State Estimation" (2006), 7.5.
+A value that is lost, of a P that overflows, stays as it was. Source: Simon, "Optimal State Estimation" (2006), 7.5.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ from hgogen.observer import Observer
 from hgogen.part import Pieces
 from hgogen.program import INF, Block, Field, Place, Program, column, sym
 from hgogen.stepping.members import read_fields
-from hgogen.stepping.nearest import placed, weights
+from hgogen.stepping.nearest import kept, placed, weights
 from hgogen.structure.dynamics import clamp
 
 
@@ -88,7 +88,7 @@ def _within(x: Graph, moved: Graph, outer: Sequence[tuple[float, float]]) -> Gra
         room = ca.if_else(way[i] > 0, high - x[i], x[i] - low)
         share = ca.if_else(share * ca.fabs(way[i]) > room, room / ca.fabs(way[i]), share)
     reached = x + share * way
-    return column(clamp(reached[i], *end) for i, end in enumerate(outer))
+    return column(kept(reached[i], end, x[i]) for i, end in enumerate(outer))
 
 
 def _ranges(observer: Observer, x: Graph) -> Iterator[tuple[Graph, Graph, tuple[float, float]]]:
