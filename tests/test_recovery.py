@@ -98,6 +98,18 @@ SEGMENTS = st.lists(st.tuples(KINDS, st.integers(1, 160)), max_size=9)
 GUARDS = {BIT, PROJECTED}
 
 
+@pytest.mark.parametrize("name", ["y", "range"])
+def test_no_sample_takes_a_count_out_of_its_range(name: str) -> None:
+    """Whatever its limit: that a count at its most is at its limit too is nothing that intervals show."""
+    sign = next(sign for sign in quick().signs if sign.name == name)
+    values = {sign.count: sign.most, sign.limit: sign.wait, f"moves_{name}": 1, f"side_{name}": 1}
+    written = sign.counted.graph(*(values[place.name] for place, _ in sign.counted.reads))
+    assert dict(zip((place.name for place in sign.counted.writes), map(float, written), strict=True)) == {
+        sign.count: sign.most,
+        sign.limit: sign.wait,
+    }
+
+
 @settings(max_examples=30, deadline=None)
 @given(SEGMENTS, st.integers(0, 2**32 - 1))
 def test_fault_counts_and_limits_follow_the_law(segments: list[tuple[str, int]], seed: int) -> None:

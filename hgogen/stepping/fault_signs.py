@@ -45,9 +45,9 @@ class Sign:
     @property
     def counted(self) -> Block:
         """The count moved by `work.moves_NAME`, with the sign of `work.side_NAME`. Count and limit are in their ranges,
-        which was asked."""
+        which was asked, and stay there: one at its most is at its limit as well, which an analyser need not see."""
         moves, limit = sym("work", f"moves_{self.name}"), sym("state", self.limit)
-        size = ca.fmax(self.size + moves, 0)
+        size = ca.fmin(ca.fmax(self.size + moves, 0), self.most)
         return Block(
             f"count of {self.name}",
             {
