@@ -290,6 +290,23 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
         assert eval(line, {"a": a, "b": b}) is not compare(a, b)
 
 
+def test_what_a_test_has_decided_is_not_asked_again() -> None:
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    test, zero = a < b, ca.OP_IF_ELSE_ZERO
+    twice = ca.SX.binary(zero, test, ca.SX.binary(zero, test, a))
+    other = ca.SX.binary(zero, test, ca.SX.binary(zero, b < a, a))
+    truths = (ca.logic_or(test, test), ca.logic_and(test, ca.SX(1)), ca.logic_or(ca.SX(0), test))
+    graph = ca.Function("graph", [a, b], [twice, other, ca.logic_or(a, a), *truths])
+    printer = LoopPrinter(C, "float", "x", inputs=lambda k, _: Operand("ab"[k]), local=lambda k, _: "ab"[k])
+    targets = [Target(lambda text: text) for _ in range(3)] + [Target(lambda text: text, flag=True) for _ in truths]
+    constants, result = body(printer, graph, targets, [], [])
+    assert constants.lines == ("const bool t1 = a < b;",)
+    once, inner, number, *flags = result.lines
+    assert (once, inner) == ("t1 ? a : 0.0f", "t1 ? ((b < a) ? a : 0.0f) : 0.0f")
+    assert number != "a"  # it is 0 or 1
+    assert flags == ["t1"] * 3
+
+
 def test_a_bit_that_is_never_raised_is_not_printed() -> None:
     graph = ca.Function("graph", [], [ca.SX(0), ca.SX(1)])
     never, always = (

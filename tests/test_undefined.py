@@ -3,6 +3,7 @@
 from fractions import Fraction
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
@@ -310,6 +311,12 @@ def test_what_is_accepted_costs_nothing_where_every_value_is_finite(name: str) -
     assert run.x == pytest.approx(wanted.x, rel=1e-12, abs=1e-15)
     assert not run.status.any()
     assert len(held.state) == len(plain.state) + 1
+
+
+def test_an_entry_of_the_jacobian_that_is_a_number_is_no_choice() -> None:
+    """Of v' = -x - v + 1/(20 w) no derivative has a pole, taken or not."""
+    dynamics = observed("riccati", oscillator(1 / (20 * W)), ("singular.v",), KALMAN).observer.dynamics
+    assert ca.DM(dynamics.jacobian(ca.SX.sym("z", 2), ca.SX.sym("w"))).full().tolist() == [[0, 1], [-1, -1]]
 
 
 def test_values_beyond_any_unit_are_not_taken() -> None:

@@ -118,6 +118,8 @@ def _settle(node: Node) -> None:
 
 def _node(op: int, args: tuple[Node, ...]) -> Node:
     """A value, with the patterns of a choice, a clamp and a finite test recognised."""
+    if (same := _decided(op, args)) is not None:
+        return same
     if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
         (test, yes), (opposite, no) = args[0].args, args[1].args
         if opposite.op == ca.OP_NOT and opposite.args[0] is test:
@@ -137,6 +139,19 @@ def _node(op: int, args: tuple[Node, ...]) -> Node:
     if op == ca.OP_INV:
         return Node(ca.OP_DIV, (Node(ca.OP_CONST, constant=1.0), args[0]))
     return Node(op, args)
+
+
+def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
+    """The argument that a value is, bit for bit: a choice that was made before by the same test, a truth value with
+    itself, or with one that decides nothing; None for other values."""
+    if op == ca.OP_IF_ELSE_ZERO and args[1].op == op and args[1].args[0] is args[0]:
+        return args[1]
+    if op in (ca.OP_AND, ca.OP_OR):
+        for one, other in (args, args[::-1]):
+            idle = other.op == ca.OP_CONST and bool(other.constant) == (op == ca.OP_AND)
+            if boolean(one) and (other is one or idle):
+                return one
+    return None
 
 
 def _by_size(op: int, args: tuple[Node, ...]) -> Node | None:

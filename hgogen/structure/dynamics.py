@@ -27,7 +27,7 @@ from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
 from hgogen.signal import resting
 from hgogen.structure.holding import Holding
-from hgogen.structure.matrices import filled, regular_at
+from hgogen.structure.matrices import either, filled, regular_at
 from hgogen.structure.sided import Sided, sided
 from hgogen.structure.unclamped import reach, split
 
@@ -119,7 +119,7 @@ class Dynamics:
         if not self.holding.rates:
             return whole
         A, taken = ca.densify(self.holding.coasting(self._unheld(z, u)[0])), self.slopes_taken(z, u)
-        rows = (ca.if_else(taken[i], whole[i, :], A[i, :]) if i in taken else whole[i, :] for i in range(self.n))
+        rows = (either(taken[i], whole[i, :], A[i, :]) if i in taken else whole[i, :] for i in range(self.n))
         return ca.vertcat(*rows)
 
     def slopes_taken(self, z: Graph, u: Graph) -> dict[int, Graph]:

@@ -1,4 +1,4 @@
-"""SX matrices of a form: one by its entries, and one that has an inverse wherever it is evaluated."""
+"""SX matrices of a form: by entries, a choice of two, and one that has an inverse wherever it is evaluated."""
 
 from collections.abc import Iterable, Sequence
 
@@ -13,6 +13,15 @@ def filled(places: Iterable[tuple[int, int]], values: Sequence[Graph], n: int) -
     for place, value in zip(places, values, strict=True):
         matrix[place] = value
     return ca.sparsify(matrix)
+
+
+def either(test: Graph, yes: Graph, no: Graph) -> Graph:
+    """The matrix `yes` where the test holds, elsewhere `no`; an entry that is the same in both does not ask."""
+    chosen = ca.densify(yes)
+    for k in range(chosen.numel()):
+        if not ca.is_equal(chosen[k], no[k]):
+            chosen[k] = ca.if_else(test, chosen[k], no[k])
+    return chosen
 
 
 def regular_at(matrix: Graph, test: Graph) -> Graph:
