@@ -346,8 +346,9 @@ def test_the_members_are_in_a_loop() -> None:
 
 @pytest.mark.slow
 def test_a_bank_costs_the_flash_of_one_member(tmp_path: Any) -> None:
-    """Cortex-M4F, -O2, bytes: 7476, 7372, 7408 for 2, 5, 20 members; one filter with such predictors takes 6696,
-    and a bank selects and restarts members beside."""
+    """Cortex-M4F, -O2, bytes: 8853, 8769, 8777 for 2, 5, 20 members; one filter with such predictors takes 7841.
+    Beside it a bank selects and restarts members, keeps the estimate that it shows in a box of its own, where the
+    first call takes it as it stands, and restarts it (250), and `tune` computes how theta decays (300)."""
     sizes = {}
     for count in (2, 5, 20):
         made = hg.sample(hg.observers.bank(member(), count=count, period=10.0, innovation=WINDOW), dt=0.01)
@@ -356,7 +357,7 @@ def test_a_bank_costs_the_flash_of_one_member(tmp_path: Any) -> None:
     one = text_of(hg.sample(neuron.observer(alone), dt=0.01), tmp_path / "1")
     print(one, sizes)
     assert max(sizes.values()) < 1.05 * min(sizes.values())
-    assert max(sizes.values()) < one + 800
+    assert max(sizes.values()) < one + 1200  # a fifth more than was measured
 
 
 def text_of(made: Any, folder: Any) -> int:
