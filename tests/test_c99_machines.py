@@ -181,8 +181,9 @@ def test_an_8_bit_machine_computes_every_bit(name: str, tmp_path: Path) -> None:
 
 
 # Bytes and instructions on a Cortex-M4F at -O2, with a fifth more than was measured: a change that costs is seen.
-# One step of three Riccati states by RK4 alone takes 900; this one has five predictors, guards and theta as well.
-BUDGET = {"text": 9400, "stack": 160, "instructions": 2720, "state": 188, "params": 36}
+# One step of three Riccati states by RK4 alone takes 900; this one has five predictors, guards and theta as well. The
+# structs are what they are: each begins with a mark.
+BUDGET = {"text": 9400, "stack": 160, "instructions": 2000, "state": 188, "params": 40}
 
 
 @pytest.mark.slow
