@@ -373,5 +373,8 @@ def test_that_a_missing_guard_is_not_proved(tmp_path: Path) -> None:
     used = source.replace("pendulum_reset(s);\n        status", "status", 1)
     assert used != source
     assert not proved("pendulum", tmp_path, used, 5, anything=True)
-    before, predict = re.split(r"(?=unsigned fitzhugh_nagumo_predict)", files("fitzhugh_nagumo")["fitzhugh_nagumo.c"])
-    assert not proved("fitzhugh_nagumo", tmp_path, before + predict.replace("k < 5u", "k < 6u", 1), 3)
+    source = files("fitzhugh_nagumo")["fitzhugh_nagumo.c"]
+    before, predict = re.split(r"(?=unsigned fitzhugh_nagumo_run_predict)", source)
+    beyond = before + predict.replace("k < 5u", "k < 6u", 1)
+    assert beyond != source
+    assert not proved("fitzhugh_nagumo", tmp_path, beyond, 3)
