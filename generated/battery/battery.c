@@ -360,18 +360,20 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
         {
             const float z1 = s->z[0];
             const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-            const float t2 = measurement - (0.8f*z1 - s->z[1]
-                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - 0.1f/t1));
-            const bool t3 = battery_within(measurement, 3e+38f);
-            const bool t4 = t3 && measurement >= -2.5717454f && measurement <= 7.514131f
-                && battery_within(t2, 1e+16f);
-            e = t2;
-            output_error = t2;
-            valid = t4;
-            if (!t3) {
+            const float t2 = 0.1f/t1;
+            const float t3 = 0.8f*z1 - s->z[1] + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)
+                + (0.05f/t1 + t2/t1)*(z1 - t1);
+            const float t4 = measurement - t3;
+            const bool t5 = battery_within(measurement, 3e+38f);
+            const bool t6 = t5 && measurement >= -2.5717454f && measurement <= 7.514131f
+                && battery_within(t4, 1e+16f);
+            e = t4;
+            output_error = t4;
+            valid = t6;
+            if (!t5) {
                 status |= BATTERY_MISSING_Y;
             }
-            if (t3 && !t4) {
+            if (t5 && !t6) {
                 status |= BATTERY_REJECTED_Y;
             }
         }
@@ -456,7 +458,7 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = battery_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = battery_clamp(fault_count_range + moves_range, 0.0f, 122880.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 120.0f : fault_limit_range;
                 }
@@ -472,7 +474,7 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = battery_max(battery_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = battery_clamp(battery_abs(fault_count_y) + moves_y, 0.0f, 122880.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 120.0f : fault_limit_y;
                 }
@@ -518,42 +520,48 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
                             const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                            const float t2 = 0.1f/t1;
-                            const float t3 = 0.8f + 0.05f/t1 + t2/t1;
-                            const float t4 = 7.29f*t3;
-                            const float t5 = (measurement - (0.8f*z1 - z2
-                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4
-                                    + 1.44f, 1.1302767e-11f);
-                            s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
-                            s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                            const float t2 = 0.05f/t1;
+                            const float t3 = 0.1f/t1;
+                            const float t4 = t3/t1;
+                            const float t5 = 0.8f + t2 + t4;
+                            const float t6 = 7.29f*t5;
+                            const float t7 = measurement - (0.8f*z1 - z2
+                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3) + (t2 + t4)*(z1 - t1));
+                            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
+                            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
+                            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
                         }
                         /* from the sample of y */
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
                             const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                            const float t2 = 0.1f/t1;
-                            const float t3 = 0.8f + 0.05f/t1 + t2/t1;
-                            const float t4 = 7.29f*t3;
-                            const float t5 = (measurement - (0.8f*z1 - z2
-                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4
-                                    + 1.44f, 1.1302767e-11f);
-                            s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
-                            s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                            const float t2 = 0.05f/t1;
+                            const float t3 = 0.1f/t1;
+                            const float t4 = t3/t1;
+                            const float t5 = 0.8f + t2 + t4;
+                            const float t6 = 7.29f*t5;
+                            const float t7 = measurement - (0.8f*z1 - z2
+                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3) + (t2 + t4)*(z1 - t1));
+                            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
+                            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
+                            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
                         }
                         /* from the sample of y */
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
                             const float t1 = battery_clamp(z1, 0.05f, 0.95f);
-                            const float t2 = 0.1f/t1;
-                            const float t3 = 0.8f + 0.05f/t1 + t2/t1;
-                            const float t4 = 7.29f*t3;
-                            const float t5 = (measurement - (0.8f*z1 - z2
-                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t2)))/battery_max(t3*t4
-                                    + 1.44f, 1.1302767e-11f);
-                            s->z[0] = battery_keep(z1 + t4*t5, 0.05f, 0.95f, z1, 1e+30f);
-                            s->z[1] = battery_keep(z2 - 1.44f*t5, -0.2f, 0.2f, z2, 1e+30f);
+                            const float t2 = 0.05f/t1;
+                            const float t3 = 0.1f/t1;
+                            const float t4 = t3/t1;
+                            const float t5 = 0.8f + t2 + t4;
+                            const float t6 = 7.29f*t5;
+                            const float t7 = measurement - (0.8f*z1 - z2
+                                + (0.05f*battery_log(t1) - 0.02f*s->u + 3.2f - t3) + (t2 + t4)*(z1 - t1));
+                            const float t8 = t7/battery_max(t5*t6 + 1.44f, 1.1302767e-11f);
+                            s->z[0] = battery_keep(z1 + t6*t8, 0.05f, 0.95f, z1, 1e+30f);
+                            s->z[1] = battery_keep(z2 - 1.44f*t8, -0.2f, 0.2f, z2, 1e+30f);
                         }
                         /* the estimate has restarted from the sample */
                         status |= BATTERY_RESTARTED_FROM_SAMPLE;
@@ -566,14 +574,22 @@ static unsigned battery_run_update_y(battery_state *s, const battery_params *p, 
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - battery_clamp(z1, 0.05f, 0.95f);
-                            const float D1 = s->D[0];
                             const float L21 = s->L;
-                            const float t2 = L21*D1;
-                            const float t3 = z2 - t1/D1*t2;
+                            const float D1 = s->D[0];
+                            const float t1 = L21*D1;
+                            const float t2 = z1 - battery_clamp(z1, 0.05f, 0.95f);
+                            const float t3 = z2 - t2/D1*t1;
                             const float t4 = t3 - battery_limit(t3, 0.2f);
-                            s->z[0] = battery_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -0.85f, 1.85f);
-                            s->z[1] = battery_limit(t3 - t4, 0.6f);
+                            const float t5 = t3 - t4 - z2;
+                            const float t6 = (t5 > 0.0f) ? 0.6f - z2 : z2 + 0.6f;
+                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+                            const float t8 = (t7 > 0.0f) ? 1.85f - z1 : z1 + 0.85f;
+                            const float t9 = battery_abs(t7);
+                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+                            const float t11 = battery_abs(t5);
+                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+                            s->z[0] = battery_keep(z1 + t12*t7, -0.85f, 1.85f, z1, 1e+30f);
+                            s->z[1] = battery_keep(z2 + t12*t5, -0.6f, 0.6f, z2, 1e+30f);
                             status |= BATTERY_PROJECTED_ONTO_RANGES;
                         }
                     }

@@ -364,7 +364,7 @@ static unsigned bioreactor_predict(bioreactor_state *s, const bioreactor_params 
             {
                 const float fault_count_y = s->fault_count_y;
                 const float fault_limit_y = s->fault_limit_y;
-                const float t1 = bioreactor_max(bioreactor_abs(fault_count_y) + moves_y, 0.0f);
+                const float t1 = bioreactor_clamp(bioreactor_abs(fault_count_y) + moves_y, 0.0f, 6512640.0f);
                 s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                 s->fault_limit_y = (t1 <= 0.0f) ? 6360.0f : fault_limit_y;
             }

@@ -610,7 +610,7 @@ static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const casca
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = cascaded_tanks_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = cascaded_tanks_clamp(fault_count_range + moves_range, 0.0f, 30720.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 30.0f : fault_limit_range;
                 }
@@ -626,7 +626,8 @@ static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const casca
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = cascaded_tanks_max(cascaded_tanks_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = cascaded_tanks_clamp(cascaded_tanks_abs(fault_count_y) + moves_y, 0.0f,
+                        30720.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 30.0f : fault_limit_y;
                 }
@@ -684,15 +685,22 @@ static unsigned cascaded_tanks_run_update_y(cascaded_tanks_state *s, const casca
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - cascaded_tanks_clamp(z1, 0.25f, 11.0f);
-                            const float D1 = s->D[0];
                             const float L21 = s->L;
-                            const float t2 = L21*D1;
-                            const float t3 = z2 - t1/D1*t2;
+                            const float D1 = s->D[0];
+                            const float t1 = L21*D1;
+                            const float t2 = z1 - cascaded_tanks_clamp(z1, 0.25f, 11.0f);
+                            const float t3 = z2 - t2/D1*t1;
                             const float t4 = t3 - cascaded_tanks_clamp(t3, 0.52f, 3.1623f);
-                            s->z[0] = cascaded_tanks_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -10.5f,
-                                21.75f);
-                            s->z[1] = cascaded_tanks_clamp(t3 - t4, -3.44345f, 7.12575f);
+                            const float t5 = t3 - t4 - z2;
+                            const float t6 = (t5 > 0.0f) ? 7.12575f - z2 : z2 + 3.44345f;
+                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+                            const float t8 = (t7 > 0.0f) ? 21.75f - z1 : z1 + 10.5f;
+                            const float t9 = cascaded_tanks_abs(t7);
+                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+                            const float t11 = cascaded_tanks_abs(t5);
+                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+                            s->z[0] = cascaded_tanks_keep(z1 + t12*t7, -10.5f, 21.75f, z1, 1e+30f);
+                            s->z[1] = cascaded_tanks_keep(z2 + t12*t5, -3.44345f, 7.12575f, z2, 1e+30f);
                             status |= CASCADED_TANKS_PROJECTED_ONTO_RANGES;
                         }
                     }

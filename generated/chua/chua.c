@@ -32,11 +32,6 @@ static float chua_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float chua_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool chua_acts(bool flag)
 {
@@ -308,7 +303,7 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = chua_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = chua_clamp(fault_count_range + moves_range, 0.0f, 3205120.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
                 }
@@ -325,7 +320,7 @@ unsigned chua_step(chua_state *s, const chua_params *p, const chua_output *out)
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = chua_max(chua_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = chua_clamp(chua_abs(fault_count_y) + moves_y, 0.0f, 3205120.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
                 }

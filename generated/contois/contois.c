@@ -32,11 +32,6 @@ static float contois_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float contois_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool contois_acts(bool flag)
 {
@@ -409,7 +404,7 @@ static unsigned contois_run_update_y(contois_state *s, const contois_params *p, 
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = contois_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = contois_clamp(fault_count_range + moves_range, 0.0f, 614400.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 600.0f : fault_limit_range;
                 }
@@ -425,7 +420,7 @@ static unsigned contois_run_update_y(contois_state *s, const contois_params *p, 
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = contois_max(contois_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = contois_clamp(contois_abs(fault_count_y) + moves_y, 0.0f, 614400.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 600.0f : fault_limit_y;
                 }
@@ -486,14 +481,22 @@ static unsigned contois_run_update_y(contois_state *s, const contois_params *p, 
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - contois_clamp(z1, 0.1f, 5.0f);
-                            const float D1 = s->D[0];
                             const float L21 = s->L;
-                            const float t2 = L21*D1;
-                            const float t3 = z2 - t1/D1*t2;
+                            const float D1 = s->D[0];
+                            const float t1 = L21*D1;
+                            const float t2 = z1 - contois_clamp(z1, 0.1f, 5.0f);
+                            const float t3 = z2 - t2/D1*t1;
                             const float t4 = t3 - contois_clamp(t3, 0.1f, 10.0f);
-                            s->z[0] = contois_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -4.8f, 9.9f);
-                            s->z[1] = contois_clamp(t3 - t4, -9.8f, 19.9f);
+                            const float t5 = t3 - t4 - z2;
+                            const float t6 = (t5 > 0.0f) ? 19.9f - z2 : z2 + 9.8f;
+                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+                            const float t8 = (t7 > 0.0f) ? 9.9f - z1 : z1 + 4.8f;
+                            const float t9 = contois_abs(t7);
+                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+                            const float t11 = contois_abs(t5);
+                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+                            s->z[0] = contois_keep(z1 + t12*t7, -4.8f, 9.9f, z1, 1e+30f);
+                            s->z[1] = contois_keep(z2 + t12*t5, -9.8f, 19.9f, z2, 1e+30f);
                             status |= CONTOIS_PROJECTED_ONTO_RANGES;
                         }
                     }

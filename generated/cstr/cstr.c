@@ -38,11 +38,6 @@ static float cstr_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float cstr_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool cstr_acts(bool flag)
 {
@@ -489,7 +484,7 @@ static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cst
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = cstr_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = cstr_clamp(fault_count_range + moves_range, 0.0f, 244736.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 239.0f : fault_limit_range;
                 }
@@ -505,7 +500,7 @@ static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cst
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = cstr_max(cstr_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = cstr_clamp(cstr_abs(fault_count_y) + moves_y, 0.0f, 244736.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 239.0f : fault_limit_y;
                 }
@@ -566,14 +561,22 @@ static unsigned cstr_run_update_y(cstr_state *s, const cstr_params *p, const cst
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - cstr_clamp(z1, 300.0f, 350.0f);
-                            const float D1 = s->D[0];
                             const float L21 = s->L;
-                            const float t2 = L21*D1;
-                            const float t3 = z2 - t1/D1*t2;
+                            const float D1 = s->D[0];
+                            const float t1 = L21*D1;
+                            const float t2 = z1 - cstr_clamp(z1, 300.0f, 350.0f);
+                            const float t3 = z2 - t2/D1*t1;
                             const float t4 = t3 - cstr_clamp(t3, 0.05f, 1.0f);
-                            s->z[0] = cstr_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), 250.0f, 400.0f);
-                            s->z[1] = cstr_clamp(t3 - t4, -0.9f, 1.95f);
+                            const float t5 = t3 - t4 - z2;
+                            const float t6 = (t5 > 0.0f) ? 1.95f - z2 : z2 + 0.9f;
+                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+                            const float t8 = (t7 > 0.0f) ? 400.0f - z1 : z1 - 250.0f;
+                            const float t9 = cstr_abs(t7);
+                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+                            const float t11 = cstr_abs(t5);
+                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+                            s->z[0] = cstr_keep(z1 + t12*t7, 250.0f, 400.0f, z1, 1e+30f);
+                            s->z[1] = cstr_keep(z2 + t12*t5, -0.9f, 1.95f, z2, 1e+30f);
                             status |= CSTR_PROJECTED_ONTO_RANGES;
                         }
                     }

@@ -38,11 +38,6 @@ static float disturbed_pendulum_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float disturbed_pendulum_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool disturbed_pendulum_acts(bool flag)
 {
@@ -383,7 +378,8 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = disturbed_pendulum_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = disturbed_pendulum_clamp(fault_count_range + moves_range, 0.0f,
+                        3582976.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 3499.0f : fault_limit_range;
                 }
@@ -400,8 +396,8 @@ unsigned disturbed_pendulum_step(disturbed_pendulum_state *s, const disturbed_pe
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = disturbed_pendulum_max(disturbed_pendulum_abs(fault_count_y) + moves_y,
-                        0.0f);
+                    const float t1 = disturbed_pendulum_clamp(disturbed_pendulum_abs(fault_count_y)
+                        + moves_y, 0.0f, 3582976.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 3499.0f : fault_limit_y;
                 }

@@ -32,11 +32,6 @@ static float duffing_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float duffing_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool duffing_acts(bool flag)
 {
@@ -315,7 +310,7 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = duffing_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = duffing_clamp(fault_count_range + moves_range, 0.0f, 2545664.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 2486.0f : fault_limit_range;
                 }
@@ -332,7 +327,7 @@ unsigned duffing_step(duffing_state *s, const duffing_params *p, const duffing_i
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = duffing_max(duffing_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = duffing_clamp(duffing_abs(fault_count_y) + moves_y, 0.0f, 2545664.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 2486.0f : fault_limit_y;
                 }

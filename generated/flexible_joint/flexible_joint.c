@@ -38,11 +38,6 @@ static float flexible_joint_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float flexible_joint_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool flexible_joint_acts(bool flag)
 {
@@ -385,7 +380,7 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = flexible_joint_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = flexible_joint_clamp(fault_count_range + moves_range, 0.0f, 2358272.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 2303.0f : fault_limit_range;
                 }
@@ -402,7 +397,8 @@ unsigned flexible_joint_step(flexible_joint_state *s, const flexible_joint_param
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = flexible_joint_max(flexible_joint_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = flexible_joint_clamp(flexible_joint_abs(fault_count_y) + moves_y, 0.0f,
+                        2358272.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 2303.0f : fault_limit_y;
                 }

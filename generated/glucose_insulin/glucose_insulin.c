@@ -32,11 +32,6 @@ static float glucose_insulin_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float glucose_insulin_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool glucose_insulin_acts(bool flag)
 {
@@ -481,7 +476,7 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = glucose_insulin_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = glucose_insulin_clamp(fault_count_range + moves_range, 0.0f, 460800.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 450.0f : fault_limit_range;
                 }
@@ -497,7 +492,8 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = glucose_insulin_max(glucose_insulin_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = glucose_insulin_clamp(glucose_insulin_abs(fault_count_y) + moves_y,
+                        0.0f, 460800.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 450.0f : fault_limit_y;
                 }
@@ -560,26 +556,37 @@ static unsigned glucose_insulin_run_update_y(glucose_insulin_state *s, const glu
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
                             const float z3 = s->z[2];
-                            const float t1 = z1 - glucose_insulin_clamp(z1, 40.0f, 400.0f);
-                            const float D1 = s->D[0];
-                            const float L21 = s->L[0];
-                            const float t2 = L21*D1;
-                            const float t3 = t1/D1;
-                            const float t4 = z2 - t2*t3;
-                            const float t5 = t4 - glucose_insulin_clamp(t4, -0.05f, 0.0f);
-                            const float D2 = s->D[1];
-                            const float t6 = t5/(t2*L21 + D2);
                             const float L31 = s->L[1];
-                            const float t7 = L31*D1;
+                            const float D1 = s->D[0];
+                            const float t1 = L31*D1;
+                            const float t2 = z1 - glucose_insulin_clamp(z1, 40.0f, 400.0f);
+                            const float t3 = t2/D1;
+                            const float L21 = s->L[0];
                             const float L32 = s->L[2];
-                            const float t8 = L32*D2;
-                            const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+                            const float D2 = s->D[1];
+                            const float t4 = L32*D2;
+                            const float t5 = L21*D1;
+                            const float t6 = z2 - t5*t3;
+                            const float t7 = t6 - glucose_insulin_clamp(t6, -0.05f, 0.0f);
+                            const float t8 = t7/(t5*L21 + D2);
+                            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
                             const float t10 = t9 - glucose_insulin_clamp(t9, -200.0f, 0.0f);
-                            const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
-                            s->z[0] = glucose_insulin_clamp(z1 - t1 - D1*L21*t6 - D1*L31*t11, -320.0f,
-                                760.0f);
-                            s->z[1] = glucose_insulin_clamp(t4 - t5 - (t2*L31 + D2*L32)*t11, -0.1f, 0.05f);
-                            s->z[2] = glucose_insulin_clamp(t9 - t10, -400.0f, 200.0f);
+                            const float t11 = t9 - t10 - z3;
+                            const float t12 = (t11 > 0.0f) ? 200.0f - z3 : z3 + 400.0f;
+                            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
+                            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
+                            const float t15 = (t14 > 0.0f) ? 0.05f - z2 : z2 + 0.1f;
+                            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
+                            const float t17 = (t16 > 0.0f) ? 760.0f - z1 : z1 + 320.0f;
+                            const float t18 = glucose_insulin_abs(t16);
+                            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
+                            const float t20 = glucose_insulin_abs(t14);
+                            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
+                            const float t22 = glucose_insulin_abs(t11);
+                            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
+                            s->z[0] = glucose_insulin_keep(z1 + t23*t16, -320.0f, 760.0f, z1, 1e+30f);
+                            s->z[1] = glucose_insulin_keep(z2 + t23*t14, -0.1f, 0.05f, z2, 1e+30f);
+                            s->z[2] = glucose_insulin_keep(z3 + t23*t11, -400.0f, 200.0f, z3, 1e+30f);
                             status |= GLUCOSE_INSULIN_PROJECTED_ONTO_RANGES;
                         }
                     }

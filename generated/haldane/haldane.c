@@ -32,11 +32,6 @@ static float haldane_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float haldane_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool haldane_acts(bool flag)
 {
@@ -404,7 +399,7 @@ static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, 
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = haldane_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = haldane_clamp(fault_count_range + moves_range, 0.0f, 918528.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 897.0f : fault_limit_range;
                 }
@@ -420,7 +415,7 @@ static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, 
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = haldane_max(haldane_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = haldane_clamp(haldane_abs(fault_count_y) + moves_y, 0.0f, 918528.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 897.0f : fault_limit_y;
                 }
@@ -481,14 +476,22 @@ static unsigned haldane_run_update_y(haldane_state *s, const haldane_params *p, 
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - haldane_clamp(z1, 0.5f, 10.0f);
-                            const float D1 = s->D[0];
                             const float L21 = s->L;
-                            const float t2 = L21*D1;
-                            const float t3 = z2 - t1/D1*t2;
+                            const float D1 = s->D[0];
+                            const float t1 = L21*D1;
+                            const float t2 = z1 - haldane_clamp(z1, 0.5f, 10.0f);
+                            const float t3 = z2 - t2/D1*t1;
                             const float t4 = t3 - haldane_clamp(t3, 0.0f, 20.0f);
-                            s->z[0] = haldane_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -9.0f, 19.5f);
-                            s->z[1] = haldane_clamp(t3 - t4, -20.0f, 40.0f);
+                            const float t5 = t3 - t4 - z2;
+                            const float t6 = (t5 > 0.0f) ? 40.0f - z2 : z2 + 20.0f;
+                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+                            const float t8 = (t7 > 0.0f) ? 19.5f - z1 : z1 + 9.0f;
+                            const float t9 = haldane_abs(t7);
+                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+                            const float t11 = haldane_abs(t5);
+                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+                            s->z[0] = haldane_keep(z1 + t12*t7, -9.0f, 19.5f, z1, 1e+30f);
+                            s->z[1] = haldane_keep(z2 + t12*t5, -20.0f, 40.0f, z2, 1e+30f);
                             status |= HALDANE_PROJECTED_ONTO_RANGES;
                         }
                     }

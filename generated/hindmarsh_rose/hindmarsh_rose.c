@@ -32,11 +32,6 @@ static float hindmarsh_rose_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float hindmarsh_rose_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool hindmarsh_rose_acts(bool flag)
 {
@@ -355,7 +350,7 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = hindmarsh_rose_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = hindmarsh_rose_clamp(fault_count_range + moves_range, 0.0f, 1127424.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 1101.0f : fault_limit_range;
                 }
@@ -372,7 +367,8 @@ unsigned hindmarsh_rose_step(hindmarsh_rose_state *s, const hindmarsh_rose_param
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = hindmarsh_rose_max(hindmarsh_rose_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = hindmarsh_rose_clamp(hindmarsh_rose_abs(fault_count_y) + moves_y, 0.0f,
+                        1127424.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 1101.0f : fault_limit_y;
                 }

@@ -32,11 +32,6 @@ static float hyperjerk_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float hyperjerk_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool hyperjerk_acts(bool flag)
 {
@@ -401,7 +396,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = hyperjerk_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = hyperjerk_clamp(fault_count_range + moves_range, 0.0f, 4194304.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 7523.0f : fault_limit_range;
                 }
@@ -418,7 +413,8 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = hyperjerk_max(hyperjerk_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = hyperjerk_clamp(hyperjerk_abs(fault_count_y) + moves_y, 0.0f,
+                        4194304.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 7523.0f : fault_limit_y;
                 }

@@ -357,18 +357,20 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
         measurement = out->y;
         /* guard the measurement of y */
         {
-            const float t1 = measurement - (lithium_cell_table_ocv(lithium_cell_clamp(s->z[0], 0.03f, 0.97f))
-                - 0.03f*s->u);
-            const bool t2 = lithium_cell_within(measurement, 3e+38f);
-            const bool t3 = t2 && measurement >= 1.675f && measurement <= 5.56f
-                && lithium_cell_within(t1, 1e+16f);
-            e = t1;
-            output_error = t1;
-            valid = t3;
-            if (!t2) {
+            const float z1 = s->z[0];
+            const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
+            const float t2 = measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+                + lithium_cell_slope_ocv(t1)*(z1 - t1));
+            const bool t3 = lithium_cell_within(measurement, 3e+38f);
+            const bool t4 = t3 && measurement >= 1.675f && measurement <= 5.56f
+                && lithium_cell_within(t2, 1e+16f);
+            e = t2;
+            output_error = t2;
+            valid = t4;
+            if (!t3) {
                 status |= LITHIUM_CELL_MISSING_Y;
             }
-            if (t2 && !t3) {
+            if (t3 && !t4) {
                 status |= LITHIUM_CELL_REJECTED_Y;
             }
         }
@@ -445,7 +447,7 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = lithium_cell_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = lithium_cell_clamp(fault_count_range + moves_range, 0.0f, 974848.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 952.0f : fault_limit_range;
                 }
@@ -461,7 +463,8 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = lithium_cell_max(lithium_cell_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = lithium_cell_clamp(lithium_cell_abs(fault_count_y) + moves_y, 0.0f,
+                        974848.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 952.0f : fault_limit_y;
                 }
@@ -510,8 +513,8 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
                             const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
                             const float t2 = lithium_cell_slope_ocv(t1);
                             const float t3 = 7.9524f*t2;
-                            const float t4 = (measurement - (lithium_cell_table_ocv(t1)
-                                - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
+                            const float t4 = (measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+                                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
                             s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
                             s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
                         }
@@ -522,8 +525,8 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
                             const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
                             const float t2 = lithium_cell_slope_ocv(t1);
                             const float t3 = 7.9524f*t2;
-                            const float t4 = (measurement - (lithium_cell_table_ocv(t1)
-                                - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
+                            const float t4 = (measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+                                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
                             s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
                             s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
                         }
@@ -534,8 +537,8 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
                             const float t1 = lithium_cell_clamp(z1, 0.03f, 0.97f);
                             const float t2 = lithium_cell_slope_ocv(t1);
                             const float t3 = 7.9524f*t2;
-                            const float t4 = (measurement - (lithium_cell_table_ocv(t1)
-                                - 0.03f*s->u))/lithium_cell_max(t2*t3, 1.677025e-12f);
+                            const float t4 = (measurement - (lithium_cell_table_ocv(t1) - 0.03f*s->u
+                                + t2*(z1 - t1)))/lithium_cell_max(t2*t3, 1.677025e-12f);
                             s->z[0] = lithium_cell_keep(z1 + t3*t4, 0.03f, 0.97f, z1, 1e+30f);
                             s->z[1] = lithium_cell_keep(z2, -0.5f, 0.5f, z2, 1e+30f);
                         }
@@ -550,15 +553,22 @@ static unsigned lithium_cell_run_update_y(lithium_cell_state *s, const lithium_c
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - lithium_cell_clamp(z1, 0.03f, 0.97f);
-                            const float D1 = s->D[0];
                             const float L21 = s->L;
-                            const float t2 = L21*D1;
-                            const float t3 = z2 - t1/D1*t2;
+                            const float D1 = s->D[0];
+                            const float t1 = L21*D1;
+                            const float t2 = z1 - lithium_cell_clamp(z1, 0.03f, 0.97f);
+                            const float t3 = z2 - t2/D1*t1;
                             const float t4 = t3 - lithium_cell_limit(t3, 0.5f);
-                            s->z[0] = lithium_cell_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -0.91f,
-                                1.91f);
-                            s->z[1] = lithium_cell_limit(t3 - t4, 1.5f);
+                            const float t5 = t3 - t4 - z2;
+                            const float t6 = (t5 > 0.0f) ? 1.5f - z2 : z2 + 1.5f;
+                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+                            const float t8 = (t7 > 0.0f) ? 1.91f - z1 : z1 + 0.91f;
+                            const float t9 = lithium_cell_abs(t7);
+                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+                            const float t11 = lithium_cell_abs(t5);
+                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+                            s->z[0] = lithium_cell_keep(z1 + t12*t7, -0.91f, 1.91f, z1, 1e+30f);
+                            s->z[1] = lithium_cell_keep(z2 + t12*t5, -1.5f, 1.5f, z2, 1e+30f);
                             status |= LITHIUM_CELL_PROJECTED_ONTO_RANGES;
                         }
                     }

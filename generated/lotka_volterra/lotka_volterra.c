@@ -32,11 +32,6 @@ static float lotka_volterra_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float lotka_volterra_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool lotka_volterra_acts(bool flag)
 {
@@ -385,7 +380,7 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = lotka_volterra_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = lotka_volterra_clamp(fault_count_range + moves_range, 0.0f, 489472.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 478.0f : fault_limit_range;
                 }
@@ -401,7 +396,8 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = lotka_volterra_max(lotka_volterra_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = lotka_volterra_clamp(lotka_volterra_abs(fault_count_y) + moves_y, 0.0f,
+                        489472.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 478.0f : fault_limit_y;
                 }
@@ -462,15 +458,22 @@ static unsigned lotka_volterra_run_update_y(lotka_volterra_state *s, const lotka
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - lotka_volterra_clamp(z1, 1.0f, 80.0f);
-                            const float D1 = s->D[0];
                             const float L21 = s->L;
-                            const float t2 = L21*D1;
-                            const float t3 = z2 - t1/D1*t2;
+                            const float D1 = s->D[0];
+                            const float t1 = L21*D1;
+                            const float t2 = z1 - lotka_volterra_clamp(z1, 1.0f, 80.0f);
+                            const float t3 = z2 - t2/D1*t1;
                             const float t4 = t3 - lotka_volterra_clamp(t3, -40.0f, -1.0f);
-                            s->z[0] = lotka_volterra_clamp(z1 - t1 - D1*L21*(t4/(t2*L21 + s->D[1])), -78.0f,
-                                159.0f);
-                            s->z[1] = lotka_volterra_clamp(t3 - t4, -79.0f, 38.0f);
+                            const float t5 = t3 - t4 - z2;
+                            const float t6 = (t5 > 0.0f) ? 38.0f - z2 : z2 + 79.0f;
+                            const float t7 = z1 - t2 - D1*L21*(t4/(t1*L21 + s->D[1])) - z1;
+                            const float t8 = (t7 > 0.0f) ? 159.0f - z1 : z1 + 78.0f;
+                            const float t9 = lotka_volterra_abs(t7);
+                            const float t10 = (t8 < t9) ? t8/t9 : 1.0f;
+                            const float t11 = lotka_volterra_abs(t5);
+                            const float t12 = (t6 < t10*t11) ? t6/t11 : t10;
+                            s->z[0] = lotka_volterra_keep(z1 + t12*t7, -78.0f, 159.0f, z1, 1e+30f);
+                            s->z[1] = lotka_volterra_keep(z2 + t12*t5, -79.0f, 38.0f, z2, 1e+30f);
                             status |= LOTKA_VOLTERRA_PROJECTED_ONTO_RANGES;
                         }
                     }

@@ -32,11 +32,6 @@ static float magnetic_levitation_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float magnetic_levitation_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool magnetic_levitation_acts(bool flag)
 {
@@ -487,7 +482,8 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = magnetic_levitation_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = magnetic_levitation_clamp(fault_count_range + moves_range, 0.0f,
+                        1608704.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 1571.0f : fault_limit_range;
                 }
@@ -503,8 +499,8 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = magnetic_levitation_max(magnetic_levitation_abs(fault_count_y)
-                        + moves_y, 0.0f);
+                    const float t1 = magnetic_levitation_clamp(magnetic_levitation_abs(fault_count_y)
+                        + moves_y, 0.0f, 1608704.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 1571.0f : fault_limit_y;
                 }
@@ -567,26 +563,37 @@ static unsigned magnetic_levitation_run_update_y(magnetic_levitation_state *s,
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
                             const float z3 = s->z[2];
-                            const float t1 = z1 - magnetic_levitation_clamp(z1, 0.005f, 0.03f);
-                            const float D1 = s->D[0];
-                            const float L21 = s->L[0];
-                            const float t2 = L21*D1;
-                            const float t3 = t1/D1;
-                            const float t4 = z2 - t2*t3;
-                            const float t5 = t4 - magnetic_levitation_limit(t4, 1.0f);
-                            const float D2 = s->D[1];
-                            const float t6 = t5/(t2*L21 + D2);
                             const float L31 = s->L[1];
-                            const float t7 = L31*D1;
+                            const float D1 = s->D[0];
+                            const float t1 = L31*D1;
+                            const float t2 = z1 - magnetic_levitation_clamp(z1, 0.005f, 0.03f);
+                            const float t3 = t2/D1;
+                            const float L21 = s->L[0];
                             const float L32 = s->L[2];
-                            const float t8 = L32*D2;
-                            const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+                            const float D2 = s->D[1];
+                            const float t4 = L32*D2;
+                            const float t5 = L21*D1;
+                            const float t6 = z2 - t5*t3;
+                            const float t7 = t6 - magnetic_levitation_limit(t6, 1.0f);
+                            const float t8 = t7/(t5*L21 + D2);
+                            const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
                             const float t10 = t9 - magnetic_levitation_clamp(t9, 0.1f, 3.0f);
-                            const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
-                            s->z[0] = magnetic_levitation_clamp(z1 - t1 - D1*L21*t6 - D1*L31*t11, -0.02f,
-                                0.055f);
-                            s->z[1] = magnetic_levitation_limit(t4 - t5 - (t2*L31 + D2*L32)*t11, 3.0f);
-                            s->z[2] = magnetic_levitation_clamp(t9 - t10, -2.8f, 5.9f);
+                            const float t11 = t9 - t10 - z3;
+                            const float t12 = (t11 > 0.0f) ? 5.9f - z3 : z3 + 2.8f;
+                            const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
+                            const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
+                            const float t15 = (t14 > 0.0f) ? 3.0f - z2 : z2 + 3.0f;
+                            const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
+                            const float t17 = (t16 > 0.0f) ? 0.055f - z1 : z1 + 0.02f;
+                            const float t18 = magnetic_levitation_abs(t16);
+                            const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
+                            const float t20 = magnetic_levitation_abs(t14);
+                            const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
+                            const float t22 = magnetic_levitation_abs(t11);
+                            const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
+                            s->z[0] = magnetic_levitation_keep(z1 + t23*t16, -0.02f, 0.055f, z1, 1e+30f);
+                            s->z[1] = magnetic_levitation_keep(z2 + t23*t14, -3.0f, 3.0f, z2, 1e+30f);
+                            s->z[2] = magnetic_levitation_keep(z3 + t23*t11, -2.8f, 5.9f, z3, 1e+30f);
                             status |= MAGNETIC_LEVITATION_PROJECTED_ONTO_RANGES;
                         }
                     }

@@ -520,7 +520,7 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = not_iss_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = not_iss_clamp(fault_count_range + moves_range, 0.0f, 564224.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 551.0f : fault_limit_range;
                 }
@@ -555,7 +555,8 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                 {
                     const float fault_count_y_y2 = s->fault_count_y_y2;
                     const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                    const float t1 = not_iss_max(not_iss_abs(fault_count_y_y2) + moves_y_y2, 0.0f);
+                    const float t1 = not_iss_clamp(not_iss_abs(fault_count_y_y2) + moves_y_y2, 0.0f,
+                        282624.0f);
                     s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y2 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y2;
                 }
@@ -563,7 +564,8 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                 {
                     const float fault_count_y_y1 = s->fault_count_y_y1;
                     const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                    const float t1 = not_iss_max(not_iss_abs(fault_count_y_y1) + moves_y_y1, 0.0f);
+                    const float t1 = not_iss_clamp(not_iss_abs(fault_count_y_y1) + moves_y_y1, 0.0f,
+                        282624.0f);
                     s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y1 = (t1 <= 0.0f) ? 276.0f : fault_limit_y_y1;
                 }
@@ -721,12 +723,20 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                         {
                             const float z1 = s->z[0];
                             const float z2 = s->z[1];
-                            const float t1 = z1 - not_iss_clamp(z1, 0.0f, 2.0f);
                             const float P21 = s->P[1];
+                            const float t1 = z1 - not_iss_clamp(z1, 0.0f, 2.0f);
                             const float t2 = z2 - t1/s->P[0]*P21;
                             const float t3 = t2 - not_iss_clamp(t2, 0.0f, 4.0f);
-                            s->z[0] = not_iss_clamp(z1 - t1 - t3/s->P[2]*P21, -2.0f, 4.0f);
-                            s->z[1] = not_iss_clamp(t2 - t3, -4.0f, 8.0f);
+                            const float t4 = t2 - t3 - z2;
+                            const float t5 = (t4 > 0.0f) ? 8.0f - z2 : z2 + 4.0f;
+                            const float t6 = z1 - t1 - t3/s->P[2]*P21 - z1;
+                            const float t7 = (t6 > 0.0f) ? 4.0f - z1 : z1 + 2.0f;
+                            const float t8 = not_iss_abs(t6);
+                            const float t9 = (t7 < t8) ? t7/t8 : 1.0f;
+                            const float t10 = not_iss_abs(t4);
+                            const float t11 = (t5 < t9*t10) ? t5/t10 : t9;
+                            s->z[0] = not_iss_keep(z1 + t11*t6, -2.0f, 4.0f, z1, 1e+30f);
+                            s->z[1] = not_iss_keep(z2 + t11*t4, -4.0f, 8.0f, z2, 1e+30f);
                             status |= NOT_ISS_PROJECTED_ONTO_RANGES;
                         }
                     }

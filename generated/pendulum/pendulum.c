@@ -38,11 +38,6 @@ static float pendulum_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float pendulum_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool pendulum_acts(bool flag)
 {
@@ -345,7 +340,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = pendulum_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = pendulum_clamp(fault_count_range + moves_range, 0.0f, 779264.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 761.0f : fault_limit_range;
                 }
@@ -362,7 +357,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = pendulum_max(pendulum_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = pendulum_clamp(pendulum_abs(fault_count_y) + moves_y, 0.0f, 779264.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 761.0f : fault_limit_y;
                 }

@@ -32,11 +32,6 @@ static float pmsm_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float pmsm_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool pmsm_acts(bool flag)
 {
@@ -234,7 +229,7 @@ static uint32_t pmsm_count_range(pmsm_state *s, const pmsm_params *p)
     {
         const float fault_count_range = s->fault_count_range;
         const float fault_limit_range = s->fault_limit_range;
-        const float t1 = pmsm_max(fault_count_range + moves_range, 0.0f);
+        const float t1 = pmsm_clamp(fault_count_range + moves_range, 0.0f, 257024.0f);
         s->fault_count_range = t1;
         s->fault_limit_range = (t1 <= 0.0f) ? 251.0f : fault_limit_range;
     }
@@ -251,25 +246,37 @@ static uint32_t pmsm_project_onto_ranges(pmsm_state *s, const pmsm_params *p)
         const float z1 = s->z[0];
         const float z2 = s->z[1];
         const float z3 = s->z[2];
-        const float t1 = z1 - pmsm_limit(z1, 20.0f);
-        const float D1 = s->D[0];
-        const float L21 = s->L[0];
-        const float t2 = L21*D1;
-        const float t3 = t1/D1;
-        const float t4 = z2 - t2*t3;
-        const float t5 = t4 - pmsm_limit(t4, 20.0f);
-        const float D2 = s->D[1];
-        const float t6 = t5/(t2*L21 + D2);
         const float L31 = s->L[1];
-        const float t7 = L31*D1;
+        const float D1 = s->D[0];
+        const float t1 = L31*D1;
+        const float t2 = z1 - pmsm_limit(z1, 20.0f);
+        const float t3 = t2/D1;
+        const float L21 = s->L[0];
         const float L32 = s->L[2];
-        const float t8 = L32*D2;
-        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
+        const float D2 = s->D[1];
+        const float t4 = L32*D2;
+        const float t5 = L21*D1;
+        const float t6 = z2 - t5*t3;
+        const float t7 = t6 - pmsm_limit(t6, 20.0f);
+        const float t8 = t7/(t5*L21 + D2);
+        const float t9 = z3 - t1*t3 - (t1*L21 + t4)*t8;
         const float t10 = t9 - pmsm_limit(t9, 300.0f);
-        const float t11 = t10/(t7*L31 + t8*L32 + s->D[2]);
-        s->z[0] = pmsm_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11, 60.0f);
-        s->z[1] = pmsm_limit(t4 - t5 - (t2*L31 + D2*L32)*t11, 60.0f);
-        s->z[2] = pmsm_limit(t9 - t10, 900.0f);
+        const float t11 = t9 - t10 - z3;
+        const float t12 = (t11 > 0.0f) ? 900.0f - z3 : z3 + 900.0f;
+        const float t13 = t10/(t1*L31 + t4*L32 + s->D[2]);
+        const float t14 = t6 - t7 - (t5*L31 + D2*L32)*t13 - z2;
+        const float t15 = (t14 > 0.0f) ? 60.0f - z2 : z2 + 60.0f;
+        const float t16 = z1 - t2 - D1*L21*t8 - D1*L31*t13 - z1;
+        const float t17 = (t16 > 0.0f) ? 60.0f - z1 : z1 + 60.0f;
+        const float t18 = pmsm_abs(t16);
+        const float t19 = (t17 < t18) ? t17/t18 : 1.0f;
+        const float t20 = pmsm_abs(t14);
+        const float t21 = (t15 < t19*t20) ? t15/t20 : t19;
+        const float t22 = pmsm_abs(t11);
+        const float t23 = (t12 < t21*t22) ? t12/t22 : t21;
+        s->z[0] = pmsm_keep(z1 + t23*t16, -60.0f, 60.0f, z1, 1e+30f);
+        s->z[1] = pmsm_keep(z2 + t23*t14, -60.0f, 60.0f, z2, 1e+30f);
+        s->z[2] = pmsm_keep(z3 + t23*t11, -900.0f, 900.0f, z3, 1e+30f);
         status |= PMSM_PROJECTED_ONTO_RANGES;
     }
     return status;
@@ -543,7 +550,7 @@ static uint32_t pmsm_run_update_y1(pmsm_state *s, const pmsm_params *p, const pm
                 {
                     const float fault_count_y_y1 = s->fault_count_y_y1;
                     const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                    const float t1 = pmsm_max(pmsm_abs(fault_count_y_y1) + moves_y_y1, 0.0f);
+                    const float t1 = pmsm_clamp(pmsm_abs(fault_count_y_y1) + moves_y_y1, 0.0f, 129024.0f);
                     s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y1 = (t1 <= 0.0f) ? 126.0f : fault_limit_y_y1;
                 }
@@ -723,7 +730,7 @@ static uint32_t pmsm_run_update_y2(pmsm_state *s, const pmsm_params *p, const pm
                 {
                     const float fault_count_y_y2 = s->fault_count_y_y2;
                     const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                    const float t1 = pmsm_max(pmsm_abs(fault_count_y_y2) + moves_y_y2, 0.0f);
+                    const float t1 = pmsm_clamp(pmsm_abs(fault_count_y_y2) + moves_y_y2, 0.0f, 129024.0f);
                     s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y2 = (t1 <= 0.0f) ? 126.0f : fault_limit_y_y2;
                 }

@@ -32,11 +32,6 @@ static float pmsm_sensorless_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float pmsm_sensorless_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool pmsm_sensorless_acts(bool flag)
 {
@@ -303,7 +298,7 @@ static uint32_t pmsm_sensorless_count_range(pmsm_sensorless_state *s, const pmsm
     {
         const float fault_count_range = s->fault_count_range;
         const float fault_limit_range = s->fault_limit_range;
-        const float t1 = pmsm_sensorless_max(fault_count_range + moves_range, 0.0f);
+        const float t1 = pmsm_sensorless_clamp(fault_count_range + moves_range, 0.0f, 286720.0f);
         s->fault_count_range = t1;
         s->fault_limit_range = (t1 <= 0.0f) ? 280.0f : fault_limit_range;
     }
@@ -322,52 +317,72 @@ static uint32_t pmsm_sensorless_project_onto_ranges(pmsm_sensorless_state *s, co
         const float z3 = s->z[2];
         const float z4 = s->z[3];
         const float z5 = s->z[4];
-        const float t1 = z1 - pmsm_sensorless_limit(z1, 20.0f);
-        const float D1 = s->D[0];
-        const float L21 = s->L[0];
-        const float t2 = L21*D1;
-        const float t3 = t1/D1;
-        const float t4 = z2 - t2*t3;
-        const float t5 = t4 - pmsm_sensorless_limit(t4, 20.0f);
-        const float D2 = s->D[1];
-        const float t6 = t5/(t2*L21 + D2);
-        const float L31 = s->L[1];
-        const float t7 = L31*D1;
-        const float L32 = s->L[4];
-        const float t8 = L32*D2;
-        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
-        const float t10 = t9 - pmsm_sensorless_limit(t9, 0.2f);
-        const float D3 = s->D[2];
-        const float t11 = t10/(t7*L31 + t8*L32 + D3);
-        const float L41 = s->L[2];
-        const float t12 = L41*D1;
-        const float L42 = s->L[5];
-        const float t13 = L42*D2;
-        const float L43 = s->L[7];
-        const float t14 = L43*D3;
-        const float t15 = z4 - t12*t3 - (t12*L21 + t13)*t6 - (t12*L31 + t13*L32 + t14)*t11;
-        const float t16 = t15 - pmsm_sensorless_limit(t15, 0.2f);
-        const float D4 = s->D[3];
-        const float t17 = t16/(t12*L41 + t13*L42 + t14*L43 + D4);
         const float L51 = s->L[3];
-        const float t18 = L51*D1;
+        const float D1 = s->D[0];
+        const float t1 = L51*D1;
+        const float t2 = z1 - pmsm_sensorless_limit(z1, 20.0f);
+        const float t3 = t2/D1;
+        const float L21 = s->L[0];
         const float L52 = s->L[6];
-        const float t19 = L52*D2;
+        const float D2 = s->D[1];
+        const float t4 = L52*D2;
+        const float t5 = L21*D1;
+        const float t6 = z2 - t5*t3;
+        const float t7 = t6 - pmsm_sensorless_limit(t6, 20.0f);
+        const float t8 = t7/(t5*L21 + D2);
+        const float L31 = s->L[1];
+        const float L32 = s->L[4];
         const float L53 = s->L[8];
-        const float t20 = L53*D3;
+        const float D3 = s->D[2];
+        const float t9 = L53*D3;
+        const float t10 = L31*D1;
+        const float t11 = L32*D2;
+        const float t12 = z3 - t10*t3 - (t10*L21 + t11)*t8;
+        const float t13 = t12 - pmsm_sensorless_limit(t12, 0.2f);
+        const float t14 = t13/(t10*L31 + t11*L32 + D3);
+        const float L41 = s->L[2];
+        const float L42 = s->L[5];
+        const float L43 = s->L[7];
         const float L54 = s->L[9];
-        const float t21 = L54*D4;
-        const float t22 = z5 - t18*t3 - (t18*L21 + t19)*t6 - (t18*L31 + t19*L32 + t20)*t11
-            - (t18*L41 + t19*L42 + t20*L43 + t21)*t17;
+        const float D4 = s->D[3];
+        const float t15 = L54*D4;
+        const float t16 = L41*D1;
+        const float t17 = L42*D2;
+        const float t18 = L43*D3;
+        const float t19 = z4 - t16*t3 - (t16*L21 + t17)*t8 - (t16*L31 + t17*L32 + t18)*t14;
+        const float t20 = t19 - pmsm_sensorless_limit(t19, 0.2f);
+        const float t21 = t20/(t16*L41 + t17*L42 + t18*L43 + D4);
+        const float t22 = z5 - t1*t3 - (t1*L21 + t4)*t8 - (t1*L31 + t4*L32 + t9)*t14
+            - (t1*L41 + t4*L42 + t9*L43 + t15)*t21;
         const float t23 = t22 - pmsm_sensorless_clamp(t22, 20.0f, 600.0f);
-        const float t24 = t23/(t18*L51 + t19*L52 + t20*L53 + t21*L54 + s->D[4]);
-        s->z[0] = pmsm_sensorless_limit(z1 - t1 - D1*L21*t6 - D1*L31*t11 - D1*L41*t17 - D1*L51*t24, 60.0f);
-        s->z[1] = pmsm_sensorless_limit(t4 - t5 - (t2*L31 + D2*L32)*t11 - (t2*L41 + D2*L42)*t17
-            - (t2*L51 + D2*L52)*t24, 60.0f);
-        s->z[2] = pmsm_sensorless_limit(t9 - t10 - (t7*L41 + t8*L42 + D3*L43)*t17
-            - (t7*L51 + t8*L52 + D3*L53)*t24, 0.6f);
-        s->z[3] = pmsm_sensorless_limit(t15 - t16 - (t12*L51 + t13*L52 + t14*L53 + D4*L54)*t24, 0.6f);
-        s->z[4] = pmsm_sensorless_clamp(t22 - t23, -560.0f, 1180.0f);
+        const float t24 = t22 - t23 - z5;
+        const float t25 = (t24 > 0.0f) ? 1180.0f - z5 : z5 + 560.0f;
+        const float t26 = t23/(t1*L51 + t4*L52 + t9*L53 + t15*L54 + s->D[4]);
+        const float t27 = t19 - t20 - (t16*L51 + t17*L52 + t18*L53 + D4*L54)*t26 - z4;
+        const float t28 = (t27 > 0.0f) ? 0.6f - z4 : z4 + 0.6f;
+        const float t29 = t12 - t13 - (t10*L41 + t11*L42 + D3*L43)*t21 - (t10*L51 + t11*L52 + D3*L53)*t26
+            - z3;
+        const float t30 = (t29 > 0.0f) ? 0.6f - z3 : z3 + 0.6f;
+        const float t31 = t6 - t7 - (t5*L31 + D2*L32)*t14 - (t5*L41 + D2*L42)*t21 - (t5*L51 + D2*L52)*t26
+            - z2;
+        const float t32 = (t31 > 0.0f) ? 60.0f - z2 : z2 + 60.0f;
+        const float t33 = z1 - t2 - D1*L21*t8 - D1*L31*t14 - D1*L41*t21 - D1*L51*t26 - z1;
+        const float t34 = (t33 > 0.0f) ? 60.0f - z1 : z1 + 60.0f;
+        const float t35 = pmsm_sensorless_abs(t33);
+        const float t36 = (t34 < t35) ? t34/t35 : 1.0f;
+        const float t37 = pmsm_sensorless_abs(t31);
+        const float t38 = (t32 < t36*t37) ? t32/t37 : t36;
+        const float t39 = pmsm_sensorless_abs(t29);
+        const float t40 = (t30 < t38*t39) ? t30/t39 : t38;
+        const float t41 = pmsm_sensorless_abs(t27);
+        const float t42 = (t28 < t40*t41) ? t28/t41 : t40;
+        const float t43 = pmsm_sensorless_abs(t24);
+        const float t44 = (t25 < t42*t43) ? t25/t43 : t42;
+        s->z[0] = pmsm_sensorless_keep(z1 + t44*t33, -60.0f, 60.0f, z1, 1e+30f);
+        s->z[1] = pmsm_sensorless_keep(z2 + t44*t31, -60.0f, 60.0f, z2, 1e+30f);
+        s->z[2] = pmsm_sensorless_keep(z3 + t44*t29, -0.6f, 0.6f, z3, 1e+30f);
+        s->z[3] = pmsm_sensorless_keep(z4 + t44*t27, -0.6f, 0.6f, z4, 1e+30f);
+        s->z[4] = pmsm_sensorless_keep(z5 + t44*t24, -560.0f, 1180.0f, z5, 1e+30f);
         status |= PMSM_SENSORLESS_PROJECTED_ONTO_RANGES;
     }
     return status;
@@ -841,8 +856,8 @@ static uint32_t pmsm_sensorless_run_update_y_a(pmsm_sensorless_state *s, const p
                 {
                     const float fault_count_y_y_a = s->fault_count_y_y_a;
                     const float fault_limit_y_y_a = s->fault_limit_y_y_a;
-                    const float t1 = pmsm_sensorless_max(pmsm_sensorless_abs(fault_count_y_y_a)
-                        + moves_y_y_a, 0.0f);
+                    const float t1 = pmsm_sensorless_clamp(pmsm_sensorless_abs(fault_count_y_y_a)
+                        + moves_y_y_a, 0.0f, 143360.0f);
                     s->fault_count_y_y_a = (side_y_y_a < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y_a = (t1 <= 0.0f) ? 140.0f : fault_limit_y_y_a;
                 }
@@ -1055,8 +1070,8 @@ static uint32_t pmsm_sensorless_run_update_y_b(pmsm_sensorless_state *s, const p
                 {
                     const float fault_count_y_y_b = s->fault_count_y_y_b;
                     const float fault_limit_y_y_b = s->fault_limit_y_y_b;
-                    const float t1 = pmsm_sensorless_max(pmsm_sensorless_abs(fault_count_y_y_b)
-                        + moves_y_y_b, 0.0f);
+                    const float t1 = pmsm_sensorless_clamp(pmsm_sensorless_abs(fault_count_y_y_b)
+                        + moves_y_y_b, 0.0f, 143360.0f);
                     s->fault_count_y_y_b = (side_y_y_b < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y_b = (t1 <= 0.0f) ? 140.0f : fault_limit_y_y_b;
                 }

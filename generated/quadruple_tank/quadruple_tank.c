@@ -38,11 +38,6 @@ static float quadruple_tank_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float quadruple_tank_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool quadruple_tank_acts(bool flag)
 {
@@ -326,7 +321,7 @@ static uint32_t quadruple_tank_count_range(quadruple_tank_state *s, const quadru
     {
         const float fault_count_range = s->fault_count_range;
         const float fault_limit_range = s->fault_limit_range;
-        const float t1 = quadruple_tank_max(fault_count_range + moves_range, 0.0f);
+        const float t1 = quadruple_tank_clamp(fault_count_range + moves_range, 0.0f, 234496.0f);
         s->fault_count_range = t1;
         s->fault_limit_range = (t1 <= 0.0f) ? 229.0f : fault_limit_range;
     }
@@ -344,37 +339,52 @@ static uint32_t quadruple_tank_project_onto_ranges(quadruple_tank_state *s, cons
         const float z2 = s->z[1];
         const float z3 = s->z[2];
         const float z4 = s->z[3];
-        const float t1 = z1 - quadruple_tank_clamp(z1, 1.0f, 20.0f);
-        const float D1 = s->D[0];
-        const float L21 = s->L[0];
-        const float t2 = L21*D1;
-        const float t3 = t1/D1;
-        const float t4 = z2 - t2*t3;
-        const float t5 = t4 - quadruple_tank_clamp(t4, 1.0f, 20.0f);
-        const float D2 = s->D[1];
-        const float t6 = t5/(t2*L21 + D2);
-        const float L31 = s->L[1];
-        const float t7 = L31*D1;
-        const float L32 = s->L[3];
-        const float t8 = L32*D2;
-        const float t9 = z3 - t7*t3 - (t7*L21 + t8)*t6;
-        const float t10 = t9 - quadruple_tank_clamp(t9, 0.5f, 20.0f);
-        const float D3 = s->D[2];
-        const float t11 = t10/(t7*L31 + t8*L32 + D3);
         const float L41 = s->L[2];
-        const float t12 = L41*D1;
+        const float D1 = s->D[0];
+        const float t1 = L41*D1;
+        const float t2 = z1 - quadruple_tank_clamp(z1, 1.0f, 20.0f);
+        const float t3 = t2/D1;
+        const float L21 = s->L[0];
         const float L42 = s->L[4];
-        const float t13 = L42*D2;
+        const float D2 = s->D[1];
+        const float t4 = L42*D2;
+        const float t5 = L21*D1;
+        const float t6 = z2 - t5*t3;
+        const float t7 = t6 - quadruple_tank_clamp(t6, 1.0f, 20.0f);
+        const float t8 = t7/(t5*L21 + D2);
+        const float L31 = s->L[1];
+        const float L32 = s->L[3];
         const float L43 = s->L[5];
-        const float t14 = L43*D3;
-        const float t15 = z4 - t12*t3 - (t12*L21 + t13)*t6 - (t12*L31 + t13*L32 + t14)*t11;
+        const float D3 = s->D[2];
+        const float t9 = L43*D3;
+        const float t10 = L31*D1;
+        const float t11 = L32*D2;
+        const float t12 = z3 - t10*t3 - (t10*L21 + t11)*t8;
+        const float t13 = t12 - quadruple_tank_clamp(t12, 0.5f, 20.0f);
+        const float t14 = t13/(t10*L31 + t11*L32 + D3);
+        const float t15 = z4 - t1*t3 - (t1*L21 + t4)*t8 - (t1*L31 + t4*L32 + t9)*t14;
         const float t16 = t15 - quadruple_tank_clamp(t15, 0.5f, 20.0f);
-        const float t17 = t16/(t12*L41 + t13*L42 + t14*L43 + s->D[3]);
-        s->z[0] = quadruple_tank_clamp(z1 - t1 - D1*L21*t6 - D1*L31*t11 - D1*L41*t17, -18.0f, 39.0f);
-        s->z[1] = quadruple_tank_clamp(t4 - t5 - (t2*L31 + D2*L32)*t11 - (t2*L41 + D2*L42)*t17, -18.0f,
-            39.0f);
-        s->z[2] = quadruple_tank_clamp(t9 - t10 - (t7*L41 + t8*L42 + D3*L43)*t17, -19.0f, 39.5f);
-        s->z[3] = quadruple_tank_clamp(t15 - t16, -19.0f, 39.5f);
+        const float t17 = t15 - t16 - z4;
+        const float t18 = (t17 > 0.0f) ? 39.5f - z4 : z4 + 19.0f;
+        const float t19 = t16/(t1*L41 + t4*L42 + t9*L43 + s->D[3]);
+        const float t20 = t12 - t13 - (t10*L41 + t11*L42 + D3*L43)*t19 - z3;
+        const float t21 = (t20 > 0.0f) ? 39.5f - z3 : z3 + 19.0f;
+        const float t22 = t6 - t7 - (t5*L31 + D2*L32)*t14 - (t5*L41 + D2*L42)*t19 - z2;
+        const float t23 = (t22 > 0.0f) ? 39.0f - z2 : z2 + 18.0f;
+        const float t24 = z1 - t2 - D1*L21*t8 - D1*L31*t14 - D1*L41*t19 - z1;
+        const float t25 = (t24 > 0.0f) ? 39.0f - z1 : z1 + 18.0f;
+        const float t26 = quadruple_tank_abs(t24);
+        const float t27 = (t25 < t26) ? t25/t26 : 1.0f;
+        const float t28 = quadruple_tank_abs(t22);
+        const float t29 = (t23 < t27*t28) ? t23/t28 : t27;
+        const float t30 = quadruple_tank_abs(t20);
+        const float t31 = (t21 < t29*t30) ? t21/t30 : t29;
+        const float t32 = quadruple_tank_abs(t17);
+        const float t33 = (t18 < t31*t32) ? t18/t32 : t31;
+        s->z[0] = quadruple_tank_keep(z1 + t33*t24, -18.0f, 39.0f, z1, 1e+30f);
+        s->z[1] = quadruple_tank_keep(z2 + t33*t22, -18.0f, 39.0f, z2, 1e+30f);
+        s->z[2] = quadruple_tank_keep(z3 + t33*t20, -19.0f, 39.5f, z3, 1e+30f);
+        s->z[3] = quadruple_tank_keep(z4 + t33*t17, -19.0f, 39.5f, z4, 1e+30f);
         status |= QUADRUPLE_TANK_PROJECTED_ONTO_RANGES;
     }
     return status;
@@ -730,8 +740,8 @@ static uint32_t quadruple_tank_run_update_y1(quadruple_tank_state *s, const quad
                 {
                     const float fault_count_y_y1 = s->fault_count_y_y1;
                     const float fault_limit_y_y1 = s->fault_limit_y_y1;
-                    const float t1 = quadruple_tank_max(quadruple_tank_abs(fault_count_y_y1) + moves_y_y1,
-                        0.0f);
+                    const float t1 = quadruple_tank_clamp(quadruple_tank_abs(fault_count_y_y1) + moves_y_y1,
+                        0.0f, 117760.0f);
                     s->fault_count_y_y1 = (side_y_y1 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y1 = (t1 <= 0.0f) ? 115.0f : fault_limit_y_y1;
                 }
@@ -938,8 +948,8 @@ static uint32_t quadruple_tank_run_update_y2(quadruple_tank_state *s, const quad
                 {
                     const float fault_count_y_y2 = s->fault_count_y_y2;
                     const float fault_limit_y_y2 = s->fault_limit_y_y2;
-                    const float t1 = quadruple_tank_max(quadruple_tank_abs(fault_count_y_y2) + moves_y_y2,
-                        0.0f);
+                    const float t1 = quadruple_tank_clamp(quadruple_tank_abs(fault_count_y_y2) + moves_y_y2,
+                        0.0f, 117760.0f);
                     s->fault_count_y_y2 = (side_y_y2 < 0.0f) ? -t1 : t1;
                     s->fault_limit_y_y2 = (t1 <= 0.0f) ? 115.0f : fault_limit_y_y2;
                 }

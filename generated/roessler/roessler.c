@@ -32,11 +32,6 @@ static float roessler_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float roessler_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool roessler_acts(bool flag)
 {
@@ -323,7 +318,7 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = roessler_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = roessler_clamp(fault_count_range + moves_range, 0.0f, 3205120.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 3130.0f : fault_limit_range;
                 }
@@ -340,7 +335,7 @@ unsigned roessler_step(roessler_state *s, const roessler_params *p, const roessl
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = roessler_max(roessler_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = roessler_clamp(roessler_abs(fault_count_y) + moves_y, 0.0f, 3205120.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 3130.0f : fault_limit_y;
                 }

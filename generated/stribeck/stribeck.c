@@ -32,11 +32,6 @@ static float stribeck_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float stribeck_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool stribeck_acts(bool flag)
 {
@@ -338,7 +333,7 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = stribeck_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = stribeck_clamp(fault_count_range + moves_range, 0.0f, 2340864.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 2286.0f : fault_limit_range;
                 }
@@ -355,7 +350,7 @@ unsigned stribeck_step(stribeck_state *s, const stribeck_params *p, const stribe
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = stribeck_max(stribeck_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = stribeck_clamp(stribeck_abs(fault_count_y) + moves_y, 0.0f, 2340864.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 2286.0f : fault_limit_y;
                 }

@@ -32,11 +32,6 @@ static float van_der_pol_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float van_der_pol_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool van_der_pol_acts(bool flag)
 {
@@ -296,7 +291,7 @@ unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, con
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = van_der_pol_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = van_der_pol_clamp(fault_count_range + moves_range, 0.0f, 2545664.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 2486.0f : fault_limit_range;
                 }
@@ -313,7 +308,8 @@ unsigned van_der_pol_step(van_der_pol_state *s, const van_der_pol_params *p, con
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = van_der_pol_max(van_der_pol_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = van_der_pol_clamp(van_der_pol_abs(fault_count_y) + moves_y, 0.0f,
+                        2545664.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 2486.0f : fault_limit_y;
                 }

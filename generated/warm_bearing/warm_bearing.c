@@ -32,11 +32,6 @@ static float warm_bearing_min(float a, float b)
     return (a < b) ? a : b;
 }
 
-static float warm_bearing_max(float a, float b)
-{
-    return (a > b) ? a : b;
-}
-
 /* whether statements run that are left out for their cost alone; to a static analyser they always do */
 static bool warm_bearing_acts(bool flag)
 {
@@ -381,7 +376,7 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
                 {
                     const float fault_count_range = s->fault_count_range;
                     const float fault_limit_range = s->fault_limit_range;
-                    const float t1 = warm_bearing_max(fault_count_range + moves_range, 0.0f);
+                    const float t1 = warm_bearing_clamp(fault_count_range + moves_range, 0.0f, 2448384.0f);
                     s->fault_count_range = t1;
                     s->fault_limit_range = (t1 <= 0.0f) ? 2391.0f : fault_limit_range;
                 }
@@ -398,7 +393,8 @@ unsigned warm_bearing_step(warm_bearing_state *s, const warm_bearing_params *p, 
                 {
                     const float fault_count_y = s->fault_count_y;
                     const float fault_limit_y = s->fault_limit_y;
-                    const float t1 = warm_bearing_max(warm_bearing_abs(fault_count_y) + moves_y, 0.0f);
+                    const float t1 = warm_bearing_clamp(warm_bearing_abs(fault_count_y) + moves_y, 0.0f,
+                        2448384.0f);
                     s->fault_count_y = (side_y < 0.0f) ? -t1 : t1;
                     s->fault_limit_y = (t1 <= 0.0f) ? 2391.0f : fault_limit_y;
                 }
