@@ -73,7 +73,7 @@ class Method(Protocol):
         ...
 
     @property
-    def tableau(self) -> Tableau | None:
+    def prediction(self) -> Tableau | None:
         """The tableau by which the model moves while samples are missing; None for a method that realises a core."""
         ...
 
@@ -145,6 +145,11 @@ class Explicit:
 
     tableau: Tableau
     view: Literal["information", "covariance"]
+
+    @property
+    def prediction(self) -> Tableau:
+        """Its own."""
+        return self.tableau
 
     @property
     def name(self) -> str:

@@ -444,7 +444,10 @@ def test_a_dt_too_long_names_one_that_works(method: str, theta: float) -> None:
         hg.sample(observer, way, dt=1.1 * limit)
     assert (1 - 1e-9) * limit <= caught.value.limit < 1.03 * limit  # at the points that are tried
     dt = admitted(str(caught.value))
-    assert caught.value.limit / 8 < dt <= caught.value.limit / 2
+    unmeasured = "while samples are missing" in str(caught.value)  # steps of low order make the swinging model grow
+    assert unmeasured or caught.value.limit / 8 < dt
+    assert not unmeasured or method in ("euler", "heun")
+    assert dt <= caught.value.limit / 2
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hg.sample(observer, way, dt=dt)

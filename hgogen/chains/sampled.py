@@ -102,7 +102,7 @@ class Sampled:
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     @property
-    def tableau(self) -> None:
+    def prediction(self) -> None:
         """None: the core is realised."""
         return None
 

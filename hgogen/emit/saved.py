@@ -13,7 +13,7 @@ where an estimate begins.
 import hashlib
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from inspect import signature
@@ -26,6 +26,7 @@ from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.observer import STARTS, Observer
 from hgogen.program import Field, Group
+from hgogen.reading.named import names_of
 from hgogen.reading.release import version
 from hgogen.step import Step
 from hgogen.stepping import ready
@@ -101,24 +102,30 @@ def _observer(observer: Observer) -> Iterator[str]:
     bound = signature(observer.made.func).bind(*observer.made.args, **observer.made.keywords)
     bound.apply_defaults()
     (_, base), *others = bound.arguments.items()
+    form = observer.form
+    orders = (form.names, names_of(form.system.states), names_of(form.system.outputs))
     left = (*STARTS, *_IN_EQUATIONS, "accept")
-    yield from (f"{name} {_text(value)}" for name, value in others if name not in left)
+    yield from (f"{name} {_text(value, orders)}" for name, value in others if name not in left)
     yield from _observer(base) if isinstance(base, Observer) else ()
 
 
-def _text(value: Any) -> str:
-    """Return the text of an argument, which is the same for equal numbers of any type in any sequence."""
+def _text(value: Any, orders: Sequence[Sequence[str]]) -> str:
+    """Return the text of an argument, which is the same for equal numbers of any type in any sequence, or by the names
+    of one of the orders."""
     match value:
         case Mapping():
-            return f"{{{', '.join(sorted(f'{name}: {_text(each)}' for name, each in value.items()))}}}"
+            for names in orders:
+                if value.keys() == {*names}:
+                    return _text([value[name] for name in names], orders)
+            return f"{{{', '.join(sorted(f'{name}: {_text(each, orders)}' for name, each in value.items()))}}}"
         case np.ndarray():
-            return _text(value.tolist())
+            return _text(value.tolist(), orders)
         case list() | tuple():
-            return f"[{', '.join(map(_text, value))}]"
+            return f"[{', '.join(_text(each, orders) for each in value)}]"
         case int() | float() | complex() | np.number():
             return repr(complex(value))
     if is_dataclass(value) and not isinstance(value, type):
-        each = (f"{field.name}={_text(getattr(value, field.name))}" for field in fields(value))
+        each = (f"{field.name}={_text(getattr(value, field.name), orders)}" for field in fields(value))
         return f"{type(value).__name__}({', '.join(each)})"
     return str(getattr(value, "__qualname__", value))
 

@@ -34,7 +34,7 @@ class Cholesky:
 
     name: str = RULE
     equations: tuple[str, ...] = EQUATIONS
-    tableau: Tableau = RK4
+    prediction: Tableau = RK4
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """Refused. Raises: `NoCovariance`."""

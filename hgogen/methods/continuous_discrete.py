@@ -43,7 +43,7 @@ class ContinuousDiscrete:
 
     name: str = "continuous-discrete, L D L'"
     equations: tuple[str, ...] = EQUATIONS
-    tableau: Tableau = RK4
+    prediction: Tableau = RK4
 
     def obstacle(self, error: Inclusion) -> Reason:
         """None, as of every tableau."""

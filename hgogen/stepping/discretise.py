@@ -115,13 +115,13 @@ def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
         match part:
             case Ode():
                 yield method.ode_lengths(part, observer, dt)
-                yield unmeasured(observer, method.tableau, dt, part)
+                yield unmeasured(observer, method.prediction, dt, part)
             case Riccati():
                 yield method.riccati_lengths(part, dt)
-                yield unmeasured(observer, method.tableau, dt)
+                yield unmeasured(observer, method.prediction, dt)
             case Curved():
                 yield from curved_lengths(part, method, dt)
-                yield unmeasured(observer, method.tableau, dt)
+                yield unmeasured(observer, method.prediction, dt)
             case AtSamples(plain=plain):
                 yield factored_lengths(plain, dt)
                 yield unmeasured(observer, RK4, dt)

@@ -67,8 +67,8 @@ from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups
 from hgogen.stepping.nearest import nearest
 from hgogen.stepping.projection import estimate_fields, projection
-from hgogen.stepping.resolution import StepTooShort
-from hgogen.stepping.settling import convergence_time, plant_rate, settling_time
+from hgogen.stepping.resolution import demand_countable
+from hgogen.stepping.settling import plant_rate, settling_time
 from hgogen.stepping.trust import innovation_variance, noisier_than_best, trusted
 
 SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
@@ -116,7 +116,7 @@ class Recovery:
             return ()
         time, p, dt = settling_time(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
         signs, rate = [], plant_rate(self.observer)
-        self._demand_count(rate)
+        demand_countable(self.observer.form, dt, LONGEST // 2, SHARE)
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
             wait = max(FEWEST, ceil(min(time / period, longest // 2)))
@@ -128,15 +128,6 @@ class Recovery:
             meaning = f"the estimate is out of a range by {MARGIN:.0%} of it"
             signs.append(Sign("range", None, meaning, wait * dt / p, wait, min(DOUBLED * wait, longest)))
         return tuple(signs)
-
-    def _demand_count(self, plant: float | None) -> None:
-        """Raise `StepTooShort` where a float counts the samples neither of the time in which errors settle nor of that
-        in which the plant, of the rate `plant`, moves. A longer one of the two is cut to what can be counted."""
-        most, dt, unit = LONGEST // 2, self.clock.dt, self.observer.form.system.time
-        time = min(convergence_time(self.observer, self.clock, self._widest()), 2 / plant if plant else INF)
-        if time > most * dt:
-            why = f"errors settle in {time:.3g} {unit} or more, and only {most} samples can be counted"
-            raise StepTooShort(dt, why, time / most, unit)
 
     @cached_property
     def _outside(self) -> Graph:

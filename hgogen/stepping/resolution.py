@@ -4,9 +4,13 @@ z + dt f rounds to z where |dt f| is less than half the distance between z and i
 the declared range, that is half an ulp below M; with |f| <= F on the ranges, by one outward-rounded look at them, a
 state stands still for certain in the binade below M where dt F is less. A state whose F is 0, and one without a range,
 limit nothing.
+
+The law of recovery counts samples. Where all that can be counted last for less than the fastest state takes for a part
+of its range, what is counted does not change meanwhile, and the count means nothing.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hgogen.errors import HgogenError
@@ -35,13 +39,8 @@ class StepTooShort(HgogenError):
 
 def demand_motion(form: Form, dt: float, real: str) -> None:
     """Raise `StepTooShort` where a state of the form stands still for certain near the end of its range."""
-    system = form.system
-    known = box((*form.states, *system.inputs, *system.parameters), system.nominal)
-    for name, state, row in zip(form.names, form.states, form.flow, strict=True):
-        fastest = max(abs(float(end)) for end in enclose(row, known))
-        if not state.bounded or not 0 < fastest < math.inf:
-            continue
-        end = max(map(abs, state.interval))
+    for name, (low, high), fastest in _fastest(form):
+        end = max(abs(low), abs(high))
         share, power = math.frexp(end)
         half = math.ldexp(1.0, power - (share == 0.5) - _DIGITS[real] - 1)
         if dt * fastest < half:
@@ -50,4 +49,22 @@ def demand_motion(form: Form, dt: float, real: str) -> None:
                 f"of type {real} below {end:g} is {half:.3g}, so that it stands still there"
             )
             way = ', real = "double",' * (real == "float") + f" or estimate {name} as the difference from a constant"
-            raise StepTooShort(dt, why, half / fastest, system.time, way)
+            raise StepTooShort(dt, why, half / fastest, form.system.time, way)
+
+
+def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
+    """Raise `StepTooShort` where no state of the form moves by so large a part of its range in `most` samples."""
+    times = [part * (high - low) / fastest for _, (low, high), fastest in _fastest(form)]
+    if times and most * dt < min(times):
+        why = f"no state moves by {part:.0%} of its range in the {most} samples that can be counted"
+        raise StepTooShort(dt, why, min(times) / most, form.system.time)
+
+
+def _fastest(form: Form) -> Iterator[tuple[str, tuple[float, float], float]]:
+    """The name, the range and a bound of |z'| on the ranges of each state that has such a range and moves."""
+    system = form.system
+    known = box((*form.states, *system.inputs, *system.parameters), system.nominal)
+    for name, state, row in zip(form.names, form.states, form.flow, strict=True):
+        fastest = max(abs(float(end)) for end in enclose(row, known))
+        if state.bounded and 0 < fastest < math.inf:
+            yield name, state.interval, fastest

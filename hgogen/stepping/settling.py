@@ -35,12 +35,7 @@ SAMPLES = 10  # the inverse of a rate, where none is known
 def settling_time(observer: Observer, clock: Clock, r: float) -> float:
     """T of the module, in the model's unit; r is by how much the outer box is wider than the declared one."""
     plant = plant_rate(observer)
-    return max(convergence_time(observer, clock, r), 0.0 if plant is None else 2 / plant)
-
-
-def convergence_time(observer: Observer, clock: Clock, r: float) -> float:
-    """The share of T that the observer's own rate asks for, in the model's unit."""
-    return 2 * log(FINE * r) / rate(observer, clock)
+    return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
 
 
 def plant_rate(observer: Observer) -> float | None:

@@ -95,7 +95,7 @@ class Continuous:
 
     name: str = "CVODES"
     equations: tuple[str, ...] = ()
-    tableau: None = None
+    prediction: None = None
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """All fields of the part at once."""
