@@ -706,7 +706,7 @@ void battery_init(battery_state *s, battery_params *p)
     battery_reset(s);
 }
 
-static const unsigned char battery_layout[8] = {0x53u, 0x29u, 0x0Du, 0x7Du, 0x1Fu, 0xE8u, 0x36u, 0xE8u};
+static const unsigned char battery_layout[8] = {0xD4u, 0x1Eu, 0x84u, 0x86u, 0xE5u, 0x99u, 0x2Eu, 0xC8u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t battery_checksum(const unsigned char *bytes, size_t size)

@@ -145,10 +145,10 @@
 #define BATTERY_MODEL   "b105c5606e5f38bf"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define BATTERY_LAYOUT  "53290d7d1fe836e8"
+#define BATTERY_LAYOUT  "d41e8486e5992ec8"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define BATTERY_READY   0x542Au
+#define BATTERY_READY   0xD51Fu
 
 /** how many bytes a saved state has */
 #define BATTERY_SAVED   (sizeof(battery_state) + 12u)

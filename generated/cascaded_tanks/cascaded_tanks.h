@@ -146,10 +146,10 @@
 #define CASCADED_TANKS_MODEL   "e3faf2d1d20d6800"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define CASCADED_TANKS_LAYOUT  "773e893d188a1ae8"
+#define CASCADED_TANKS_LAYOUT  "b3f3b97e8f13551e"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define CASCADED_TANKS_READY   0x783Fu
+#define CASCADED_TANKS_READY   0xB4F5u
 
 /** how many bytes a saved state has */
 #define CASCADED_TANKS_SAVED   (sizeof(cascaded_tanks_state) + 12u)

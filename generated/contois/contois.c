@@ -618,7 +618,7 @@ void contois_init(contois_state *s, contois_params *p)
     contois_reset(s);
 }
 
-static const unsigned char contois_layout[8] = {0x39u, 0xC9u, 0xEDu, 0x57u, 0x9Cu, 0x91u, 0xC5u, 0x33u};
+static const unsigned char contois_layout[8] = {0x45u, 0x5Du, 0x2Fu, 0x06u, 0x13u, 0x6Du, 0x81u, 0x37u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t contois_checksum(const unsigned char *bytes, size_t size)

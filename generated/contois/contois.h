@@ -146,10 +146,10 @@
 #define CONTOIS_MODEL   "f54b8a00f7fe844c"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define CONTOIS_LAYOUT  "39c9ed579c91c533"
+#define CONTOIS_LAYOUT  "455d2f06136d8137"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define CONTOIS_READY   0x3ACBu
+#define CONTOIS_READY   0x465Fu
 
 /** how many bytes a saved state has */
 #define CONTOIS_SAVED   (sizeof(contois_state) + 12u)

@@ -693,7 +693,7 @@ void cstr_init(cstr_state *s, cstr_params *p)
     cstr_reset(s);
 }
 
-static const unsigned char cstr_layout[8] = {0xCFu, 0xC2u, 0x54u, 0x93u, 0x11u, 0xCBu, 0xA7u, 0x95u};
+static const unsigned char cstr_layout[8] = {0x74u, 0x86u, 0x95u, 0x47u, 0x8Bu, 0x76u, 0xB9u, 0x34u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t cstr_checksum(const unsigned char *bytes, size_t size)

@@ -146,10 +146,10 @@
 #define CSTR_MODEL   "6d9f3adca64aa30f"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define CSTR_LAYOUT  "cfc2549311cba795"
+#define CSTR_LAYOUT  "748695478b76b934"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define CSTR_READY   0xD0C3u
+#define CSTR_READY   0x7588u
 
 /** how many bytes a saved state has */
 #define CSTR_SAVED   (sizeof(cstr_state) + 12u)

@@ -1447,7 +1447,7 @@ void geared_motor_init(geared_motor_state *s, geared_motor_params *p)
     geared_motor_reset(s);
 }
 
-static const unsigned char geared_motor_layout[8] = {0xF2u, 0xC6u, 0xF0u, 0x89u, 0x9Fu, 0xC1u, 0x5Eu, 0xAFu};
+static const unsigned char geared_motor_layout[8] = {0xE5u, 0x57u, 0xF4u, 0x71u, 0xC7u, 0x41u, 0x66u, 0xBFu};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t geared_motor_checksum(const unsigned char *bytes, size_t size)

@@ -153,10 +153,10 @@
 #define GEARED_MOTOR_MODEL   "887a0a9fb7bb3841"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define GEARED_MOTOR_LAYOUT  "f2c6f0899fc15eaf"
+#define GEARED_MOTOR_LAYOUT  "e557f471c74166bf"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define GEARED_MOTOR_READY   0xF3C7u
+#define GEARED_MOTOR_READY   0xE658u
 
 /** how many bytes a saved state has */
 #define GEARED_MOTOR_SAVED   (sizeof(geared_motor_state) + 12u)

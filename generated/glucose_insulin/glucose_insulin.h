@@ -146,10 +146,10 @@
 #define GLUCOSE_INSULIN_MODEL   "acc877327dd0bd48"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define GLUCOSE_INSULIN_LAYOUT  "ab787b622ddb15bf"
+#define GLUCOSE_INSULIN_LAYOUT  "a75aa7f4be625d2d"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define GLUCOSE_INSULIN_READY   0xAC79u
+#define GLUCOSE_INSULIN_READY   0xA85Bu
 
 /** how many bytes a saved state has */
 #define GLUCOSE_INSULIN_SAVED   (sizeof(glucose_insulin_state) + 12u)

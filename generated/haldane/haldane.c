@@ -609,7 +609,7 @@ void haldane_init(haldane_state *s, haldane_params *p)
     haldane_reset(s);
 }
 
-static const unsigned char haldane_layout[8] = {0x7Fu, 0xE2u, 0x95u, 0x30u, 0x23u, 0x88u, 0x07u, 0x82u};
+static const unsigned char haldane_layout[8] = {0x44u, 0x24u, 0x1Cu, 0xEDu, 0x9Cu, 0x3Fu, 0x04u, 0x2Du};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t haldane_checksum(const unsigned char *bytes, size_t size)

@@ -146,10 +146,10 @@
 #define HALDANE_MODEL   "9edec5267dc05d79"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define HALDANE_LAYOUT  "7fe2953023880782"
+#define HALDANE_LAYOUT  "44241ced9c3f042d"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define HALDANE_READY   0x80E4u
+#define HALDANE_READY   0x4525u
 
 /** how many bytes a saved state has */
 #define HALDANE_SAVED   (sizeof(haldane_state) + 12u)

@@ -160,10 +160,10 @@
 #define INDUCTION_MOTOR_MODEL   "d114fcfad0b8ae13"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define INDUCTION_MOTOR_LAYOUT  "067d2e484e59cf20"
+#define INDUCTION_MOTOR_LAYOUT  "8f6c8149b1ef314f"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define INDUCTION_MOTOR_READY   0x077Fu
+#define INDUCTION_MOTOR_READY   0x906Du
 
 /** how many bytes a saved state has */
 #define INDUCTION_MOTOR_SAVED   (sizeof(induction_motor_state) + 12u)

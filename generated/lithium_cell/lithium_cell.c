@@ -687,7 +687,7 @@ void lithium_cell_init(lithium_cell_state *s, lithium_cell_params *p)
     lithium_cell_reset(s);
 }
 
-static const unsigned char lithium_cell_layout[8] = {0x9Fu, 0x65u, 0x07u, 0x90u, 0x61u, 0x90u, 0x51u, 0xE1u};
+static const unsigned char lithium_cell_layout[8] = {0x03u, 0x2Bu, 0x8Eu, 0x31u, 0xF0u, 0xF9u, 0x1Au, 0xF6u};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t lithium_cell_checksum(const unsigned char *bytes, size_t size)

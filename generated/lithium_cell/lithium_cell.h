@@ -145,10 +145,10 @@
 #define LITHIUM_CELL_MODEL   "b1820d6afede2d26"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define LITHIUM_CELL_LAYOUT  "9f650790619051e1"
+#define LITHIUM_CELL_LAYOUT  "032b8e31f0f91af6"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define LITHIUM_CELL_READY   0xA066u
+#define LITHIUM_CELL_READY   0x042Du
 
 /** how many bytes a saved state has */
 #define LITHIUM_CELL_SAVED   (sizeof(lithium_cell_state) + 12u)

@@ -137,10 +137,10 @@
 #define LORENZ_MODEL   "fd95378622370e98"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define LORENZ_LAYOUT  "01c422151a4d6a95"
+#define LORENZ_LAYOUT  "2c6a5dfdccc6c2a8"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define LORENZ_READY   0x02C6u
+#define LORENZ_READY   0x2D6Cu
 
 /** how many bytes a saved state has */
 #define LORENZ_SAVED   (sizeof(lorenz_state) + 12u)

@@ -137,10 +137,10 @@
 #define LOTKA_VOLTERRA_MODEL   "5ae2c5342cbb951e"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define LOTKA_VOLTERRA_LAYOUT  "f3e85539cbbe2750"
+#define LOTKA_VOLTERRA_LAYOUT  "ae5de09315626150"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define LOTKA_VOLTERRA_READY   0xF4E9u
+#define LOTKA_VOLTERRA_READY   0xAF5Eu
 
 /** how many bytes a saved state has */
 #define LOTKA_VOLTERRA_SAVED   (sizeof(lotka_volterra_state) + 12u)

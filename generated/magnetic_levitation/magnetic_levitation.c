@@ -719,7 +719,7 @@ void magnetic_levitation_init(magnetic_levitation_state *s, magnetic_levitation_
 }
 
 static const unsigned char magnetic_levitation_layout[8] = {
-    0x90u, 0x8Du, 0x2Cu, 0x35u, 0x15u, 0x26u, 0xF5u, 0x2Bu
+    0x2Bu, 0x10u, 0x56u, 0x02u, 0xCAu, 0x45u, 0xF6u, 0x2Cu
 };
 
 /* CRC-32 of IEEE 802.3 */

@@ -146,10 +146,10 @@
 #define MAGNETIC_LEVITATION_MODEL   "5e0e3b44d37e8a9a"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define MAGNETIC_LEVITATION_LAYOUT  "908d2c351526f52b"
+#define MAGNETIC_LEVITATION_LAYOUT  "2b105602ca45f62c"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define MAGNETIC_LEVITATION_READY   0x918Eu
+#define MAGNETIC_LEVITATION_READY   0x2C11u
 
 /** how many bytes a saved state has */
 #define MAGNETIC_LEVITATION_SAVED   (sizeof(magnetic_levitation_state) + 12u)

@@ -143,10 +143,10 @@
 #define NOT_ISS_MODEL   "4d2111eda69b0b76"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define NOT_ISS_LAYOUT  "157fd23ed4a524fd"
+#define NOT_ISS_LAYOUT  "45826bdb568dc1b4"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define NOT_ISS_READY   0x1681u
+#define NOT_ISS_READY   0x4684u
 
 /** how many bytes a saved state has */
 #define NOT_ISS_SAVED   (sizeof(not_iss_state) + 12u)

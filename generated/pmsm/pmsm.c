@@ -925,7 +925,7 @@ void pmsm_init(pmsm_state *s, pmsm_params *p)
     pmsm_reset(s);
 }
 
-static const unsigned char pmsm_layout[8] = {0x67u, 0x0Au, 0x28u, 0xAAu, 0x91u, 0x89u, 0x45u, 0x9Cu};
+static const unsigned char pmsm_layout[8] = {0xA3u, 0xDFu, 0xD7u, 0xA6u, 0x12u, 0x67u, 0x5Au, 0x5Bu};
 
 /* CRC-32 of IEEE 802.3 */
 static uint32_t pmsm_checksum(const unsigned char *bytes, size_t size)

@@ -160,10 +160,10 @@
 #define PMSM_MODEL   "046067b40d3655ea"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define PMSM_LAYOUT  "670a28aa9189459c"
+#define PMSM_LAYOUT  "a3dfd7a612675a5b"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define PMSM_READY   0x680Bu
+#define PMSM_READY   0xA4E1u
 
 /** how many bytes a saved state has */
 #define PMSM_SAVED   (sizeof(pmsm_state) + 12u)

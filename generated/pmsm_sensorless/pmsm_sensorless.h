@@ -160,10 +160,10 @@
 #define PMSM_SENSORLESS_MODEL   "f32ec139477915f4"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define PMSM_SENSORLESS_LAYOUT  "9497c59714fcbc97"
+#define PMSM_SENSORLESS_LAYOUT  "63f9956a24d8eaf9"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define PMSM_SENSORLESS_READY   0x9599u
+#define PMSM_SENSORLESS_READY   0x64FBu
 
 /** how many bytes a saved state has */
 #define PMSM_SENSORLESS_SAVED   (sizeof(pmsm_sensorless_state) + 12u)

@@ -160,10 +160,10 @@
 #define QUADRUPLE_TANK_MODEL   "5ab24eb24b4bb7d1"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define QUADRUPLE_TANK_LAYOUT  "b6f77fa330f28b78"
+#define QUADRUPLE_TANK_LAYOUT  "6621ed1ed6a4c335"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define QUADRUPLE_TANK_READY   0xB7F9u
+#define QUADRUPLE_TANK_READY   0x6722u
 
 /** how many bytes a saved state has */
 #define QUADRUPLE_TANK_SAVED   (sizeof(quadruple_tank_state) + 12u)

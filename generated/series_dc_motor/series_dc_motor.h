@@ -145,10 +145,10 @@
 #define SERIES_DC_MOTOR_MODEL   "41156757d3643754"
 
 /** a digest of the model, the observer, default gains, dt, the precision and the memory of a saved state */
-#define SERIES_DC_MOTOR_LAYOUT  "b1921aed9741c5a2"
+#define SERIES_DC_MOTOR_LAYOUT  "51c8659ad01c1819"
 
 /** what init and reset leave in `ready` of a state, and init in that of parameters */
-#define SERIES_DC_MOTOR_READY   0xB293u
+#define SERIES_DC_MOTOR_READY   0x52CAu
 
 /** how many bytes a saved state has */
 #define SERIES_DC_MOTOR_SAVED   (sizeof(series_dc_motor_state) + 12u)
