@@ -100,7 +100,7 @@ def hamilton_jacobi(
     `Singular` for a model whose Jacobian is finite nowhere.
     """
     accept = founded("hamilton_jacobi", form, accept, linearises=True)
-    n, outputs, dynamics = form.n, len(form.output), Dynamics(form)
+    n, outputs, dynamics = form.n, len(form.output), Dynamics(form, tangent=True)
     weight = spd("Q", of_coordinates("Q", Q, form), n)
     start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
     precisions, rate = positive("R", of_outputs("R", R, form), outputs), _rate(curvature)
