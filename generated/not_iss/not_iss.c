@@ -162,31 +162,32 @@ static void not_iss_rate(const not_iss_params *p, const float z[2], const float 
     const float t6 = (P1*t2 + P2*t4)*t5;
     const float t7 = u*t3;
     const float t8 = t7*t1;
-    const float t9 = y1 - (u*z1 + t8);
-    const float t10 = valid2*p->gain.R[1];
-    const float t11 = P2*t10;
-    const float t12 = y2 - z2;
-    const float t13 = 2.0f*u;
-    const float t14 = (P2*t2 + P3*t4)*t5;
-    const float t15 = P3*t10;
+    const float t9 = t1*u;
+    const float t10 = y1 - (u*z1 + t8 + (t9*(z1 - t3) + t7*(z2 - t1)));
+    const float t11 = valid2*p->gain.R[1];
+    const float t12 = P2*t11;
+    const float t13 = y2 - z2;
+    const float t14 = 2.0f*u;
+    const float t15 = (P2*t2 + P3*t4)*t5;
+    const float t16 = P3*t11;
     const float curvature = p->gain.curvature;
-    const float t16 = valid1*t9*R1*u;
-    const float t17 = P2*t16;
-    const float t18 = t17*t17;
-    const float t19 = P1*t16;
-    const float t20 = P3*t16;
-    const float t21 = curvature/not_iss_sqrt(not_iss_max(curvature*curvature, t18 + t19*t20
-        + (t20*t19 + t18)));
-    const float t22 = t1*u*2.0f - 4.0f*t3 + t13;
-    const float t23 = 2.0f*t7;
-    const float t24 = t14*t2;
-    const float t25 = t14*t4 + t15;
-    dz[0] = u*z2 - z1 + u + (t6*t9 + t11*t12);
-    dz[1] = 2.0f*t8 - t3*t3*2.0f + t13*z1 + (t14*t9 + t15*t12);
-    dP[0] = 2.0f*(u*P2 - P1) + p->derived.Q_inverse[0] - (t6*t2*P1 + (t6*t4 + t11)*P2)
-        + t21*(t17*P1 + t19*P2);
-    dP[1] = t22*P1 + t23*P2 + (u*P3 - P2) - (t24*P1 + t25*P2) + t21*(t20*P1 + t17*P2);
-    dP[2] = 2.0f*(t22*P2 + t23*P3) + p->derived.Q_inverse[1] - (t24*P2 + t25*P3) + t21*(t20*P2 + t17*P3);
+    const float t17 = valid1*t10*R1*u;
+    const float t18 = P2*t17;
+    const float t19 = t18*t18;
+    const float t20 = P1*t17;
+    const float t21 = P3*t17;
+    const float t22 = curvature/not_iss_sqrt(not_iss_max(curvature*curvature, t19 + t20*t21
+        + (t21*t20 + t19)));
+    const float t23 = 2.0f*t9 - 4.0f*t3 + t14;
+    const float t24 = 2.0f*t7;
+    const float t25 = t15*t2;
+    const float t26 = t15*t4 + t16;
+    dz[0] = u*z2 - z1 + u + (t6*t10 + t12*t13);
+    dz[1] = 2.0f*t8 - t3*t3*2.0f + t14*z1 + (t15*t10 + t16*t13);
+    dP[0] = 2.0f*(u*P2 - P1) + p->derived.Q_inverse[0] - (t6*t2*P1 + (t6*t4 + t12)*P2)
+        + t22*(t18*P1 + t20*P2);
+    dP[1] = t23*P1 + t24*P2 + (u*P3 - P2) - (t25*P1 + t26*P2) + t22*(t21*P1 + t18*P2);
+    dP[2] = 2.0f*(t23*P2 + t24*P3) + p->derived.Q_inverse[1] - (t25*P2 + t26*P3) + t22*(t21*P2 + t18*P3);
 }
 
 NOT_ISS_RARELY
@@ -329,33 +330,35 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
             const bool t1 = not_iss_within(measurement_y1, 3e+38f);
             const float u_before = s->u;
             const float z1 = s->z[0];
+            const float t2 = not_iss_clamp(z1, 0.0f, 2.0f);
+            const float t3 = u_before*t2;
             const float z2 = s->z[1];
-            const float t2 = u_before*z1 + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2, 0.0f,
-                4.0f);
-            const bool t3 = t1 && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f
-                && not_iss_within(measurement_y1 - t2, 1e+16f);
-            const float t4 = t3 ? measurement_y1 : t2;
+            const float t4 = not_iss_clamp(z2, 0.0f, 4.0f);
+            const float t5 = u_before*z1 + t3*t4 + (t4*u_before*(z1 - t2) + t3*(z2 - t4));
+            const bool t6 = t1 && measurement_y1 >= -10.0f && measurement_y1 <= 20.0f
+                && not_iss_within(measurement_y1 - t5, 1e+16f);
+            const float t7 = t6 ? measurement_y1 : t5;
             const float measurement_y2 = out->y2;
-            const bool t5 = not_iss_within(measurement_y2, 3e+38f);
-            const bool t6 = t5 && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f
+            const bool t8 = not_iss_within(measurement_y2, 3e+38f);
+            const bool t9 = t8 && measurement_y2 >= -4.0f && measurement_y2 <= 8.0f
                 && not_iss_within(measurement_y2 - z2, 1e+16f);
-            const float t7 = t6 ? measurement_y2 : z2;
-            y[0] = t4;
-            y[1] = t7;
-            y_last[0] = (t3 && s->y_valid[0] > 0.0f) ? s->y[0] : t4;
-            y_last[1] = (t6 && s->y_valid[1] > 0.0f) ? s->y[1] : t7;
-            valid[0] = t3 ? 1.0f : 0.0f;
-            valid[1] = t6 ? 1.0f : 0.0f;
+            const float t10 = t9 ? measurement_y2 : z2;
+            y[0] = t7;
+            y[1] = t10;
+            y_last[0] = (t6 && s->y_valid[0] > 0.0f) ? s->y[0] : t7;
+            y_last[1] = (t9 && s->y_valid[1] > 0.0f) ? s->y[1] : t10;
+            valid[0] = t6 ? 1.0f : 0.0f;
+            valid[1] = t9 ? 1.0f : 0.0f;
             if (!t1) {
                 status |= NOT_ISS_MISSING_Y1;
             }
-            if (t1 && !t3) {
+            if (t1 && !t6) {
                 status |= NOT_ISS_REJECTED_Y1;
             }
-            if (!t5) {
+            if (!t8) {
                 status |= NOT_ISS_MISSING_Y2;
             }
-            if (t5 && !t6) {
+            if (t8 && !t9) {
                 status |= NOT_ISS_REJECTED_Y2;
             }
         }
@@ -468,14 +471,15 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
             const float z2 = s->z[1];
             const bool t1 = z1 < 0.0f || z1 > 2.0f || z2 < 0.0f || z2 > 4.0f;
             const float u_before = s->u;
-            const float t2 = out->y1 - (u_before*z1 + u_before*not_iss_clamp(z1, 0.0f,
-                2.0f)*not_iss_clamp(z2, 0.0f, 4.0f));
-            const bool t3 = not_iss_abs(out->y2 - z2) > 0.4f || not_iss_abs(t2) > 1.0f || t1
-                || !(s->fault_checksum <= 0.0f);
+            const float t2 = not_iss_clamp(z1, 0.0f, 2.0f);
+            const float t3 = u_before*t2;
+            const float t4 = not_iss_clamp(z2, 0.0f, 4.0f);
+            const bool t5 = not_iss_abs(out->y2 - z2) > 0.4f || not_iss_abs(out->y1
+                - (u_before*z1 + t3*t4 + (t4*u_before*(z1 - t2) + t3*(z2 - t4)))) > 1.0f;
             if (t1) {
                 status |= NOT_ISS_OUTSIDE_BOX;
             }
-            suspect = t3 || !(valid[1] > 0.0f) || !(valid[0] > 0.0f);
+            suspect = t5 || t1 || !(s->fault_checksum <= 0.0f) || !(valid[1] > 0.0f) || !(valid[0] > 0.0f);
         }
         if (suspect) {
             /* is there a sample to judge by? */
@@ -540,16 +544,19 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                     const bool t5 = valid[0] > 0.0f || t4;
                     const float u_before = s->u;
                     const float z1 = s->z[0];
-                    const float t6 = measurement_y1 - (u_before*z1
-                        + u_before*not_iss_clamp(z1, 0.0f, 2.0f)*not_iss_clamp(z2, 0.0f, 4.0f));
-                    const bool t7 = not_iss_within(t6, 1.0f);
+                    const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
+                    const float t7 = u_before*t6;
+                    const float t8 = not_iss_clamp(z2, 0.0f, 4.0f);
+                    const float t9 = measurement_y1 - (u_before*z1 + t7*t8
+                        + (t8*u_before*(z1 - t6) + t7*(z2 - t8)));
+                    const bool t10 = not_iss_within(t9, 1.0f);
                     const float fault_count_y_y1 = s->fault_count_y_y1;
                     moves_y_y2 = t1 ? (t3 ? 0.0f : ((fault_count_y_y2*t2 < 0.0f) ? -100.0f : 1.0f))
                         + (t3 ? -1.0f : 0.0f) : 0.0f;
                     side_y_y2 = (!t3 && t1) ? t2 : fault_count_y_y2;
-                    moves_y_y1 = t5 ? (t7 ? 0.0f : ((fault_count_y_y1*t6 < 0.0f) ? -100.0f : 1.0f))
-                        + (t7 ? -1.0f : 0.0f) : 0.0f;
-                    side_y_y1 = (!t7 && t5) ? t6 : fault_count_y_y1;
+                    moves_y_y1 = t5 ? (t10 ? 0.0f : ((fault_count_y_y1*t9 < 0.0f) ? -100.0f : 1.0f))
+                        + (t10 ? -1.0f : 0.0f) : 0.0f;
+                    side_y_y1 = (!t10 && t5) ? t9 : fault_count_y_y1;
                 }
                 /* count of y_y2 */
                 {
@@ -645,12 +652,13 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                             const float t4 = (t3 + 1.0f)*u_before;
                             const float t5 = 36.0f*t4;
                             const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                            const float t7 = t6*u_before;
-                            const float t8 = 144.0f*t7;
-                            const float t9 = (measurement_y1 - (u_before*z1
-                                + u_before*t6*t3))/not_iss_max(t4*t5 + t7*t8, 1e-10f);
-                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                            const float t7 = u_before*t6;
+                            const float t8 = t6*u_before;
+                            const float t9 = 144.0f*t8;
+                            const float t10 = (measurement_y1 - (u_before*z1 + t7*t3
+                                + (t3*u_before*(z1 - t6) + t7*(z2 - t3))))/not_iss_max(t4*t5 + t8*t9, 1e-10f);
+                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t10, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t2 ? not_iss_keep(z2 + t9*t10, 0.0f, 4.0f, z2, 1e+30f) : z2;
                         }
                         /* from the sample of y2 */
                         {
@@ -675,12 +683,13 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                             const float t4 = (t3 + 1.0f)*u_before;
                             const float t5 = 36.0f*t4;
                             const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                            const float t7 = t6*u_before;
-                            const float t8 = 144.0f*t7;
-                            const float t9 = (measurement_y1 - (u_before*z1
-                                + u_before*t6*t3))/not_iss_max(t4*t5 + t7*t8, 1e-10f);
-                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                            const float t7 = u_before*t6;
+                            const float t8 = t6*u_before;
+                            const float t9 = 144.0f*t8;
+                            const float t10 = (measurement_y1 - (u_before*z1 + t7*t3
+                                + (t3*u_before*(z1 - t6) + t7*(z2 - t3))))/not_iss_max(t4*t5 + t8*t9, 1e-10f);
+                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t10, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t2 ? not_iss_keep(z2 + t9*t10, 0.0f, 4.0f, z2, 1e+30f) : z2;
                         }
                         /* from the sample of y2 */
                         {
@@ -705,12 +714,13 @@ unsigned not_iss_step(not_iss_state *s, const not_iss_params *p, const not_iss_i
                             const float t4 = (t3 + 1.0f)*u_before;
                             const float t5 = 36.0f*t4;
                             const float t6 = not_iss_clamp(z1, 0.0f, 2.0f);
-                            const float t7 = t6*u_before;
-                            const float t8 = 144.0f*t7;
-                            const float t9 = (measurement_y1 - (u_before*z1
-                                + u_before*t6*t3))/not_iss_max(t4*t5 + t7*t8, 1e-10f);
-                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t9, 0.0f, 2.0f, z1, 1e+30f) : z1;
-                            s->z[1] = t2 ? not_iss_keep(z2 + t8*t9, 0.0f, 4.0f, z2, 1e+30f) : z2;
+                            const float t7 = u_before*t6;
+                            const float t8 = t6*u_before;
+                            const float t9 = 144.0f*t8;
+                            const float t10 = (measurement_y1 - (u_before*z1 + t7*t3
+                                + (t3*u_before*(z1 - t6) + t7*(z2 - t3))))/not_iss_max(t4*t5 + t8*t9, 1e-10f);
+                            s->z[0] = t2 ? not_iss_keep(z1 + t5*t10, 0.0f, 2.0f, z1, 1e+30f) : z1;
+                            s->z[1] = t2 ? not_iss_keep(z2 + t9*t10, 0.0f, 4.0f, z2, 1e+30f) : z2;
                         }
                         /* the estimate has restarted from the sample */
                         status |= NOT_ISS_RESTARTED_FROM_SAMPLE;
