@@ -368,6 +368,20 @@ def test_the_start_fits_a_sensor_that_is_not_linear(h: Any, there: float, span: 
     assert abs(sample["v"]) <= 6
 
 
+def test_the_start_stays_in_the_declared_range() -> None:
+    """A reading a tenth beyond what the range shows is noise: the start is at its end."""
+    x, v = (hg.Signal(name, low=-6, high=6) for name in "xv")
+    plant = hg.System("ntc", states=(x, v), outputs=(hg.Signal("y"),), flow=[v - x, -v], output=[sp.exp(x / 3)])
+    step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1, 1], R=1.0), dt=0.01)
+    reading = 1.1 * np.exp(2)
+    step(y=reading)
+    memory(step, "z")[:] = -17.0
+    nearly_lost(step)
+    sample = step(y=reading)
+    assert BIT in sample.flags
+    assert sample["x"] == 6
+
+
 def test_a_bank_restarts_each_member_at_the_sample() -> None:
     step = nearly(hg.observers.bank(plants.kalman(plants.van_der_pol()), count=3, period=0.1))
     estimates = [array for place, array in step._kept.places.items() if place.name == "z"]
