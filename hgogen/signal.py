@@ -200,3 +200,8 @@ def resting(signal: Signal) -> float:
     """A signal's value before anything is known: nominal, else 0 or the end of the range nearest to it."""
     low, high = signal.interval
     return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
+
+
+def spread(signal: Signal) -> tuple[float, float]:
+    """The ends between which points are tried: those of the range; a signal without one stays at rest."""
+    return signal.interval if signal.bounded else (resting(signal),) * 2

@@ -89,6 +89,11 @@ class System:
         return self.states + self.inputs + self.outputs + self.parameters
 
     @property
+    def tunable(self) -> tuple[Signal, ...]:
+        """The parameters with a range, which may be set while a program runs."""
+        return tuple(p for p in self.parameters if p.bounded)
+
+    @property
     def tables(self) -> tuple[Cells, ...]:
         """The tables that the flow and the output read, by their names; each once, held at its ends."""
         rows = (*self.flow, *self.output)

@@ -94,7 +94,7 @@ def of_plant(plant: System) -> UniformObservability:
 
     Raises: as `gauthier_bornard`.
     """
-    reached = on_branches(plant, (p for p in plant.parameters if p.bounded))
+    reached = on_branches(plant, plant.tunable)
     n, answers = len(plant.states), []
     if not reached.branches:
         raise NowhereDefined(reached.points)

@@ -226,7 +226,7 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
     function without a rule.
     """
-    loose = tuple(p for p in plant.parameters if p.bounded) if unknown is None else _named(plant, unknown)
+    loose = plant.tunable if unknown is None else _named(plant, unknown)
     reached = on_branches(plant, loose)
     generic: dict[tuple[sp.Expr, ...], Ranks | None] = {}
     asked: list[tuple[_Question, Ranks]] = []

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.observer import Observer, parameter_fields
 from hgogen.part import Ode
@@ -65,13 +66,17 @@ def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
     return np.array(evaluated)
 
 
+def of_form(form: Form) -> dict[Place, np.ndarray]:
+    """The numbers of the places of parameters, as declared, and of rows that are held, as before there was a finite
+    value."""
+    values = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(form.system.parameters)}
+    return values | {Place("state", f"last_{name}"): np.zeros(1) for name in form.held}
+
+
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:
-    """The numbers of the places of parameters, gains and what is derived of them, all as declared, and of rows that are
-    held, as before there was a finite value."""
-    fields = [("plant", field) for field in parameter_fields(observer.form.system.parameters)]
-    fields += [("gain", field) for field in observer.gains]
-    values = {Place(kind, field.name): np.array(field.initial) for kind, field in fields}
-    values |= {Place("state", f"last_{name}"): np.zeros(1) for name in observer.form.held}
+    """The numbers of the places of the form, of gains and what is derived of them, all as declared."""
+    values = of_form(observer.form)
+    values |= {Place("gain", field.name): np.array(field.initial) for field in observer.gains}
     for part in observer.parts:
         for block in part.tune if isinstance(part, Ode) else ():
             assert isinstance(block, Block)

@@ -19,6 +19,7 @@ from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import address, sym
+from hgogen.signal import spread
 
 Array = np.ndarray
 POINTS = 32  # of each kind: corners, inside, and twice as many with states clamped; a quarter with all of them
@@ -106,7 +107,7 @@ def box_points(form: Form) -> Array:
         rng.uniform(size=(POINTS, size)),
         np.where(beyond, 3.0 * ends - 1, mixed),
     )
-    low, high = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
+    low, high = np.array([*map(spread, signals)]).T
     return np.asarray(low + np.vstack(shares) * (high - low))
 
 

@@ -65,7 +65,7 @@ def evaluated(function: Any, *tables: np.ndarray) -> np.ndarray:
 
 def _nominal(form: Form, graph: Graph) -> Graph:
     """The graph with tunable parameters at their nominal values."""
-    tunable = [p for p in form.system.parameters if p.bounded]
+    tunable = form.system.tunable
     if not tunable:
         return graph
     values = [ca.SX(float(p.nominal or 0.0)) for p in tunable]

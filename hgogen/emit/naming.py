@@ -48,5 +48,4 @@ def demand_distinct(step: Step, syntax: Syntax) -> None:
 
 def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:
     """The signals of each struct."""
-    parameters = tuple(p for p in step.observer.form.system.parameters if p.bounded)
-    return step.inputs, step.samples, step.states, parameters
+    return step.inputs, step.samples, step.states, step.observer.form.system.tunable

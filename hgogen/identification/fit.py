@@ -101,8 +101,7 @@ def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, .
     """The parameters that are fitted. Raises: `CannotFit`."""
     if plant.origin is not None:
         raise CannotFit(f"plant {plant.name!r}", "is recast; fit the plant that it was recast from")
-    chosen = _named("parameter", free, plant.parameters) if free is not None else ()
-    chosen = chosen if free is not None else tuple(p for p in plant.parameters if p.bounded)
+    chosen = plant.tunable if free is None else _named("parameter", free, plant.parameters)
     if not plant.parameters:
         raise CannotFit(
             f"plant {plant.name!r}", "has no parameter; declare what is unknown as one, with low= and high="

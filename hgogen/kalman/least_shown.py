@@ -102,7 +102,7 @@ def _least(form: Form, known: Persistent, R: tuple[Fraction, ...], length: float
     weights = tuple(1 / root(value, _BITS) for value in R)
     A, C = along_time(form, known.inputs)
     D, s = (sp.diag(*map(sp.Rational, diagonal)) for diagonal in ([each / 2 for each in width], weights))
-    ends = [(p, *box((p,), form.system.nominal)[p]) for p in form.system.parameters if p.bounded]
+    ends = [(p, *box((p,), form.system.nominal)[p]) for p in form.system.tunable]
     period = _period(known)
     try:
         course, reason = Course(D.inv() * A * D, s * C * D, t, ends), NONE

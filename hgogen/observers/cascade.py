@@ -21,7 +21,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.tape import NoTape
-from hgogen.chains.core import numbers
+from hgogen.chains.core import numbers, of_form
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.chains.injection import listed, unmodelled
 from hgogen.chains.integrators import Integrators, integrators, observer_on
@@ -31,8 +31,8 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
-from hgogen.observer import Observer, founded, high_gain_parameter, parameter_fields
-from hgogen.program import INF, Field, Place, column, sym
+from hgogen.observer import Observer, founded, high_gain_parameter
+from hgogen.program import INF, Field, column, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.signal import resting
 from hgogen.starting import starts
@@ -144,11 +144,8 @@ def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
 def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] | Sequence[float] | None) -> Field:
     """The field v (n), at rest with xhat = w(0); v_i keeps to the outer box of w_(i-1), v_2 to that of w_1'."""
     w, n = chain.field(initial, float(slopes[0])), chain.n
-    system = chain.form.system
-    u = column(map(resting, system.inputs))
-    places = {Place("plant", field.name): np.array(field.initial) for field in parameter_fields(system.parameters)}
-    places |= {Place("state", f"last_{name}"): np.zeros(1) for name in chain.form.held}
-    c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), places).reshape(-1)
+    u = column(map(resting, chain.form.system.inputs))
+    c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), of_form(chain.form)).reshape(-1)
     rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]
     bottom, top = _span(chain)
     low = (w.low[0], w.low[1] + bottom, *w.low[1 : n - 1])

@@ -22,8 +22,9 @@ from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
 from hgogen.program import Program
+from hgogen.signal import spread
 from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
-from hgogen.structure.jacobians import flow_jacobians, tunable
+from hgogen.structure.jacobians import flow_jacobians
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
@@ -141,9 +142,9 @@ def unmeasured(observer: Observer, tableau: Tableau | None, dt: float, part: Ode
 @lru_cache(maxsize=16)
 def _unmeasured(observer: Observer, tableau: Tableau, part: Ode | None) -> Lengths:
     form = observer.form
-    tuned = tunable(form.system) if part is None else ()
+    tuned = form.system.tunable if part is None else ()
     signals, names = (*form.states, *form.system.inputs, *tuned), (*form.to_form, *form.system.inputs, *tuned)
-    low, high = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
+    low, high = np.array([*map(spread, signals)]).T
     ranges = Ranges(low, high, tuple(map(str, names)), form.n)
     if part is None:
         return open_loop_lengths(flow_jacobians(observer.dynamics), ranges, tableau, form.system.time)

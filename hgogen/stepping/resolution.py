@@ -10,8 +10,8 @@ of its range, what is counted does not change meanwhile, and the count means not
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 from hgogen.errors import HgogenError
 from hgogen.form import Form
@@ -60,11 +60,11 @@ def demand_countable(form: Form, dt: float, most: int, part: float) -> None:
         raise StepTooShort(dt, why, min(times) / most, form.system.time)
 
 
-def _fastest(form: Form) -> Iterator[tuple[str, tuple[float, float], float]]:
+@lru_cache(maxsize=16)  # asked of the counts, and of the precision
+def _fastest(form: Form) -> tuple[tuple[str, tuple[float, float], float], ...]:
     """The name, the range and a bound of |z'| on the ranges of each state that has such a range and moves."""
     system = form.system
     known = box((*form.states, *system.inputs, *system.parameters), system.nominal)
-    for name, state, row in zip(form.names, form.states, form.flow, strict=True):
-        fastest = max(abs(float(end)) for end in enclose(row, known))
-        if state.bounded and 0 < fastest < math.inf:
-            yield name, state.interval, fastest
+    bounds = (max(abs(float(end)) for end in enclose(row, known)) for row in form.flow)
+    rows = zip(form.names, form.states, bounds, strict=True)
+    return tuple((name, z.interval, fastest) for name, z, fastest in rows if z.bounded and 0 < fastest < math.inf)

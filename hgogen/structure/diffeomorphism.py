@@ -46,20 +46,15 @@ class Change:
         return tuple(places.get(s, s) for s in self.plant.states)
 
     @property
-    def tuned(self) -> tuple[Signal, ...]:
-        """The parameters that a user may change."""
-        return tuple(p for p in self.plant.parameters if p.bounded)
-
-    @property
     def old(self) -> tuple[Signal, ...]:
         """What `forward` may read."""
-        return (*self.plant.states, *self.tuned)
+        return (*self.plant.states, *self.plant.tunable)
 
     @property
     def new(self) -> tuple[Signal, ...]:
         """The signals that `backward` may read."""
         unchanged = (x for x in self.plant.states if x not in self.backward)
-        return (*self.forward, *unchanged, *self.tuned)
+        return (*self.forward, *unchanged, *self.plant.tunable)
 
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:

@@ -154,14 +154,14 @@ class Dynamics:
 
     def _beyond(self, z: Graph, u: Graph) -> Graph:
         """What the tangents of the nonlinear parts of the outputs (p) add outside of the box."""
-        rest = column(self._convert([split(h, self.form.states)[1] for h in self.form.output], self._z, self._u))
-        slope = ca.substitute([jacobian(rest, self._z)], [self._z, self._u], [self.saturated(z), u])[0]
-        return self._taken(slope, self.readable(z, u)) @ (z - self.saturated(z))
+        slopes = self._slopes([split(h, self.form.states)[1] for h in self.form.output], z, u)
+        return self._taken(slopes, self.readable(z, u)) @ (z - self.saturated(z))
 
     @staticmethod
     def _taken(slopes: Graph, read: Mapping[int, Graph]) -> Graph:
         """The rows of slopes, 0 where one that may be held is not `read`."""
-        rows = (ca.if_else(read[j], slopes[j, :], 0) if j in read else slopes[j, :] for j in range(slopes.shape[0]))
+        none = ca.SX.zeros(1, slopes.shape[1])
+        rows = (either(read[j], slopes[j, :], none) if j in read else slopes[j, :] for j in range(slopes.shape[0]))
         return ca.vertcat(*rows) if read else slopes
 
     def readable(self, z: Graph, u: Graph) -> dict[int, Graph]:
@@ -204,8 +204,12 @@ class Dynamics:
         return Holding(self.form, HUGE)
 
     def _output_jacobian(self, z: Graph, u: Graph) -> Graph:
-        slope = jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
-        return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
+        return self._slopes(self.form.output, z, u)
+
+    def _slopes(self, rows: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
+        """The Jacobian of rows by z at (sat(z), u)."""
+        slopes = jacobian(column(self._convert(rows, self._z, self._u)), self._z)
+        return ca.substitute([slopes], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output_curvature(self, z: Graph, u: Graph) -> tuple[Graph, ...]:
         """The second derivatives d2h_j/dz2 (n, n) at (sat(z), u) of each output."""
@@ -372,7 +376,7 @@ class Dynamics:
         system = self.form.system
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
-        symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
+        symbols |= {p: sym("plant", p.name) for p in system.tunable}
         rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
         if self.form.clamped and boxed:
             around = self._around(states or self.form.states)

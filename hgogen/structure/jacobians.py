@@ -9,9 +9,8 @@ import numpy as np
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
 from hgogen.program import sym
-from hgogen.signal import Signal
+from hgogen.signal import spread
 from hgogen.structure.dynamics import Dynamics
-from hgogen.system import System
 
 
 @dataclass(eq=False)
@@ -74,11 +73,6 @@ def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
     return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
 
 
-def tunable(system: System) -> tuple[Signal, ...]:
-    """The parameters with a range, which may be set while a program runs."""
-    return tuple(p for p in system.parameters if p.bounded)
-
-
 def not_finite(dynamics: Dynamics) -> dict[str, dict[str, float]]:
     """Of each row of the flow and of the output, by the name of its state or output, a point in the middle, on corners
     or inside of the box at which one of its derivatives is not a finite number."""
@@ -127,7 +121,7 @@ def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
     rng = np.random.default_rng(1)
     corners = edge + (1 - 2 * edge) * rng.integers(0, 2, size=(samples, len(signals)))
     points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
-    lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
+    lows, highs = np.array([*map(spread, signals)]).T
     return np.asarray(lows + points * (highs - lows))
 
 
@@ -139,7 +133,7 @@ def _numbers(dynamics: Dynamics, matrix: Graph, points: np.ndarray) -> np.ndarra
 def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
     """The matrix (r, c) of z and u as a function of points (k, n + m), (k, r, c); parameters with a range are nominal
     where the points do not go on with their values."""
-    plant, inputs_end = tunable(dynamics.form.system), dynamics.n + len(dynamics.form.system.inputs)
+    plant, inputs_end = dynamics.form.system.tunable, dynamics.n + len(dynamics.form.system.inputs)
     graph = ca.Function("F", [*_variables(dynamics), *(sym("plant", p.name) for p in plant)], [matrix])
 
     def numbers(points: np.ndarray) -> np.ndarray:

@@ -107,7 +107,7 @@ def forecasts(
 
 def _starts(count: int) -> np.ndarray:
     """The samples from which is predicted: all, or one at random of each few, as sensors may have periods."""
-    few = -(-count // MOST)
+    few = max(1, -(-count // MOST))
     blocks = np.arange(0, count, few)
     chosen = blocks + np.random.default_rng(0).integers(few, size=len(blocks))
     return np.asarray(np.minimum(chosen, count - 1))
