@@ -9,7 +9,7 @@ import pytest
 
 import hgogen as hg
 from hgogen.discretisation.open_loop_limit import Ranges, open_loop_limit
-from hgogen.discretisation.runge_kutta import HEUN, RK4, Tableau
+from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
 from hgogen.kalman.closed_loop import Loops
 from hgogen.model import load
 from hgogen.step import StepMayFail
@@ -114,6 +114,18 @@ def test_the_search_finds_an_extreme_inside_of_the_ranges(tableau: Tableau) -> N
 def test_a_mode_that_does_not_decay_in_the_plant_limits_nothing(F: np.ndarray) -> None:
     ranges = Ranges(np.zeros(2), np.ones(2), ("p", "q"), 2)
     assert math.isinf(open_loop_limit(lambda points: np.tile(F, (len(points), 1, 1)), ranges, RK4.polynomial).dt)
+
+
+def test_where_damping_vanishes_the_limit_is_that_of_a_mode_that_decays() -> None:
+    """-1 + 2 p +- 50i: Euler follows it up to 2 z/|lambda| at the damping ratio z, of which the least is .001."""
+    ranges = Ranges(np.zeros(2), np.ones(2), ("p", "q"), 2)
+
+    def slopes(points: np.ndarray) -> np.ndarray:
+        return (2 * points[:, 0] - 1)[:, None, None] * np.eye(2) + np.array([[0, 50], [-50, 0]])
+
+    searched = open_loop_limit(slopes, ranges, EULER.polynomial)
+    assert 2e-3 / 50 <= searched.dt < 4e-3 / 50
+    assert searched.point[0] == pytest.approx(0.475, abs=0.03)
 
 
 def test_ends_of_the_ranges_without_a_derivative_are_left_out() -> None:

@@ -3,7 +3,9 @@
 While no sample comes, an error of the estimate moves as e' = F e, F the model's Jacobian. A step of length h multiplies
 a mode of the eigenvalue lambda by R(h lambda), R the method's stability polynomial. With Re lambda < 0 the mode decays,
 and the step follows it up to the first exit of the ray h lambda from the region |R| <= 1. A mode that does not decay
-in the plant is no fault of the step, and limits nothing. The limit is the least first exit of all decaying modes over
+in the plant is no fault of the step, and limits nothing; nor is one whose damping ratio is below DAMPING, which is in
+the plant next to one that grows: where damping vanishes somewhere in the ranges, no step would be short enough. The
+limit is the least first exit of all decaying modes over
 the ranges, so that for every longer dt some point of the ranges has an estimate that diverges, and for no shorter one
 that was found.
 
@@ -28,6 +30,7 @@ STARTS = 4  # points from which the search goes on
 FIRST, SHORTEST = 2.0**-2, 2.0**-10  # of a range: the first and the last step of the search
 EDGE = 0.005  # of a range that is left out at its ends where F is not finite at a corner: no plant stays there
 ANGLES = 181  # of the half plane Re < 0, between which the search interpolates the first exit
+DAMPING = 1e-3  # of a mode that decays: by .6 % in a turn
 SEARCHED = "sought over the declared ranges, no proof"
 
 
@@ -144,8 +147,10 @@ def _decided(F: Array, point: Array, ranges: Ranges, polynomial: Sequence[float]
 
 
 def _decays(spectra: Array) -> Array:
-    """Which of the eigenvalues (.., N) decay by more than rounding."""
-    return np.asarray(spectra.real < -AXIS * np.abs(spectra).max(axis=-1, keepdims=True, initial=0.0))
+    """Which of the eigenvalues (.., N) decay, by more than rounding."""
+    sizes = np.abs(spectra)
+    rounding = AXIS * sizes.max(axis=-1, keepdims=True, initial=0.0)
+    return np.asarray(spectra.real < -np.maximum(rounding, DAMPING * sizes))
 
 
 def _interpolated(F: Array, exits: Array) -> Array:
