@@ -228,6 +228,8 @@ MISRA = {
 @pytest.mark.parametrize("name", NAMES)
 def test_checked_with_misra_s_rules(name: str, tmp_path: Path) -> None:
     options = ["--addon=misra", "--enable=style,warning,performance,portability", "--std=c99", "--inline-suppr"]
+    # it reads no header of the standard, and a status bit of 32 or 64 bits is written by a macro of <stdint.h>
+    options += ["--force", "-DUINT32_C(c)=c##U", "-DUINT64_C(c)=c##ULL"]
     # work values stand at the top of their function and start at 0
     hidden = [f"--suppress={kind}" for kind in ("missingIncludeSystem", "unreadVariable", "variableScope")]
     report = run([tool("cppcheck"), *options, *hidden, firmware(name, tmp_path)], tmp_path)
