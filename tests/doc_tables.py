@@ -77,7 +77,7 @@ def _cases(kind: str) -> Callable[[Words], str]:
 
 
 def _folders(old: Words) -> str:
-    from test_house import COLUMN  # the order that a test holds them to
+    from house import COLUMN  # the order that a test holds them to
 
     lines = ((f"`{folder}/`", _line(folder)) for folder in COLUMN)
     return table(("folder", "what is in it"), lines)

@@ -5,60 +5,22 @@ import re
 import subprocess
 from collections.abc import Iterator
 from dataclasses import is_dataclass
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from string import Formatter
 
 import pages
 import pytest
+from house import CASES, COLUMN, FILES, FOLDERS, INNER, ROOT, alone, below, imports, parsed, tree, within
 
 import hgogen as hg
 from hgogen.errors import HgogenError
 from hgogen.recheck.errors import RecheckError
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "hgogen"
 TESTS = ROOT / "tests"
-COLUMN = (  # the folders, each standing on those before it only
-    *("algebra", "intervals", "recheck", "reading", "analysis", "evidence", "structure", "discretisation", "forms"),
-    *("kalman", "chains", "guarantees", "stepping", "methods", "observers", "certificates", "emit", "targets"),
-    *("ecosystems", "board", "calling", "identification", "modelfiles", "trials", "calibration", "commands"),
-)
-FOLDERS = ("forms", "observers", "methods", "targets")  # of cases; the contract is the singular file
 CONTRACTS = ("form", "observer", "method", "target", "step")
 WRITERS = {"hgogen.target"}  # emission is pure; the rest hands text to `target.write`
-FILES = {
-    ".".join(("hgogen", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): path
-    for path in sorted(PACKAGE.rglob("*.py"))
-}
-INNER = [name for name in FILES if name.count(".") == 2]
-CASES = [name for name in INNER if name.split(".")[1] in FOLDERS]
 ROOMS = sorted({name.split(".")[1] for name in INNER} - set(FOLDERS))  # what contracts and cases share
-
-
-def tree(name: str) -> ast.Module:
-    return parsed(FILES[name])
-
-
-@cache
-def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(), str(path))
-
-
-@cache
-def within(node: ast.AST) -> tuple[ast.AST, ...]:
-    """A node and all that is in it, which many rules go through, but whether a name is read or set: `ast.walk` takes
-    eight times as long."""
-    nodes = [node]
-    for each in nodes:  # which grows on the way
-        for name in each._fields:
-            part = getattr(each, name)
-            if isinstance(part, list):
-                nodes += [one for one in part if isinstance(one, ast.AST)]
-            elif isinstance(part, ast.AST) and not isinstance(part, ast.expr_context):
-                nodes.append(part)
-    return tuple(nodes)
 
 
 def called(node: ast.expr) -> str:
@@ -67,51 +29,6 @@ def called(node: ast.expr) -> str:
         start = called(node.value)
         return start and f"{start}.{node.attr}"
     return node.id if isinstance(node, ast.Name) else ""
-
-
-def alone(name: str) -> bool:
-    """Whether a file is the checker's, which shares nothing with the rest."""
-    return name.startswith("hgogen.recheck")
-
-
-def library(node: ast.ImportFrom) -> bool:
-    """Whether an import is of what does not belong to the package."""
-    return not node.level and str(node.module).partition(".")[0] != "hgogen"
-
-
-@cache
-def imports(name: str) -> frozenset[str]:
-    """The modules of the package that a module imports, anywhere in it, for types as well; a folder imports its
-    cases. Relative are the imports of the checker alone, whose folder can be copied."""
-    modules = set()
-    for node in within(tree(name)):
-        if isinstance(node, ast.Import):
-            modules |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert bool(node.level) is (alone(name) and not library(node)), f"{name} imports {ast.unparse(node)}"
-            source = str(node.module)
-            if node.level:
-                folder = name if FILES[name].name == "__init__.py" else name.rpartition(".")[0]
-                above = folder.rsplit(".", node.level - 1)[0]
-                source = f"{above}.{node.module}" if node.module else above
-            inner = {f"{source}.{alias.name}" for alias in node.names}
-            modules |= {module for module in inner if module in FILES}
-            modules |= {source} if inner - FILES.keys() else set()
-    if name.removeprefix("hgogen.") in FOLDERS:
-        modules |= {case for case in CASES if case.startswith(f"{name}.")}
-    return frozenset(modules & FILES.keys())
-
-
-@cache
-def below(name: str) -> frozenset[str]:
-    """All that a module imports, by whatever way."""
-    reached: set[str] = set()
-    left = {name}
-    while left:
-        new = imports(left.pop()) - reached
-        reached |= new
-        left |= new
-    return frozenset(reached)
 
 
 # --- imports ------------------------------------------------------------------------------------------------

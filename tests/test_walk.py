@@ -8,7 +8,7 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from test_house import COLUMN
+from house import COLUMN
 
 import hgogen as hg
 from hgogen.model import load
