@@ -17,6 +17,9 @@ from hypothesis import HealthCheck, settings
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# What a process writes is buffered, as it is for most users.
+os.environ.pop("PYTHONUNBUFFERED", None)
+
 # How long an example takes says nothing: a first one may import what it needs. Where CI is set examples are the same
 # each time, with any version of hypothesis.
 settings.register_profile(

@@ -187,11 +187,9 @@ def test_what_is_not_installed_is_named_with_its_extra(
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        (
-            "os.kill(os.getpid(), signal.SIGSEGV)",
-            r"damaged, and ended the process that read it \(SIGSEGV\)",
-        ),
-        ("os._exit(7)", r"ended the process that read it \(status 7\)"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", r"that read it ended \(SIGSEGV\), so that the file may be damaged"),
+        ("os._exit(7)", r"the process that read it ended \(status 7\)"),
+        ("print('one\\nwhy', file=sys.stderr, flush=True); os._exit(1)", r"ended \(status 1: why\)"),
         ("time.sleep(600)", "that took more than 2 s"),
         ("bytearray(1 << 40)", "it asks for more than 4 GiB of memory"),
         ("print('noise', file=sys.stderr); raise KeyError", "KeyError"),

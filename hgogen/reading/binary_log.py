@@ -49,7 +49,9 @@ def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
     if done.returncode == FAILED:
         raise Damaged(done.stderr.decode(errors="replace").strip().rpartition("\n")[2])
     if done.returncode:
-        raise Damaged(f"the file is damaged, and ended the process that read it ({_ending(done.returncode)})")
+        said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        ended = f"{_ending(done.returncode)}{said and f': {said}'}"
+        raise Damaged(f"the process that read it ended ({ended}), so that the file may be damaged")
     stream = io.BytesIO(done.stdout)
     return {name: np.load(stream, allow_pickle=False) for name in json.loads(stream.readline())}
 
@@ -126,7 +128,9 @@ def main() -> None:
         _fail(next(iter(str(error).splitlines()), "") or type(error).__name__)
     sys.stdout.buffer.write(json.dumps([*arrays]).encode() + b"\n")
     for array in arrays.values():
-        np.save(sys.stdout.buffer, array, allow_pickle=False)
+        file = io.BytesIO()  # numpy asks a buffered file where it stands, which a pipe cannot tell
+        np.save(file, array, allow_pickle=False)
+        sys.stdout.buffer.write(file.getbuffer())
 
 
 def _fail(reason: str) -> None:
