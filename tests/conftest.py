@@ -27,6 +27,8 @@ settings.register_profile(
 )
 settings.load_profile("hgogen")
 
+RUN = pytest.StashKey[tuple[str, ...]]()  # the names of the tests that a run takes
+
 # Graphs and expressions are many small objects, most of them alive to the end: a collection for every 700 new ones
 # takes a twelfth of the run.
 gc.set_threshold(20_000, 20, 20)
@@ -90,8 +92,36 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Budget(seconds), "budget")
 
 
-@pytest.hookimpl(trylast=True)  # of the tests that marks leave
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+@pytest.hookimpl(wrapper=True)  # around the one that deselects by marks
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Iterator[None]:
+    stand_for_others(items, whole=not any("::" in arg for arg in config.args))
+    yield
+    every(config, items)
+    config.stash[RUN] = tuple(item.nodeid for item in items)
+
+
+def stand_for_others(items: list[pytest.Item], whole: bool) -> None:
+    """Mark as full the cases of each test that are not `ordinary`. Of a `whole` file each of these must be there."""
+    for (path, name), cases in groupby(items, key=lambda item: (item.path, getattr(item, "originalname", item.name))):
+        family = list(cases)
+        named = family[0].get_closest_marker("ordinary")
+        if named is None:
+            continue
+        chosen = {k: [case for case in family if stands(k, case)] for k in named.args}
+        if whole and not all(chosen.values()):
+            raise pytest.UsageError(f"{path.name}: {name} has no case {next(k for k in chosen if not chosen[k])}")
+        for case in set(family).difference(*chosen.values()):
+            case.add_marker("full")
+
+
+def stands(named: str, case: pytest.Item) -> bool:
+    """Whether a case is the named one, or one whose name begins so."""
+    id = case.name.partition("[")[2][:-1]
+    return id.startswith(named[:-1]) if named.endswith("*") else id == named
+
+
+def every(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep every K-th test of each file, where that is asked for, of those that marks leave."""
     files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
     chosen = [item for tests in files for item in tests[:: config.getoption("every")]]
     others = set(map(id, items)) - set(map(id, chosen))

@@ -1,4 +1,5 @@
-"""Seeded bugs, and the tests that must find them: `python tests/mutations.py` prints which are found.
+"""Seeded bugs, and the tests that must find them: `python tests/mutations.py` prints which are found, with `--ordinary`
+by those of their tests alone that the ordinary run takes.
 
 Each row of mutations.toml changes one place of the code: `pattern`, which the source of `function` (its qualified
 name, wherever in the package it stands) holds exactly once, becomes `replacement`. One of `tests` must then fail.
@@ -25,6 +26,7 @@ from queue import SimpleQueue
 
 ROOT = Path(__file__).parent.parent
 ROWS = Path(__file__).with_suffix(".toml")
+NO_TESTS = 5  # pytest's status where marks leave none
 SECONDS = 300  # for the tests of a row; a change that makes them hang is found as well
 
 Tests = tuple[str, ...]
@@ -102,9 +104,13 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-def fail(tests: Tests, folder: Path) -> bool:
-    """Whether one of the tests fails in a copy, or hangs. Raises: `NotRun` where they cannot be run."""
-    options = ("-q", "-x", "-n", "0", "-m", "", "-p", "no:cacheprovider", "--no-header")
+def fail(tests: Tests, folder: Path, ordinary: bool = False) -> bool:
+    """Whether one of the tests, or of the `ordinary` ones among them, fails in a copy, or hangs.
+
+    Raises: `NotRun` where they cannot be run.
+    """
+    marks = () if ordinary else ("-m", "")
+    options = ("-q", "-x", "-n", "0", *marks, "-p", "no:cacheprovider", "--no-header")
     environment = {**os.environ, "PYTHONPATH": str(folder), "CI": "true"}  # the copy, and the same examples every time
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # each row would compile the whole package
     command = [sys.executable, "-m", "pytest", *options, *tests]
@@ -112,7 +118,7 @@ def fail(tests: Tests, folder: Path) -> bool:
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=SECONDS)
     except subprocess.TimeoutExpired:
         return True
-    if done.returncode not in (0, 1):
+    if done.returncode not in ((0, 1, NO_TESTS) if ordinary else (0, 1)):
         raise NotRun(f"pytest cannot run {' '.join(tests)}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
     return done.returncode == 1
 
@@ -133,15 +139,15 @@ def _write(path: Path, text: str) -> None:
     Path(cache_from_source(str(path))).unlink(missing_ok=True)  # Python takes it for that of a text of the same second
 
 
-def _detected(mutation: Mutation, folder: Path) -> bool:
+def _detected(mutation: Mutation, ordinary: bool, folder: Path) -> bool:
     with mutated(mutation, folder):
-        detected = fail(mutation.tests, folder)
+        detected = fail(mutation.tests, folder, ordinary)
     print(f"{'found   ' if detected else 'SURVIVES'} {mutation}", flush=True)
     return detected
 
 
-def survivors(rows: Iterable[Mutation], workers: int = 1) -> list[Mutation]:
-    """The rows that their tests do not find. Prints a line for each.
+def survivors(rows: Iterable[Mutation], workers: int = 1, ordinary: bool = False) -> list[Mutation]:
+    """The rows that their tests, or the `ordinary` ones of these, do not find. Prints a line for each.
 
     Raises: `NotRun` where the tests of a row fail without its change, or cannot be run.
     """
@@ -159,10 +165,12 @@ def survivors(rows: Iterable[Mutation], workers: int = 1) -> list[Mutation]:
                 free.put(copy)
 
         each = sorted({row.tests for row in rows})
-        for tests, failed in zip(each, pool.map(lent, (partial(fail, tests) for tests in each)), strict=True):
+        for tests, failed in zip(
+            each, pool.map(lent, (partial(fail, tests, ordinary=ordinary) for tests in each)), strict=True
+        ):
             if failed:
                 raise NotRun(f"without a change, one fails of {' '.join(tests)}")
-        detected = list(pool.map(lent, (partial(_detected, row) for row in rows)))
+        detected = list(pool.map(lent, (partial(_detected, row, ordinary) for row in rows)))
     return [row for row, was in zip(rows, detected, strict=True) if not was]
 
 
@@ -171,9 +179,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Seeded bugs, and the tests that must find them.")
     parser.add_argument("--only", default="", help="rows whose function holds this text")
     parser.add_argument("--workers", type=int, default=2, help="copies that are tested at a time")
+    parser.add_argument("--ordinary", action="store_true", help="by the tests that the ordinary run takes")
     options = parser.parse_args()
     rows = [row for row in mutations() if options.only in row.function]
-    run, left = [row for row in rows if not row.equivalent], survivors(rows, options.workers)
+    run, left = [row for row in rows if not row.equivalent], survivors(rows, options.workers, options.ordinary)
     share = 100 * (1 - len(left) / len(run)) if run else 100.0
     print(f"{len(run) - len(left)} of {len(run)} are found, {share:.1f} %; {len(rows) - len(run)} are equivalent")
     for row in left:

@@ -1,18 +1,25 @@
 """Plants and observers that several tests use."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import sympy as sp
 
 import hgogen as hg
-from hgogen.model import load
+from hgogen.model import Model, load
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 
 
+@cache
+def loaded(path: Path) -> Model:
+    """The model of a file, read once in a process."""
+    return load(path)
+
+
 def model(name: str) -> hg.System:
-    return load(MODELS / f"{name}.py").plant
+    return loaded(MODELS / f"{name}.py").plant
 
 
 def chain(n: int) -> hg.System:

@@ -23,13 +23,14 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
+from plants import loaded
 
 from hgogen.call import CallableStep
 from hgogen.calling.late import at_their_times
 from hgogen.emit import layout
 from hgogen.emit.saved import sealed
 from hgogen.errors import HgogenError
-from hgogen.model import Model, load
+from hgogen.model import Model
 from hgogen.trial import BadTrial, Jump, Trial, Truth, noisy, sampled, simulate
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -183,7 +184,7 @@ def half(fault: Fault) -> str:
 
 @cache
 def model(name: str) -> Model:
-    return load(next(path for path in MODELS.glob(f"{name}.*") if path.suffix in (".py", ".toml")))
+    return loaded(next(path for path in MODELS.glob(f"{name}.*") if path.suffix in (".py", ".toml")))
 
 
 def pairs() -> Iterator[tuple[str, str]]:

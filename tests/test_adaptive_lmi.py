@@ -62,6 +62,7 @@ def continuous() -> oracle.Continuous:
     return oracle.continuous()
 
 
+@pytest.mark.full
 def test_the_paper_in_continuous_time() -> None:
     """The peaks of the errors that stand in the literature of this model are of a sampled path, 1e-4 below."""
     simulation = continuous()
@@ -72,6 +73,7 @@ def test_the_paper_in_continuous_time() -> None:
     assert simulation.last == pytest.approx((0.4829, 0.5814), abs=1e-4)
 
 
+@pytest.mark.full
 def test_the_law_as_printed_locks_itself_up() -> None:
     """(90) as printed has the rate 0 at both ends: from gamma_inf, where the paper begins, gamma never rises, however
     large the residual is; from gamma_sup it never falls, however small. Projected it does both."""
@@ -88,6 +90,7 @@ def test_the_law_as_printed_locks_itself_up() -> None:
     assert oracle.under(projected, high, 1.0)[0] < 30
 
 
+@pytest.mark.full
 def test_the_step_converges_to_continuous_time_as_its_switches_do() -> None:
     """A switch is seen within a step, so that gamma errs by rise gamma dt at each of three switches at most; between
     switches the order is four, and nothing else is left at these dt."""
@@ -151,6 +154,7 @@ def test_the_core_has_its_poles_times_the_largest_gamma(n: int, poles: list[floa
     assert np.poly(np.linalg.eigvals(core)) == pytest.approx(np.poly(-high * np.array(poles[:n])), rel=1e-8)
 
 
+@pytest.mark.full
 @given(st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-2, 2)), st.tuples(*[st.floats(-3, 3)] * 3))
 @settings(deadline=None, max_examples=8)
 def test_v_never_grows_whatever_gamma_does(start: tuple[float, ...], estimate: tuple[float, ...]) -> None:
@@ -278,6 +282,7 @@ def geared() -> hg.Form:
     return hg.forms.triangular(hg.System("geared", **data, flow=flow, output=[5 * x[0]]))
 
 
+@pytest.mark.full
 def test_a_chain_with_gains_and_a_parameter() -> None:
     """w = (5 z_1, 5 a z_2, 15 a z_3): |T^-1 dc/dw T|^2 = (a cos z_1/gamma)^2 + (z_1^2/10)^2 +
     (0.6 a z_1 z_3/gamma^2)^2, the largest at z = 4, a = 4, gamma = 20.53."""

@@ -51,6 +51,7 @@ def write(folder: Path, flow: dict[str, str], output: str, name: str = "plant.to
     return path
 
 
+@pytest.mark.ordinary("sir")
 @pytest.mark.parametrize(
     "file",
     [pytest.param(f, marks=() if f.stem in QUICK else (pytest.mark.slow,), id=f.stem) for f in FILES],
@@ -66,6 +67,7 @@ def test_every_line_of_a_shipped_model_makes_its_step(file: Path, tmp_path: Path
     assert len({one.observer for one in advised.admitted}) == len(advised.admitted)
 
 
+@pytest.mark.full
 def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
     ranks = ("proved", "proved for its theta", "proved for a larger theta", "open", "no theorem")
     model, advised = asked(MODELS / "duffing.toml")
@@ -84,6 +86,7 @@ def test_a_proof_is_said_to_be_of_continuous_time() -> None:
     assert "convergence in continuous time" in str(shown.renderables[0])
 
 
+@pytest.mark.full
 def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None:
     _, advised = asked(MODELS / "pendulum.py")
     best = advised.admitted[0]
@@ -92,6 +95,7 @@ def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None
     assert (adaptive.known, adaptive.proposed) == ("proved for its theta", False)
 
 
+@pytest.mark.full
 def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -> None:
     model, advised = asked(write(tmp_path, {"x1": "x2", "x2": "-sin(x1) - x2"}, "x1"))
     quick = {kind for kind, each in RULES.items() if each.quick}
@@ -113,6 +117,7 @@ def test_what_is_said_of_none_is_said_where_it_may_be_taken(tmp_path: Path) -> N
     assert not any("has no first gains" in note for note in blind.notes)
 
 
+@pytest.mark.full
 def test_several_outputs(tmp_path: Path) -> None:
     path = write(tmp_path, {"x1": "x2", "x2": "-x1 + x3", "x3": "-x3"}, "x1", z="x3")
     model, advised = asked(path)
@@ -121,6 +126,7 @@ def test_several_outputs(tmp_path: Path) -> None:
         assert made(model, one, tmp_path).observer.name == one.observer
 
 
+@pytest.mark.full
 def test_a_python_model_without_a_tuning(tmp_path: Path) -> None:
     """A path with a space; the line names the plant of the file."""
     path = tmp_path / "my model.py"
@@ -134,6 +140,7 @@ def test_a_python_model_without_a_tuning(tmp_path: Path) -> None:
     assert made(model, one, tmp_path).observer.form.kind == "triangular"
 
 
+@pytest.mark.full
 def test_first_gains_of_an_output_without_a_range_are_those_of_what_its_equation_spans(tmp_path: Path) -> None:
     """Noise, threshold and strip are shares of what the output spans, and the strip stays below its reach."""
     lines = []
@@ -149,12 +156,14 @@ def test_first_gains_of_an_output_without_a_range_are_those_of_what_its_equation
     assert "threshold = 5.0" in lines[0]["switched_gain"]
 
 
+@pytest.mark.full
 def test_first_gains_beyond_a_double_are_not_offered(tmp_path: Path) -> None:
     _, advised = asked(write(tmp_path, {"x1": "x2", "x2": "1e300*x1"}, "x1"))
     observers = {one.observer for one in advised.admitted}
     assert not observers & {"high_gain", "lambda_tracking"}
 
 
+@pytest.mark.full
 def test_no_form_at_all(tmp_path: Path) -> None:
     """y shows x1 and x2 together: measured alone either begins a chain; the plant's own coordinates take it."""
     model, advised = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))
@@ -168,6 +177,7 @@ def test_no_form_at_all(tmp_path: Path) -> None:
     assert hg.survey(model.plant, deep=True)["phase"].verdict is Verdict.PROVED
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("output", "more"), [("x1 + x2**3 + x2", {"y2": "x1*x2"}), ("x1*u + x2", {})])
 def test_other_states_are_advised_only_where_a_form_has_them(output: str, more: dict[str, str], tmp_path: Path) -> None:
     """Of two outputs, and of one that reads the input, nobody knows any."""
@@ -186,6 +196,7 @@ def test_what_is_hidden_is_named(tmp_path: Path) -> None:
     assert tied.notes[0] == "No observer tells x2, x3 from these outputs: measure x2 or x3 as well."
 
 
+@pytest.mark.full
 def test_what_is_only_accepted_is_not_admitted(tmp_path: Path) -> None:
     """A proposal in the plant's own coordinates stands in the place of a tuning that accepts a refutation."""
     model, advised = asked(MODELS / "fitzhugh_nagumo.py")

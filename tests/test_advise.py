@@ -48,6 +48,7 @@ def test_a_wanted_time_gives_theta() -> None:
     assert row.tried == ()
 
 
+@pytest.mark.full
 def test_it_settles_in_the_wanted_time() -> None:
     """A double integrator, whose error is that of two poles, down to 5 % of its range from all of it."""
     x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
@@ -63,6 +64,7 @@ def test_it_settles_in_the_wanted_time() -> None:
     assert error[500:, 1].max() == pytest.approx((1 + theta / 2) * exp(-theta / 2), rel=0.01)  # (1 + theta t) exp(..)
 
 
+@pytest.mark.full
 def test_what_is_certified_is_the_bound_of_the_check(rows: tuple[tuple[Advised, ...], dict[str, str]]) -> None:
     """Above it the claim is proved, below it not."""
     high_gain, riccati = rows[0]
@@ -79,6 +81,7 @@ def test_what_is_certified_is_the_bound_of_the_check(rows: tuple[tuple[Advised, 
     assert riccati.sentence == ""
 
 
+@pytest.mark.full
 def test_a_larger_theta_settles_sooner_and_takes_up_more_noise(high_gain: Advised) -> None:
     settled = [one.settled for one in high_gain.tried]
     assert len(settled) >= 8
@@ -169,6 +172,7 @@ y = {equation = "x"}
 """
 
 
+@pytest.mark.ordinary("9000-are not tried-False")
 @pytest.mark.parametrize(
     ("row", "sentence", "many"),
     [("-x", "tried on one that stays in its ranges, over 2", True), ("9000", "are not tried", False)],
@@ -182,6 +186,7 @@ def test_a_model_without_a_trial_gets_one(row: str, sentence: str, many: bool, t
     assert (len(json.loads((tmp_path / "advised.json").read_text())["rows"][0]["tried"]) > 1) is many
 
 
+@pytest.mark.full
 def test_an_own_form_of_a_tuning_is_asked(tmp_path: Path) -> None:
     """Of a tuning that has the observer's name: the gains get another one, and the form is still found."""
     words = ("--observers", "high_gain,riccati", "-o", str(tmp_path))
@@ -191,6 +196,7 @@ def test_an_own_form_of_a_tuning_is_asked(tmp_path: Path) -> None:
     assert tanks.step("riccati_advised").observer.form.system.origin is not None
 
 
+@pytest.mark.full
 def test_processes_give_the_same_advice(rows: tuple[tuple[Advised, ...], dict[str, str]]) -> None:
     (trial,) = MODEL.trials()
     asked = ["high_gain", "riccati", "bank"]
@@ -199,6 +205,7 @@ def test_processes_give_the_same_advice(rows: tuple[tuple[Advised, ...], dict[st
     assert refused == rows[1]
 
 
+@pytest.mark.full
 def test_a_truth_is_simulated_once_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
     periods: list[float] = []
 

@@ -55,6 +55,7 @@ def tried(theta: Any, trial: Trial = TRIAL) -> Summary:
     return summary
 
 
+@pytest.mark.full
 @needs_compiler
 def test_the_neuron_has_about_a_half() -> None:
     """Alone, each of six seeds gives .39 to .65: over 50 s, some 50 windows, a mean varies by a seventh, and more where
@@ -65,6 +66,7 @@ def test_the_neuron_has_about_a_half() -> None:
     assert 0.35 <= ratio <= 0.65
 
 
+@pytest.mark.full
 @needs_compiler
 def test_a_theta_that_latches_has_a_large_ratio_and_a_sentence() -> None:
     summary = tried(adaptive(8.0))
@@ -91,6 +93,7 @@ def test_a_theta_that_comes_back_has_a_small_ratio_and_no_sentence() -> None:
     assert list(alarm.complaints([summary])) == []
 
 
+@pytest.mark.full
 @needs_compiler
 def test_the_advice_lowers_the_ratio() -> None:
     """A threshold k times as high divides it by k exactly: at the pinned theta the thresholds play no part."""
@@ -102,6 +105,7 @@ def test_the_advice_lowers_the_ratio() -> None:
     assert ratios[2] == pytest.approx(ratios[0] / 5, rel=1e-12)
 
 
+@pytest.mark.full
 @needs_compiler
 def test_other_laws() -> None:
     """The centre of a logistic is its threshold; the window of the paper judges the same prediction, at age d where
@@ -138,6 +142,7 @@ def test_too_little_time_is_told_from_an_alarm_that_feeds_itself() -> None:
     assert said.endswith("so it needs more time between the events")
 
 
+@pytest.mark.full
 @needs_compiler
 def test_simulate_prints_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The neuron with a threshold a twentieth as high latches: its ratio is some 20 times .45."""

@@ -8,6 +8,7 @@ import hgogen as hg
 X1, X2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
 
 
+@pytest.mark.ordinary("flow0-output0-(1 - tanh(x1)**2)**2", "flow2-output2-x1*(1 - tanh(x2)**2)")
 @pytest.mark.parametrize(
     ("flow", "output", "text"),
     [

@@ -95,6 +95,7 @@ def settled(made: Any, seeds: range) -> tuple[np.ndarray, np.ndarray, list[np.nd
     return times, left, chosen
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("scaled", "share"), [("both", 0.48), ("process", 0.46)])
 def test_the_newest_innovation_picks_the_youngest_and_noisiest(scaled: str, share: float) -> None:
     """N = 5, T = 5: the youngest 48 % of the time, 21 switches a time unit, and after two of five jumps not
@@ -115,6 +116,7 @@ def test_the_newest_innovation_picks_the_youngest_and_noisiest(scaled: str, shar
     ]  # the fourth jump is within the band
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("scaled", "steady"), [("both", 0.061), ("process", 0.088)])
 def test_a_window_with_hysteresis_settles_after_every_jump(scaled: str, steady: float) -> None:
     """d = 3, hysteresis .6, T = 10, lambda = .1: settles in 5.9 .. 11.1, RMS .086; here, over six seeds, in 5.3 ..
@@ -127,6 +129,7 @@ def test_a_window_with_hysteresis_settles_after_every_jump(scaled: str, steady: 
     assert np.median(left) == pytest.approx(steady, abs=0.005)
 
 
+@pytest.mark.full
 def test_the_window_is_a_share_of_the_period_by_default() -> None:
     u, y = (values[:2000] for values in record()[1:])
     long, default = (step(**options).run(u=u, y=y) for options in ({"innovation": WINDOW}, {}))
@@ -180,6 +183,7 @@ def waves(made: Any, samples: int) -> dict[str, np.ndarray]:
     return {"u": 0.6 * np.sin(0.03 * k + np.arange(len(made.inputs))), "y": y}
 
 
+@pytest.mark.ordinary("decaying", "low_power")
 @pytest.mark.parametrize("name", MEMBERS)
 def test_c_runs_any_member_as_python_does(name: str) -> None:
     """Restarts and switches among them; the two differ by their sine only."""
@@ -201,11 +205,13 @@ def test_c_runs_any_member_as_python_does(name: str) -> None:
 SLOW = [(name, real) for name in MEMBERS for real in ("float", "double") if (name, real) not in {*QUICK}]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "real"), [*QUICK, *(pytest.param(*pair, marks=pytest.mark.slow) for pair in SLOW)])
 def test_its_c_has_every_bit_and_no_warning(name: str, real: Any) -> None:
     assert "as recorded" in run_check(hg.targets.c99(around(name), real=real))
 
 
+@pytest.mark.ordinary("high_gain")
 @pytest.mark.parametrize("name", MEMBERS)
 def test_a_bank_that_never_switches_is_its_member(name: str) -> None:
     """Before the first restart all members are alike, to the last bit."""
@@ -332,6 +338,7 @@ def test_a_member_that_leaves_its_box_is_kept_in_it_alone(value: float, bit: str
 # --- its C --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_the_members_are_in_a_loop() -> None:
     """The text of the C is the same for any number of members, but for the number and the digest of the whole."""
     texts = []

@@ -120,6 +120,14 @@ class Beside:
         return np.asarray(ends * self.remembered - self.lifted(after)) / self.step.dt
 
 
+@pytest.mark.ordinary(
+    "pendulum-high_gain-exponential-0.02",
+    "pendulum-high_gain-bilinear-0.001",
+    "disturbed_pendulum-high_gain-bilinear-0.001",
+    "joint-high_gain-exponential-0.02",
+    "joint-circle_criterion-exponential-0.001",
+    "pendulum-peaking_free-exponential-0.02",
+)
 @pytest.mark.parametrize("dt", [0.001, 0.02])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("name", "tuning"), STEPS)
@@ -141,6 +149,7 @@ def test_a_step_of_the_program_leaves_no_more_and_not_much_less(name: str, tunin
     assert np.median(worst / bounds) > 1 / 5
 
 
+@pytest.mark.ordinary("pendulum-exponential-0.02", "pendulum-bilinear-0.02")
 @pytest.mark.parametrize("dt", [0.001, 0.02])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["pendulum", "disturbed_pendulum"])
@@ -266,6 +275,7 @@ def verdict(content: dict[str, Any]) -> str:
     return row.found
 
 
+@pytest.mark.ordinary("bilinear")
 @pytest.mark.parametrize("method", METHODS)
 def test_the_bounds_are_verified_again(method: str) -> None:
     content = copy.deepcopy(certified(method))

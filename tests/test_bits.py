@@ -71,6 +71,7 @@ def test_what_reads_bits_reads_those_of_the_signal() -> None:
     assert rejected(step, step.run(np.zeros((3, 2)), y), y).tolist() == (y > 1).tolist()
 
 
+@pytest.mark.full
 def test_the_macros_and_the_constants_are_the_names(tmp_path: Path) -> None:
     step = by_case()
     wanted = [bit.name for bit in step.bits]

@@ -28,6 +28,7 @@ def board() -> None:
         tool(name)
 
 
+@pytest.mark.full
 def test_costs_are_those_of_the_step(board: None) -> None:
     """RAM and flash as the compiler has them; a step that computes more costs more; the same again."""
     rows = np.full((300, 2), 0.1)
@@ -50,6 +51,7 @@ def test_the_worst_is_that_of_a_hostile_record(board: None, monkeypatch: pytest.
     assert worst > measured(step("pendulum"), files("pendulum"), rows, "float").worst + 10
 
 
+@pytest.mark.full
 def test_the_stack_is_that_of_memory_that_is_spoiled_too(board: None, tmp_path: Path) -> None:
     """At least the frames of the calls that begin a state anew, of which calm samples make none."""
     hg.write(files("pendulum"), tmp_path)
@@ -78,6 +80,7 @@ def test_a_member_is_called_as_in_c() -> None:
     assert "(void)coil_step(&m->s, &m->p, &in, &out);" in text
 
 
+@pytest.mark.full
 def test_members_may_have_the_names_of_what_counts_them(board: None) -> None:
     x = [hg.Signal(name, low=-1, high=1) for name in ("N", "COLUMNS", "COPIES", "record", "real")]
     y = hg.Signal("RECORD", low=-1, high=1)
@@ -107,6 +110,7 @@ def test_the_rows_of_a_trial_are_what_a_step_is_given() -> None:
     assert not run.status[100:].any()
 
 
+@pytest.mark.full
 def test_cost_writes_what_the_folder_then_tells(board: None, here: Path) -> None:
     answer = as_json("cost", "tank.toml")
     stored = json.loads((here / "generated" / "tank" / "cost.json").read_text())
@@ -120,6 +124,7 @@ def test_cost_writes_what_the_folder_then_tells(board: None, here: Path) -> None
     assert "bytes of flash" not in (here / "generated" / "tank" / "README.md").read_text()
 
 
+@pytest.mark.full
 def test_limits_are_kept_or_exceeded(board: None, here: Path) -> None:
     costs = as_json("cost", "tank.toml", "--name", "left")
     assert (here / "generated" / "left" / "cost.json").exists()

@@ -91,6 +91,7 @@ def expressions() -> st.SearchStrategy[Any]:
     return st.recursive(leaves, above, max_leaves=8)
 
 
+@pytest.mark.full
 @settings(max_examples=300, deadline=None)
 @given(expressions())
 def test_no_angle_that_is_taken_for_bounded_is_larger(expression: Any) -> None:

@@ -145,6 +145,7 @@ REFUTED = [
 ]
 
 
+@pytest.mark.ordinary("u", "1 - u", "1/(u - 1/3)")
 @pytest.mark.parametrize("expression", REFUTED, ids=str)
 def test_a_zero_or_a_pole_is_found(expression: sp.Expr) -> None:
     sign = nonzero(expression, UNIT)
@@ -227,6 +228,13 @@ HOSTILE = [
 ]
 
 
+@pytest.mark.ordinary(
+    "u**1000-{u: (0, 2)}",
+    "tan(u)-{u: (0, 15707/10000)}",
+    "1/u-{u: (0, 1)}",
+    "log(log(u))-{u: (0, 3)}",
+    "Heaviside(u) + floor(5*v)-{}",
+)
 @pytest.mark.parametrize(("expression", "other"), HOSTILE, ids=lambda x: str(x)[:40])
 def test_hostile_expressions_are_enclosed(expression: sp.Expr, other: dict[sp.Symbol, tuple[object, object]]) -> None:
     there = UNIT | {s: (Fraction(str(a)), Fraction(str(b))) for s, (a, b) in other.items()}
@@ -246,6 +254,7 @@ def test_hostile_expressions_are_enclosed(expression: sp.Expr, other: dict[sp.Sy
             assert value <= enclosure.high
 
 
+@pytest.mark.ordinary("log(u)-{u: (0, 1)}", "sqrt(u)-{}", "tan(u)-{u: (0, 2)}", "atan2(u, v)-{}")
 @pytest.mark.parametrize(
     ("expression", "there"),
     [
@@ -331,6 +340,7 @@ def _pair(function: type[sp.Expr], a: sp.Expr, b: sp.Expr) -> sp.Expr:
         reject()
 
 
+@pytest.mark.full
 @sweep(100, 300, st.recursive(_LEAVES, _grow, max_leaves=6), st.fractions(0, 1, max_denominator=50), st.fractions(0, 1))
 def test_every_value_on_the_box_lies_in_the_range(expression: sp.Expr, s: Fraction, t: Fraction) -> None:
     there = {u: (Fraction(-3, 2), Fraction(2)), v: (Fraction(1, 10), Fraction(3))}
@@ -412,6 +422,7 @@ def test_a_search_that_goes_on_is_that_with_more_boxes() -> None:
     assert (on.low, on.high, on.tree) == (whole.low, whole.high, whole.tree)
 
 
+@pytest.mark.full
 def test_steep_exponentials_are_no_high_powers() -> None:
     """The rank of two masses with a smooth backlash: a polynomial in exp(u)^160 would be factored for minutes."""
     E, F = sp.exp(40 * u), sp.exp(40 * v)

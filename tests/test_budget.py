@@ -40,6 +40,7 @@ def test_a_file_concerns_what_it_imports(tmp_path: Path, changed: set[str], show
         assert concerns(test, changed) == shown
 
 
+@pytest.mark.full
 def test_no_test_begins_after_the_budget() -> None:
     """The two tests of a file, in a run of no time: both are left out, and said to be."""
     run = [sys.executable, "-m", "pytest", "-n", "0", "--budget", "0", "tests/test_given.py", "-k", "number"]

@@ -52,16 +52,19 @@ def exact(name: str) -> str:
 # --- compilers ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("window_held-double", "one_state-float", "chained_in_x-float")
 @pytest.mark.parametrize(("name", "real"), by_turns(NAMES, REALS))
 def test_gcc_has_no_warning_and_every_bit_is_as_recorded(name: str, real: str, tmp_path: Path) -> None:
     assert check("gcc", name, real, tmp_path, "-O2", exact(name)) == passed(name)
 
 
+@pytest.mark.ordinary("cascaded_tanks", "bent", "chained_in_x")
 @pytest.mark.parametrize("name", NAMES)
 def test_clang_has_no_warning_and_every_bit_is_as_recorded(name: str, tmp_path: Path) -> None:
     assert check("clang", name, "float", tmp_path, "-O2", exact(name)) == passed(name)
 
 
+@pytest.mark.ordinary("pendulum--D__FRAMAC__", "cascaded_tanks--U__FLT_EVAL_METHOD__")
 @pytest.mark.parametrize("other", ["-U__FLT_EVAL_METHOD__", "-D__FRAMAC__"])
 @pytest.mark.parametrize("name", ["pendulum", "cascaded_tanks", "functions"])
 def test_what_other_compilers_and_analysers_read_has_the_same_bits(name: str, other: str, tmp_path: Path) -> None:
@@ -79,6 +82,7 @@ def test_no_optimisation_changes_a_bit(name: str, real: str, compiler: str, opti
     assert check(compiler, name, real, tmp_path, optimisation, exact(name)) == passed(name)
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-float", "functions-float", "no_input-double")
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions", "no_input"])
 def test_the_library_s_functions_stay_within_the_tolerance(name: str, real: str, tmp_path: Path) -> None:
@@ -86,6 +90,7 @@ def test_the_library_s_functions_stay_within_the_tolerance(name: str, real: str,
     assert check("gcc", name, real, tmp_path, "-O2", macro) == passed(name)
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-float", "fitzhugh_nagumo-double", "functions-float", "many_states-float")
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions", "many_states"])
 def test_contraction_stays_within_the_tolerance(name: str, real: str, tmp_path: Path) -> None:
@@ -93,6 +98,7 @@ def test_contraction_stays_within_the_tolerance(name: str, real: str, tmp_path: 
     assert check("gcc", name, real, tmp_path, *flags) == passed(name)
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-float", "fitzhugh_nagumo-double")
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions", "many_states", "integrated"])
 def test_where_bits_differ_by_a_wider_format_it_is_said(name: str, real: str, tmp_path: Path) -> None:
@@ -121,12 +127,14 @@ static inline float arm_between(float x, int quarter)
 """
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo")
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions"])
 def test_an_interpolated_sine_stays_within_its_tolerance(name: str, tmp_path: Path) -> None:
     (tmp_path / "arm_math.h").write_text(_ARM_MATH)
     assert check("gcc", name, "float", tmp_path, "-O2", f"-D{step(name).name.upper()}_USE_CMSIS") == passed(name)
 
 
+@pytest.mark.ordinary("for_flash", "integrated", "redundant")
 @pytest.mark.parametrize("name", NAMES)
 def test_the_header_is_c_and_c_plus_plus_included_twice(name: str, tmp_path: Path) -> None:
     header = f"{step(name).name}.h"
@@ -138,6 +146,7 @@ def test_the_header_is_c_and_c_plus_plus_included_twice(name: str, tmp_path: Pat
         run([tool(compiler), *flags, f"twice{suffix}"], tmp_path)
 
 
+@pytest.mark.full
 def test_two_systems_link_together(tmp_path: Path) -> None:
     texts = {**files("sin"), **files("x")}
     compiled(tool("gcc"), texts, tmp_path, "-O0", "-UX_CHECK_MAIN")
@@ -146,6 +155,7 @@ def test_two_systems_link_together(tmp_path: Path) -> None:
 # --- text ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "two")
 @pytest.mark.parametrize("name", NAMES)
 def test_lines_are_short_and_tell_nothing_of_this_machine(name: str) -> None:
     for real in REALS:
@@ -168,6 +178,7 @@ for name in ("fitzhugh_nagumo", "two", "no_input", "sin"):
 """
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks")
 @pytest.mark.parametrize("name", NAMES)
 def test_the_end_of_a_comment_stands_with_its_words(name: str) -> None:
     """Alone on its line it ends a banner only, which begins alone."""
@@ -200,6 +211,7 @@ def test_the_self_check_s_banner_is_not_wrapped(name: str) -> None:
     assert banner[7].startswith(f" *   {' ' * len(upper)}             rounded otherwise")
 
 
+@pytest.mark.full
 def test_the_same_bytes_in_every_process(tmp_path: Path) -> None:
     """In one that orders sets by another seed as in this one."""
     seed = "4294967295" if os.environ.get("PYTHONHASHSEED") == "0" else "0"
@@ -223,6 +235,7 @@ def test_words_of_the_user_stay_in_their_comments(tmp_path: Path) -> None:
     assert subprocess.run([program], check=False).returncode == 0
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-float", "fitzhugh_nagumo-double", "pendulum-float")
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", NAMES)
 def test_headers_and_casts_are_those_that_the_code_needs(name: str, real: str) -> None:
@@ -239,6 +252,7 @@ def test_headers_and_casts_are_those_that_the_code_needs(name: str, real: str) -
             assert uses == 1 if f"(void){pointer};" in inner else uses > 0, f"{pointer} of {head}"
 
 
+@pytest.mark.ordinary("65536")
 @pytest.mark.parametrize("periods", [65535, 65536])
 def test_a_count_beyond_16_bits_is_refused_where_int_has_no_more(periods: int) -> None:
     member = hg.observers.high_gain(hg.forms.triangular(plants.chain(2)), theta=2, poles=(-1, -1))
@@ -333,6 +347,7 @@ SEEDED = [
 ]
 
 
+@pytest.mark.full
 def test_the_self_check_catches_what_is_mistyped(tmp_path: Path) -> None:
     name, source = "fitzhugh_nagumo", files("fitzhugh_nagumo")["fitzhugh_nagumo.c"]
     for right, wrong in SEEDED:
@@ -349,6 +364,7 @@ def test_fast_math_is_refused(tmp_path: Path) -> None:
         compiled(tool("gcc"), files("fitzhugh_nagumo"), tmp_path, "-O2", "-ffast-math")
 
 
+@pytest.mark.full
 def test_sums_in_another_order_are_refused(tmp_path: Path) -> None:
     """The nearest whole number is had by a sum and a difference, which then cancel: exp(2.2) would be 8. A macro
     tells of it in GCC, in clang the self-check."""
@@ -367,6 +383,15 @@ def test_clang_without_nan_is_found_out_by_the_self_check(name: str, tmp_path: P
     assert "not a number" in files(name)[f"{step(name).name}_check.c"]
 
 
+@pytest.mark.ordinary(
+    "float-fitzhugh_nagumo-gcc",
+    "float-pendulum-gcc",
+    "float-two-gcc",
+    "float-bank-gcc",
+    "double-functions-gcc",
+    "double-functions-clang",
+    "double-tables-gcc",
+)
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "two", "functions", "tables", "bank"])
 @pytest.mark.parametrize("real", ["float", "double"])
@@ -374,6 +399,7 @@ def test_no_comparison_of_floats_is_warned_of(compiler: str, name: str, real: st
     parsed(tool(compiler), files(name, real), tmp_path, "-Wfloat-equal", "-fsyntax-only")
 
 
+@pytest.mark.ordinary("clang")
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_equal_numbers_are_equal_as_in_python(compiler: str, tmp_path: Path) -> None:
     """A model that asks whether two numbers are one: by a function of ours, 0 and -0 among them; no warning."""

@@ -82,6 +82,7 @@ def test_a_claim_is_a_line_with_its_number() -> None:
     ]
 
 
+@pytest.mark.ordinary("pendulum", "cascaded_tanks", "two")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_hypotheses_are_left_to_the_document_that_the_header_names(name: str) -> None:
     step = emitted.step(name)

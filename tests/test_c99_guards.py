@@ -137,6 +137,7 @@ def sanitized(name: str, real: Real, compiler: str, folder: Path, rounds: int) -
             file.unlink()
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-float", "window_held-float")
 @pytest.mark.parametrize(
     ("name", "real"),
     [
@@ -157,6 +158,7 @@ def test_sanitizers_find_nothing_in_any_model(name: str, real: Real, compiler: s
     sanitized(name, real, compiler, tmp_path, 3000)
 
 
+@pytest.mark.full
 def test_sanitizers_find_a_seeded_index(tmp_path: Path) -> None:
     """So that the tests above cannot pass on nothing."""
     texts = dict(nasty("fitzhugh_nagumo", "float", 10))
@@ -207,6 +209,7 @@ def random_samples(signals: tuple[hg.Signal, ...], draw: np.random.Generator) ->
     return np.where(draw.random(len(signals)) < 0.1, draw.choice(NASTY, len(signals)), values)[None]
 
 
+@pytest.mark.ordinary("pendulum", "one_state", "many_states")
 @needs_compiler
 @pytest.mark.parametrize("name", NAMES)
 def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
@@ -268,6 +271,7 @@ def test_any_parameters_are_tuned_to_the_same_bits(name: str) -> None:
     assert 0 < limited < 100
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-float", "two-float", "two-double", "no_input-float", "wide-float")
 @needs_compiler
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "two", "no_input", "wide"])

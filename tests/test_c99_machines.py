@@ -35,6 +35,7 @@ def firmware(name: str, folder: Path) -> str:
 # --- what a float build needs -------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("pendulum-M0", "bent-M4F", "chained_in_x-M4F")
 @pytest.mark.parametrize(("name", "machine"), by_turns(NAMES, MACHINES))
 def test_a_float_build_calls_nothing_in_double_and_holds_no_static_data(
     name: str, machine: str, tmp_path: Path
@@ -57,6 +58,7 @@ def test_that_the_helpers_of_double_would_be_seen(tmp_path: Path) -> None:
     assert "__aeabi_dmul" in run([tool("arm-none-eabi-nm"), "wrong.o"], tmp_path)
 
 
+@pytest.mark.ordinary("pendulum", "redundant", "bent")
 @pytest.mark.parametrize("name", NAMES)
 def test_an_int_of_16_bits_is_enough_or_refused(name: str, tmp_path: Path) -> None:
     """AVR, without a warning; also that sizes are not taken for granted."""

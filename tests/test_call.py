@@ -87,6 +87,7 @@ def same(a: hg.Run, b: hg.Run, slack: float = 0.0) -> None:
 # --- records ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("high_gain")
 @pytest.mark.parametrize("name", STEPS)
 def test_a_run_is_repeated_calls(name: str) -> None:
     step = fresh(name)
@@ -101,6 +102,7 @@ def test_a_run_is_repeated_calls(name: str) -> None:
     assert run.t == pytest.approx(0.01 * np.arange(300), abs=1e-15)
 
 
+@pytest.mark.ordinary("information", "high_gain")
 @needs_compiler
 @pytest.mark.parametrize("name", STEPS)
 def test_c_and_python_agree(name: str) -> None:
@@ -139,6 +141,7 @@ def test_a_run_goes_on_where_the_last_one_stopped(name: str) -> None:
     assert joined.t == pytest.approx(whole.t)
 
 
+@pytest.mark.ordinary("high_gain-python", "held-c", "no_input-c")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", STEPS)
 def test_reset_forgets(name: str, engine: str) -> None:
@@ -153,6 +156,7 @@ def test_reset_forgets(name: str, engine: str) -> None:
     assert again.t[0] == 0
 
 
+@pytest.mark.ordinary("high_gain-python", "held-c", "held-python")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", STEPS)
 def test_a_restored_state_is_the_saved_one(name: str, engine: str) -> None:
@@ -167,6 +171,7 @@ def test_a_restored_state_is_the_saved_one(name: str, engine: str) -> None:
     assert other.save() == step.save()
 
 
+@pytest.mark.ordinary("high_gain")
 @needs_compiler
 @pytest.mark.parametrize("name", ["window", "high_gain", "two_outputs", "twelve"])
 def test_in_float_every_reader_has_the_bits_of_the_emitted_c(name: str) -> None:
@@ -379,6 +384,7 @@ def test_nothing_absurd_reaches_the_state(name: str, data: st.DataObject) -> Non
         assert finite(step)
 
 
+@pytest.mark.ordinary("staggered-c", "window-c", "information-c", "high_gain-c", "held-c", "held-python", "no_input-c")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ["staggered", "window", "information", "high_gain", "held", "no_input"])
 def test_the_estimate_recovers(name: str, engine: str) -> None:

@@ -222,6 +222,7 @@ def test_noise_of_many_seeds_together_has_the_bits_of_each_alone() -> None:
         assert (together == np.column_stack(alone)).all()
 
 
+@pytest.mark.full
 def test_a_plant_that_escapes_is_said_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """x' = a x^2 from 1: for a = 1 it is gone at 1. It keeps its place among runs that are taken together."""
     x, a, y = hg.Signal("x", low=-9, high=9), hg.Signal("a", nominal=0.1, low=0.1, high=3), hg.Signal("y")
@@ -257,6 +258,7 @@ def test_what_names_nothing_is_refused(asked: Any) -> None:
         hg.campaign(step(), TRIAL, 3, asked)
 
 
+@pytest.mark.full
 def test_a_campaign_without_any_truth_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "gone.toml").write_text(
         'name = "gone"\nstates.x = {low = -9, high = 9, flow = "a*x**2"}\nparameters.a = {value = 2}\n'
@@ -324,6 +326,7 @@ def test_a_cluster_gives_the_same_numbers() -> None:
     assert outcomes == {one.run: one for one in made.run(jobs=1)}
 
 
+@pytest.mark.ordinary("nowhere")
 @pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
@@ -526,6 +529,7 @@ def hgogen(folder: Path, *words: str) -> Result:
         return CliRunner().invoke(cli.app, list(words))
 
 
+@pytest.mark.full
 def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
     """Some lines of its file, the last one broken off, then all of it again, and a run by itself."""
     words = ("simulate", str(MODELS / "pendulum.py"), "--vary", "x0=0.1", "--runs", "6", "--jobs", "1", "--json")
@@ -555,6 +559,7 @@ def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
     assert file.read_text().splitlines(keepends=True) == after
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("interruptible")
 def test_a_truth_is_ended_by_ctrl_c_and_not_taken_for_a_failure() -> None:
     """CasADi takes what a handler raises for a plant that cannot be integrated."""
@@ -573,6 +578,7 @@ def test_a_truth_is_ended_by_ctrl_c_and_not_taken_for_a_failure() -> None:
     timer.join()
 
 
+@pytest.mark.full
 def test_observers_are_compared_on_the_same_draws(tmp_path: Path) -> None:
     words = ("compare", str(MODELS / "pendulum.py"), "--observers", "high_gain,riccati", "--vary", "x0=0.1,noise=50%")
     done = hgogen(tmp_path, *words, "--runs", "4", "--jobs", "1")
@@ -599,6 +605,7 @@ def test_bad_options_are_sentences(tmp_path: Path, options: tuple[str, ...], sen
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.full
 def test_the_neuron_is_sent_to_processes() -> None:
     """A step of a model's file, whose theta adapts and whose trial has jumps and an estimate."""
     model = load(MODELS / "fitzhugh_nagumo.py")

@@ -97,6 +97,7 @@ def demand_same_as_machine(made: CallableStep) -> None:
 # --- the step ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("pendulum-cascade", "pendulum-hamilton_jacobi")
 @each
 def test_the_step_has_the_bits_of_run(model: str, name: str) -> None:
     """With the functions of the C, every estimate, trace, status and at the end the whole memory; with CasADi's own,
@@ -105,6 +106,7 @@ def test_the_step_has_the_bits_of_run(model: str, name: str) -> None:
     demand_same_as_machine(step(model, name))
 
 
+@pytest.mark.ordinary("pendulum", "bent", "chained")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_loops_kernels_and_banks_have_the_bits_of_run(name: str) -> None:
     demand_same_as_run(emitted.step(name))
@@ -131,6 +133,7 @@ SPOILED = {  # a step, an element of its memory and what it holds, the bit that 
 }
 
 
+@pytest.mark.ordinary("pendulum-lost", "pendulum-infinite", "bank-far", "bank-beyond")
 @pytest.mark.parametrize("what", SPOILED)
 def test_a_spoiled_memory_is_mended_as_by_run(what: str) -> None:
     name, element, value, bit = SPOILED[what]
@@ -191,6 +194,7 @@ def matrices(name: str, n: int, seed: int) -> list[np.ndarray]:
     return [columns, *vectors[: count[name]]]
 
 
+@pytest.mark.ordinary("2-cap", "3-add", "5-expand")
 @pytest.mark.parametrize("name", KERNELS)
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_a_kernel_is_that_of_numbers_bit_for_bit(name: str, n: int) -> None:
@@ -225,6 +229,7 @@ def by_euler(made: CallableStep, dt: float) -> CallableStep:
         return by_euler(made, dt / 8)
 
 
+@pytest.mark.ordinary("pendulum-iterated_ekf", "pendulum-ukf")
 @each
 @pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
 def test_the_derivative_is_what_euler_adds(model: str, name: str) -> None:
@@ -266,6 +271,7 @@ def pendulum() -> tuple[CallableStep, Functions]:
 SWING, END, AT, TOLERANCE = 4.0, 0.5, np.linspace(0, 0.5, 501), 1e-10
 
 
+@pytest.mark.full
 def test_every_integrator_follows_the_reference() -> None:
     """CasADi's, SciPy's and python-control's. The observer forgets an error of the angle in 1/theta, in which it makes
     theta times as much of the rate: of TOLERANCE at each step, 50 steps of dt in that time and fewer of their own, the
@@ -343,6 +349,7 @@ def test_a_missing_sample_predicts() -> None:
 # --- derivatives ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum")
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "many_states", "exponential", "bank"])
 def test_a_whole_record_can_be_differentiated(name: str) -> None:
     """The last estimate by every gain that is not 0, beside differences of second order, from inside where the gain is
@@ -376,6 +383,7 @@ def test_the_branch_not_taken_has_no_part_in_a_slope() -> None:
 # --- files ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("pendulum", "exponential")
 @pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler")
 @pytest.mark.parametrize("name", ["pendulum", "bank", "many_states", "exponential"])
 def test_casadis_own_c_has_the_bits_of_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -453,6 +461,7 @@ REFUSED: dict[str, tuple[Callable[[Functions], Any], type[HgogenError], str]] = 
 }
 
 
+@pytest.mark.ordinary("complex array", "unknown", "near")
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_does_not_fit_is_refused_by_a_sentence(what: str) -> None:
     make, error, sentence = REFUSED[what]

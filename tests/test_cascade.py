@@ -88,6 +88,7 @@ def errors(theta: float, **changes: Any) -> np.ndarray:
     return np.abs(step.run(y=x[:, 0]).x - x)[round(2 / dt) :].max(axis=0)
 
 
+@pytest.mark.full
 def test_the_error_halves_with_mu_and_is_i_mu_times_the_rate() -> None:
     """Unsaturated, xhat_i = s^(i-1)/(mu s + 1)^i y: a delay of i mu up to terms of mu^2; xhat_1 errs by mu^2 x_3."""
     dt = 0.1 / 800
@@ -147,6 +148,7 @@ def test_the_step_is_the_oracles(name: str) -> None:
         assert result.x[0] == pytest.approx(at, abs=1e-9)
 
 
+@pytest.mark.ordinary("double")
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_the_c_is_the_program(real: Any) -> None:
     step = hg.sample(build("mixed", theta=10), hg.methods.rk4, dt=0.01)

@@ -104,6 +104,7 @@ def written(claims: Checked) -> str:
 # --- what is written is verified ------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("battery", "lotka_volterra", "sir")
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_a_models_certificate_is_verified(path: Path) -> None:
     claims = claims_of_model(path)
@@ -191,6 +192,7 @@ def test_a_uniform_form() -> None:
     assert findings(sealed(content))["uniform.lipschitz"] == "fails"
 
 
+@pytest.mark.full
 def test_a_slope_that_changes_its_sign() -> None:
     content = of_model(ROOT / "models" / "haldane.toml")
     claim = claim_of(content, "uniform.slope_2")
@@ -501,6 +503,7 @@ def changed(content: dict[str, Any], place: tuple[tuple[Any, ...], int, int], ho
 CASES = ["cascaded_tanks", "fitzhugh_nagumo", "pendulum", "bent"]
 
 
+@pytest.mark.ordinary("cascaded_tanks-last", "cascaded_tanks-sign", "fitzhugh_nagumo-ten", "pendulum-sign", "bent-sign")
 @pytest.mark.parametrize("how", ["last", "sign", "ten"])
 @pytest.mark.parametrize("case", CASES)
 def test_every_changed_number_is_noticed(case: str, how: str, bent: dict[str, Any]) -> None:
@@ -521,6 +524,7 @@ def untouched(text: str) -> bool:
         return False
 
 
+@pytest.mark.ordinary("cascaded_tanks-last", "fitzhugh_nagumo-ten", "pendulum-sign", "bent-sign")
 @pytest.mark.parametrize("how", ["last", "sign", "ten"])
 @pytest.mark.parametrize("case", [*CASES, pytest.param("pendulum as it runs", marks=pytest.mark.slow)])
 def test_a_forger_gets_only_true_statements_through(case: str, how: str, bent: dict[str, Any]) -> None:
@@ -788,6 +792,7 @@ LIES = [
 ]
 
 
+@pytest.mark.ordinary("the rest's coefficient", "the flow's coefficient", "an entry off the chain")
 @pytest.mark.parametrize("lie", LIES)
 def test_a_lie_fails(bent: dict[str, Any], lie: str) -> None:
     content = copy.deepcopy(bent)
@@ -974,6 +979,7 @@ def test_costly_expressions_fail_in_time(bent: dict[str, Any], text: str) -> Non
     assert time.process_time() - begin < 30
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.slow) for part in (1, 2, 3))])
 def test_every_part_may_be_missing_or_of_another_type(bent: dict[str, Any], part: int) -> None:
     """Each gives the sentence of a bad file, or a claim that fails; no other error."""
@@ -1024,6 +1030,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert command("recheck", str(file)).exit_code == 2
 
 
+@pytest.mark.full
 def test_what_is_only_stated_is_said(tmp_path: Path) -> None:
     shown = command("check", str(ROOT / "models" / "sir.toml"), "--certificate", str(tmp_path / "sir.json"))
     assert shown.exit_code == 0

@@ -65,6 +65,11 @@ def test_other_methods_are_verified(method: str) -> None:
     assert set(findings(content_of(observer, method)).values()) == {"verified"}
 
 
+@pytest.mark.ordinary(
+    "high_gain-bilinear-the bilinear rule",
+    "high_gain-exponential-the matrix exponential",
+    "filtered-bilinear-the bilinear rule",
+)
 @pytest.mark.parametrize(
     ("method", "name"), [("bilinear", "the bilinear rule"), ("exponential", "the matrix exponential")]
 )
@@ -319,6 +324,7 @@ def test_a_steeper_plant_is_not_what_was_proved() -> None:
     assert set(findings(content).values()) == {"fails"}
 
 
+@pytest.mark.full
 def test_an_a_that_moves_with_the_estimate_is_not_one_that_moves_with_an_input() -> None:
     """A(sat z) z - A(sat x) x is more than A times the error: what is left grows with z."""
     content = content_of(hg.observers.high_gain(hg.forms.triangular(driven(0.3)), theta=6, gains=(2, 0.5)))

@@ -143,6 +143,7 @@ def changed(content: dict[str, Any], path: tuple[Any, ...], factor: str) -> dict
     return result
 
 
+@pytest.mark.ordinary("slabs-101/100", "slabs-99/100", "slabs-10", "slabs-0", "quartic-0")
 @pytest.mark.parametrize("factor", ["-1", "101/100", "99/100", "10", "0"])
 @pytest.mark.parametrize("case", ["slabs", pytest.param("a gain of the estimate", marks=pytest.mark.slow), "quartic"])
 def test_a_forger_gets_only_true_statements_through(case: str, factor: str) -> None:

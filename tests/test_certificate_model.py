@@ -68,6 +68,7 @@ def test_the_header_the_certificate_and_the_verifier_name_one_model(name: str) -
     assert line in emitted.files(name)[f"{step.name}.h"]
 
 
+@pytest.mark.full
 def test_the_committed_header_is_of_the_model(tmp_path: Path) -> None:
     """A changed parameter is another model: the header of the old one does not name it."""
     header = (ROOT / "generated" / "pendulum" / "pendulum.h").read_text()
@@ -209,6 +210,7 @@ def test_an_unknown_verdict_and_an_unknown_reason_fail_alone() -> None:
 # --- the command line -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_the_last_line_counts(tmp_path: Path) -> None:
     file = tmp_path / "p.json"
     command("check", str(ROOT / "models" / "pendulum.py"), "--certificate", str(file))

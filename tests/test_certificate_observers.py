@@ -230,6 +230,7 @@ def test_what_is_claimed_of_a_member_is_not_verified_of_its_bank() -> None:
     assert {what for id, what in result.items() if id.startswith("triangular.")} == {"verified"}
 
 
+@pytest.mark.ordinary("stubborn", "updated_gain")
 @pytest.mark.parametrize("name", sorted({name for _, name, _ in BUILT.values()}))
 def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
     claims = checked(load(ROOT / "models" / "disturbed_pendulum.py"), None, name)
@@ -718,6 +719,7 @@ def changed(content: dict[str, Any], path: tuple[Any, ...], how: str) -> dict[st
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.ordinary("low_power-less", "driven-less")
 @pytest.mark.parametrize("how", ["less", *(pytest.param(how, marks=SLOW) for how in ("sign", "more", "far", "zero"))])
 @pytest.mark.parametrize("case", BUILT)
 def test_a_forger_gets_only_true_statements_through(case: str, how: str) -> None:
@@ -793,6 +795,7 @@ def test_a_gain_on_a_phase_form_rests_on_its_convergence() -> None:
     assert found(content)["low_power.convergence"] == found(content)["low_power.theta"] == "fails"
 
 
+@pytest.mark.full
 def test_a_form_whose_b_is_taken_at_the_recovered_state_says_so() -> None:
     claims = checked(load(ROOT / "models" / "cstr.toml"), None, "stubborn")
     content = certificate(claims.form, claims.checks, claims.observer)

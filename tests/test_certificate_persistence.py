@@ -75,6 +75,7 @@ def finding(content: dict[str, Any]) -> str:
     return next(f"{row.found}: {row.sentence}" for row in rows if row.id == ID)
 
 
+@pytest.mark.ordinary("constant", "at the end of its range")
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_proved_is_verified(case: str) -> None:
     content = written(case)
@@ -122,6 +123,7 @@ LIES: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
 }
 
 
+@pytest.mark.ordinary("without a period", "a constant beyond its range", "a constant that hides")
 @pytest.mark.parametrize("lie", LIES)
 def test_a_lie_fails(lie: str) -> None:
     case, change = LIES[lie]
@@ -130,6 +132,7 @@ def test_a_lie_fails(lie: str) -> None:
     assert finding(content).startswith("fails"), finding(content)
 
 
+@pytest.mark.full
 def test_other_inputs_that_show_the_states_are_verified() -> None:
     """The gramian says so, too."""
     content = written("sine")
@@ -148,6 +151,7 @@ def test_a_parameter_that_hides_a_state_somewhere() -> None:
     assert finding(content).startswith("fails: it does not"), finding(content)
 
 
+@pytest.mark.ordinary("pendulum")
 @pytest.mark.parametrize("name", ["pendulum", "fitzhugh_nagumo"])
 def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
     claims = checked(load(ROOT / "models" / f"{name}.py"), None, "kalman_like")

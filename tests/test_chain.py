@@ -120,6 +120,7 @@ _DISGUISES = [
 _SPOILERS = [lambda a: a / 10**25, lambda a: sp.sin(a) / 1000, lambda a: a**2, lambda a: sp.Abs(a)]
 
 
+@pytest.mark.full
 @sweep(20, 60, st.integers(2, 8), st.randoms(use_true_random=False), st.booleans())
 def test_a_scramble_is_recognised_and_a_spoiled_one_refused(n: int, draw: random.Random, spoil: bool) -> None:
     """A permuted, signed, scaled chain with zeros in disguise; spoiled by one term of a state two places later."""
@@ -181,6 +182,7 @@ def test_levels_with_nonlinear_slopes() -> None:
     assert answers(chains) == (False, False, True)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("outputs", [5, pytest.param(10, marks=pytest.mark.slow)])
 def test_many_states_and_outputs_are_quick(outputs: int) -> None:
     """Sixty states take 2 s to 3 s on an idle core; a factorial would not end, of thirty either."""
@@ -238,6 +240,7 @@ def brute_force(plant: Rows) -> bool:
     return len(set(heads)) == len(heads) and grow([], list(range(len(heads))))
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=150)
 @given(st.randoms(use_true_random=False), st.integers(2, 5), st.integers(1, 3))
 def test_greedy_finds_a_cascade_wherever_there_is_one(draw: random.Random, n: int, p: int) -> None:

@@ -137,6 +137,7 @@ def test_a_long_loss_of_samples_is_capped_and_comes_back_in_float() -> None:
     assert np.abs(reader.memory[Place("state", "z")]).max() < 0.1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_its_c_runs(real: Any) -> None:
     """The emitted self-check compares every recorded vector."""

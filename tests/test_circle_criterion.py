@@ -138,6 +138,9 @@ def test_slopes_in_a_sample_ask_for_no_theta() -> None:
     assert hg.contraction(step).proved
 
 
+@pytest.mark.ordinary(
+    "argument0-euler", "None-euler", "None-rk4", "None-exponential", "None-bilinear", "argument2-euler"
+)
 @pytest.mark.parametrize("method", ["euler", "rk4", "exponential", "bilinear"])
 @pytest.mark.parametrize("argument", [ARGUMENT, None, ((1.0, 0.2), (-1.0,))])
 def test_no_noise_moves_a_linear_plant_further(argument: Any, method: str) -> None:
@@ -236,10 +239,12 @@ def found_of(changed: dict[str, Any]) -> dict[str, str]:
     return {fact: rows[f"circle_criterion.{fact}"] for fact in FACTS}
 
 
+@pytest.mark.full
 def test_every_claim_is_verified() -> None:
     assert found_of(content()) == dict.fromkeys(FACTS, "verified")
 
 
+@pytest.mark.full
 def test_what_is_read_in_other_units() -> None:
     """In (1, 2, 5) z: e_1 - (3/4) e_1, e_2 + (9/10) 2 e_1, e_3 - (3/4) e_3, and 1/4 v_1, -3/10 2 v_1, 3/2 5 v_2."""
     context = Context(read(sealed(content())))
@@ -249,6 +254,7 @@ def test_what_is_read_in_other_units() -> None:
     assert argument.takes == [[Fraction(1, 4), 0], [Fraction(-3, 5), 0], [0, Fraction(15, 2)]]
 
 
+@pytest.mark.full
 def test_of_sensors_that_show_one_state_each_is_in_the_argument_by_its_share() -> None:
     """y3 = -y2 counts as much as y2 does; a proof of the noise of one is none for that of both as one."""
     plant = joint()
@@ -266,6 +272,7 @@ def test_of_sensors_that_show_one_state_each_is_in_the_argument_by_its_share() -
     assert rows["circle_criterion.noise"] == "verified"
 
 
+@pytest.mark.ordinary("2--40")
 @pytest.mark.parametrize(("place", "entry"), [(0, "2"), (1, "-20"), (2, "-40")])
 def test_another_argument_is_not_what_was_proved(place: int, entry: str) -> None:
     changed = copy.deepcopy(content())
@@ -341,6 +348,7 @@ argument = {argument}
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("argument", ["[[0.25, -0.3], [1.5]]", "[[0.25, 0], [-0.3, 0], [0, 1.5]]"])
 def test_a_text_model_says_the_argument(argument: str, tmp_path: Path) -> None:
     """Chain by chain or as a matrix, in every command that takes an observer."""
@@ -384,6 +392,7 @@ def damped() -> hg.Form:
     )
 
 
+@pytest.mark.full
 def test_an_argument_takes_noise_that_no_gain_alone_takes() -> None:
     alone = hg.design.gain(damped(), rate=2)
     both = hg.design.gain(damped(), rate=2, argument=True)
@@ -394,6 +403,7 @@ def test_an_argument_takes_noise_that_no_gain_alone_takes() -> None:
     assert hg.design.noise_bounds(made) == pytest.approx(both.bounds, rel=0.02)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "last"), [("disturbed_pendulum", "x3"), ("hyperjerk", "x4")])
 def test_the_tunings_that_are_designed_take_noise_at_the_rate_of_high_gain(name: str, last: str) -> None:
     """Less than half of the bound of the tuning with poles, in continuous time; in trials half of the error."""
@@ -410,12 +420,14 @@ def test_the_tunings_that_are_designed_take_noise_at_the_rate_of_high_gain(name:
     assert np.std(late[1]) < 0.5 * np.std(late[0])
 
 
+@pytest.mark.full
 def test_of_one_output_the_size_of_noise_does_not_matter() -> None:
     """Nor where it enters through slopes."""
     loud, quiet = (hg.design.gain(damped(), rate=2, argument=(1, 1, 1), noise={"y": size}) for size in (100, 0.01))
     assert loud.bounds == pytest.approx(quiet.bounds, rel=0.02)
 
 
+@pytest.mark.full
 def test_a_multiplier_for_one_slope_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the corners of one slope have, a multiplier has the gain of the least bounds."""
     x1, x2 = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2"))
@@ -445,6 +457,7 @@ def test_the_program_with_multipliers_is_the_inequality_that_it_stands_for(monke
     assert point @ whole @ point == pytest.approx(inequality, rel=1e-12)
 
 
+@pytest.mark.full
 def test_an_argument_that_does_no_better_is_left_out() -> None:
     """The slope of van der Pol's last row in its rate takes no noise from an output error: the gain is that without."""
     form = hg.forms.triangular(load("van_der_pol").plant)
@@ -475,6 +488,7 @@ def test_a_given_argument_of_zeros_is_none() -> None:
     assert hg.design.gain(hg.forms.triangular(model("pendulum")), rate=10, argument=(0, 0)).observer == "high_gain"
 
 
+@pytest.mark.full
 def test_of_several_outputs_an_argument_is_a_matrix() -> None:
     form = hg.forms.block_triangular(joint())
     designed = hg.design.gain(form, rate=1, argument=((1 / 3, 0), (2,)))

@@ -165,6 +165,7 @@ def test_check_of_a_plant_without_an_observer_asks_only(here: Path):
     assert err == f"hgogen: {answer['notes'][0]}\n"
 
 
+@pytest.mark.full
 def test_check_of_a_plant_in_no_form(here: Path):
     """The battery without its observer."""
     alone = here / "battery.toml"
@@ -188,11 +189,13 @@ def test_check_of_a_plant_that_is_not_observable(here: Path):
     assert "singularity" not in out
 
 
+@pytest.mark.full
 def test_check_names_the_states_of_a_recast_plant(here: Path):
     out, _ = hgogen("check", str(MODELS / "cascaded_tanks.py"))
     assert "cascaded_tanks in triangular form, z1 = x2, z2 = w\n  with w = sqrt(x1)\n" in out
 
 
+@pytest.mark.full
 def test_a_step_on_a_refuted_form_exits_1(here: Path):
     text = NEURON.read_text().replace('"accept": ("triangular.a_2",)', '"accept": ()')
     (here / "stubborn.py").write_text(text)
@@ -238,6 +241,7 @@ def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
     assert "fitzhugh_nagumo.c" in files(here / "made")
 
 
+@pytest.mark.full
 @needs_compiler
 @pytest.mark.usefixtures("undrawn")
 def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pytest.MonkeyPatch):
@@ -259,6 +263,7 @@ def test_generate_is_the_same_again(here: Path):
     }
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_generate_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
     """The trials run in Python, which has no bit that C has not."""
@@ -268,6 +273,7 @@ def test_generate_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch
     assert {"fitzhugh_nagumo.c", "short_theta.svg"} <= set(files(here / "generated" / "neuron"))
 
 
+@pytest.mark.full
 def test_generate_asks_only_for_the_files_of_its_target(here: Path):
     """A folder in the place of NAME.c is in the way of C alone; then nothing is written."""
     there = here / "generated" / "neuron"
@@ -299,6 +305,7 @@ def test_a_trial_that_does_not_fit_is_refused_before_anything_is_said(here: Path
     assert (out, err) == ("", "hgogen: trial 'forced': start says nothing of 'x'; give it a value\n")
 
 
+@pytest.mark.full
 def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here: Path):
     """And that is said; as `advise` does, whose file the next command takes."""
     text = NEURON.read_text()
@@ -312,6 +319,7 @@ def test_a_model_without_a_trial_is_tried_on_one_that_is_made_of_its_ranges(here
         assert f"untried.py has no trial; it is tried on one that stays in its ranges, over {made.duration:.3g}" in err
 
 
+@pytest.mark.full
 @needs_compiler
 @pytest.mark.usefixtures("undrawn")
 def test_generate_in_another_language(here: Path):
@@ -324,6 +332,7 @@ def test_generate_in_another_language(here: Path):
     assert "pub theta: f64," in text
 
 
+@pytest.mark.full
 @needs_compiler
 @pytest.mark.parametrize("there", [True, False])
 @pytest.mark.usefixtures("undrawn")
@@ -414,6 +423,7 @@ def test_a_truth_that_is_empty_is_given_by_its_option(here: Path, command: str):
     assert "the column 'empty' holds no number for truth of x2; say --truth x2=COLUMN" in err
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_run_compares_with_what_the_observer_took(here: Path):
     """A spike that it rejected is in no prediction error, and is counted."""
@@ -428,6 +438,7 @@ def test_run_compares_with_what_the_observer_took(here: Path):
     assert "y: 1 that the observer rejected, not compared" in hgogen("run", "neuron", *LOG, "--time", "time")[0]
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_run_says_what_is_wrong_with_a_record(here: Path):
     lines = (here / "log.csv").read_text().splitlines()
@@ -454,6 +465,7 @@ def test_run_says_what_is_wrong_with_a_record(here: Path):
     assert ",," in (here / "build" / "neuron" / "log_estimates.csv").read_text()
 
 
+@pytest.mark.full
 def test_run_stays_finite_over_absurd_values(here: Path):
     y, u = {3: "1e30", 5: "inf"}, {2: "1e30"}
     rows = [f"{k / 100},{y.get(k % 7, 1)},{u.get(k % 5, 0.5)}" for k in range(500)]
@@ -467,6 +479,7 @@ def test_run_stays_finite_over_absurd_values(here: Path):
     assert "inf" not in text
 
 
+@pytest.mark.full
 def test_check_tells_the_singular_set(here: Path):
     """det = -eps u^2; at u = 0 the next jet has u'. These checks do not count for the exit status."""
     singular = as_json("check", "neuron")["singular"]
@@ -488,6 +501,7 @@ plant = hg.System("jumping", states=(x1, x2), outputs=(y,), flow=[(2 + sp.sign(x
 """
 
 
+@pytest.mark.full
 def test_a_question_without_an_answer_leaves_the_others(here: Path):
     (here / "models" / "jumping.py").write_text(JUMPING)
     shown, _ = hgogen("check", "jumping", "--deep")
@@ -498,6 +512,7 @@ def test_a_question_without_an_answer_leaves_the_others(here: Path):
     assert answer["observability"]["known"]["rank"] == 2
 
 
+@pytest.mark.full
 def test_check_begins_with_its_answer(here: Path):
     first = hgogen("check", "neuron")[0].split("\n")[0]
     assert first.startswith("fitzhugh_nagumo: locally observable; state_affine, proved; its observer's form: ")
@@ -523,6 +538,7 @@ def test_what_is_accepted_or_said_in_another_way_is_not_gathered() -> None:
     assert called([*alike[:3], replace(alike[3], reason="it is more than 0")]) == ["f.a_0", "f.a_1", "f.a_2", "f.a_3"]
 
 
+@pytest.mark.full
 def test_check_says_alike_once(here: Path):
     for n, output in ((3, "x1"), (4, "x1"), (8, "2*x1")):
         rows = [f'states.x{k} = {{low = -1, high = 1, flow = "x{k + 1}"}}' for k in range(1, n)]
@@ -538,6 +554,7 @@ def test_check_says_alike_once(here: Path):
     assert len([check for check in as_json("check", "chain8.toml")["checks"] if ".a_" in check["id"]]) == 8
 
 
+@pytest.mark.full
 def test_what_is_folded_away_is_said_first(here: Path):
     """Before anything is called proved of x1 in the place of exp(log(x1)), and once."""
     (here / "el.toml").write_text(
@@ -552,6 +569,7 @@ def test_what_is_folded_away_is_said_first(here: Path):
     assert "z2' = -z1 + z2/1e30\n" in hgogen("check", "el.toml")[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("columns", ["80", "120"])
 def test_what_is_piped_is_as_wide_as_columns(columns: str, here: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", columns)
@@ -561,6 +579,7 @@ def test_what_is_piped_is_as_wide_as_columns(columns: str, here: Path, monkeypat
     assert int(columns) - 10 < max(widths) <= int(columns)
 
 
+@pytest.mark.full
 def test_json_of_a_model_into_a_file(here: Path):
     out, err = hgogen("check", "neuron", "--json=new/neuron.json")
     assert (out, err) == ("", "hgogen: wrote new/neuron.json, in a new folder\n")
@@ -590,6 +609,7 @@ def test_noise(here: Path):
 # --- bad input ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("arguments1-MODEL", "arguments3-is a folder", "arguments4-is no model file")
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -724,6 +744,7 @@ def test_the_version_is_that_of_the_project(here: Path):
     assert hgogen("-h")[0].count("--version") == 1
 
 
+@pytest.mark.full
 def test_the_installed_command(here: Path):
     """One run in a process of its own, for what a runner inside this one cannot see."""
     command = [sys.executable, "-c", "from hgogen.cli import main; main()"]
@@ -741,6 +762,7 @@ def test_the_installed_command(here: Path):
 PENDULUM = MODELS / "pendulum.py"
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_every_command_takes_an_observer_by_name(here: Path):
     answer = as_json("check", str(PENDULUM), "--observer", "low_power")
@@ -787,6 +809,7 @@ observer = {kind = "high_gain", theta = 20, poles = [-1, -1, -1, -1], method = "
 """
 
 
+@pytest.mark.full
 def test_names_that_mean_something_else_elsewhere(here: Path):
     """E, I, S, N, Q, O, beta and gamma are SymPy's, lambda Python's, I a macro of complex.h."""
     (here / "names.toml").write_text(NAMES)
@@ -800,6 +823,7 @@ def test_names_that_mean_something_else_elsewhere(here: Path):
     assert 17 <= bound["high"] < 17.4  # 4 + 8 + 1 + 2 + 2
 
 
+@pytest.mark.full
 @needs_compiler
 def test_names_that_mean_something_else_in_c(here: Path):
     (here / "names.toml").write_text(NAMES)
@@ -821,6 +845,7 @@ def keys(value: Any, free: tuple[str, ...]) -> set[str]:
     return set(value).union(*(keys(part, free) for key, part in value.items() if key not in free))
 
 
+@pytest.mark.ordinary("sir.toml")
 @pytest.mark.parametrize("name", ["quadruple_tank.toml", "sir.toml", "haldane.toml", "pendulum.py"])
 def test_the_json_of_a_check_is_documented(here: Path, name: str):
     """Every key, however deep; a number is finite or null, and an observer's refused hypothesis alone exits with 1."""
@@ -843,6 +868,7 @@ def test_the_json_of_a_check_is_documented(here: Path, name: str):
 CHECK = ("check", str(MODELS / "lotka_volterra.toml"))
 
 
+@pytest.mark.ordinary("arguments3")
 @pytest.mark.parametrize(
     "arguments", [CHECK, (*CHECK, "--json"), (*CHECK, "--latex"), ("--help",), ("check", "--help")]
 )
@@ -856,6 +882,7 @@ def test_a_reader_that_stops_early_is_no_error(arguments: tuple[str, ...]):
     assert process.returncode == process_.UNREAD
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("module", ["hgogen", "hgogen.cli"])
 def test_python_runs_the_command_as_a_module(module: str) -> None:
     done = subprocess.run([sys.executable, "-m", module, "list", "--json"], capture_output=True, text=True, check=True)

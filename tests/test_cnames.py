@@ -133,6 +133,7 @@ def run(command: list[str], folder: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.full
 def test_names_compile_wherever_they_stand(tmp_path: Path) -> None:
     names = NAMES.split()
     assert len(set(names)) == len(names) >= 200

@@ -165,6 +165,7 @@ def test_a_parameter_without_a_range_has_its_value_in_the_gains() -> None:
 # --- known answers ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("hyperjerk-filtered", "hyperjerk-low_power", "pendulum-high_gain")
 @pytest.mark.parametrize(("name", "kind"), SHIPPED)
 def test_the_least_theta_of_shipped_models(name: str, kind: str) -> None:
     """Rationals reach what floats find, up to 5 %; of those declared only the low-power observer's is below."""
@@ -229,6 +230,7 @@ def drawn(n: int, seed: int) -> tuple[hg.System, np.ndarray, np.ndarray, tuple[f
     return plant(flow, x, inputs=(u,)), c, w, tuple(-rng.uniform(0.5, 2, size=n))
 
 
+@pytest.mark.full
 @sweep(8, 40, st.integers(1, 4), st.integers(0, 2**32 - 1), st.booleans())
 def test_a_proved_theta_has_no_frozen_slope_that_is_unstable(n: int, seed: int, few: bool) -> None:
     """Of random plants, at the ends of what the slopes may be and a clamp lets through: by the plant's own numbers."""
@@ -245,6 +247,7 @@ def test_a_proved_theta_has_no_frozen_slope_that_is_unstable(n: int, seed: int, 
 # --- in simulation ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @sweep(2, 10, st.integers(1, 4), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_error_decays_as_proved(n: int, seed: int, at_least: bool) -> None:
     """Random plants, from anywhere near the middle of the box, as long as they keep to it, which slow ones may leave:
@@ -279,6 +282,7 @@ def test_the_error_decays_as_proved(n: int, seed: int, at_least: bool) -> None:
     assert (np.diff(V) <= 1e-7 * V[0]).all()
 
 
+@pytest.mark.full
 def test_the_error_decays_as_proved_through_saturations() -> None:
     """The peaking-free observer of the pendulum, from the far corner of the box: V(t) <= exp(-2 r t) V(0)."""
     form = hg.forms.triangular(model("pendulum"))
@@ -335,6 +339,7 @@ def test_else_the_slope_that_hinders_most_is_named_with_its_range() -> None:
     assert min(thetas.values()) >= 0.98 * thetas[3, 2]
 
 
+@pytest.mark.full
 @settings(max_examples=50, deadline=None)
 @given(st.floats(1, 60))
 def test_the_bound_that_is_said_is_below_a_theta_that_is_above_it(theta: float) -> None:
@@ -477,6 +482,7 @@ def test_numbers_beyond_a_double_are_told() -> None:
             assert claims(observer)["theta"].verdict is Verdict.UNKNOWN or theta > 1e150
 
 
+@pytest.mark.ordinary("pendulum")
 @pytest.mark.parametrize("name", ["pendulum", "hyperjerk"])
 def test_without_a_solver_a_larger_theta_is_proved(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the P of the linear part, at its corners as with a solver, and by multipliers."""
@@ -512,6 +518,7 @@ def in_unit(scale: sp.Rational) -> hg.System:
     return plant([scale * x[1], scale * x[2], scale * (-sp.sin(x[0]) - x[1] - x[2] ** 2 / 4)], x)
 
 
+@pytest.mark.ordinary("-8", "-4", "6")
 @pytest.mark.parametrize("power", [-8, -4, 3, 6])
 def test_the_unit_of_time_does_not_matter(power: int) -> None:
     """Of theta and of the rate, with a P whose eigenvalues lie 1e48 apart; and as far as rationals of some hundred bits

@@ -130,6 +130,7 @@ def test_peaking_is_a_rise_after_an_event_not_the_event_itself() -> None:
     assert rises(one).tolist() == [2.0]
 
 
+@pytest.mark.full
 def test_every_observer_starts_from_the_trial_s_estimate() -> None:
     """In coordinates that read an input at its first value, with a start of its own, as member of a bank."""
     bioreactor = load(ROOT / "models" / "bioreactor.py")
@@ -145,6 +146,7 @@ def test_every_observer_starts_from_the_trial_s_estimate() -> None:
     assert own.x[0, 1] == pytest.approx(wanted["s"])
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_a_start_on_the_truth_is_said(tmp_path: Path) -> None:
     path, text = tmp_path / "hyperjerk.py", (ROOT / "models" / "hyperjerk.py").read_text()
@@ -189,6 +191,7 @@ def test_what_never_settles_is_none() -> None:
     assert metrics.settled == (None,)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_one_observer_is_settled_as_beside_others(tmp_path: Path) -> None:
     """Without a band of its own the trial has one criterion for both commands, and both print it."""
@@ -254,6 +257,7 @@ def test_what_cannot_be_compared_is_a_sentence(names: str, said: str, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_one_that_is_refused_does_not_stop_the_others(tmp_path: Path) -> None:
     """At its own period, or at the shortest; and where all are, the first refusal is the error."""
@@ -302,6 +306,7 @@ def test_one_that_is_refused_at_the_shortest_period_is_left_out(
     assert answer["refused"] == {"low_power": f"{path}: too short"}
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_all_are_sampled_at_the_shortest_period(tmp_path: Path) -> None:
     text = (ROOT / "models" / "hyperjerk.py").read_text()
@@ -332,6 +337,7 @@ def trial():
 """
 
 
+@pytest.mark.full
 def test_what_is_proved_stands_beside_what_is_seen(tmp_path: Path) -> None:
     path = tmp_path / "swing.py"
     path.write_text(BOUNDED)

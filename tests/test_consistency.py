@@ -113,6 +113,7 @@ def test_of_two_sensors_of_one_state_the_second_counts_with_the_first() -> None:
     np.testing.assert_allclose(variances[1], variances[0], rtol=0.2)
 
 
+@pytest.mark.ordinary("continuous_discrete")
 @pytest.mark.parametrize("name", ["continuous_discrete", "cholesky"])
 def test_a_bank_has_the_variances_of_the_member_that_is_selected(name: str) -> None:
     """Of two members the one that did not restart last: its covariance, which depends on no sample, is P0 just after
@@ -282,6 +283,7 @@ def test_worse_than_copying_is_a_sentence() -> None:
     assert "give --initial or --burn-in, else fit" in said
 
 
+@pytest.mark.full
 def test_run_says_whether_an_observer_is_consistent(tmp_path: Path) -> None:
     draw = np.random.default_rng(7)
     t = np.arange(1500) * 0.01

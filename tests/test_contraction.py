@@ -148,6 +148,14 @@ def shrinking(
     return float((V[1:][counted] / V[:-1][counted]).max() / (1 - proof.alpha * Fraction(dt)))
 
 
+@pytest.mark.ordinary(
+    "high_gain-rk4",
+    "high_gain-euler",
+    "peaking_free-heun",
+    "high_gain-bilinear",
+    "filtered-bilinear",
+    "high_gain-exponential",
+)
 @pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
 @pytest.mark.parametrize(
     ("observer", "method"),
@@ -274,6 +282,7 @@ def test_what_rationals_do_not_confirm_is_no_proof() -> None:
     assert not verified((form,), P * fmpq(1, 10**9), S)
 
 
+@pytest.mark.full
 @given(st.lists(st.floats(0.2, 3), min_size=2, max_size=3), st.floats(2, 12), st.integers(0, 2**32 - 1))
 @settings(max_examples=8)
 def test_no_pair_of_estimates_of_a_random_plant_grows_apart_where_it_is_proved(
@@ -345,6 +354,7 @@ def test_a_plant_without_finite_slopes_has_no_inclusion() -> None:
     assert isinstance(estimator.error, Nothing)
 
 
+@pytest.mark.full
 def test_an_observer_in_the_plants_coordinates_has_none_and_says_so() -> None:
     """On a phase form whose a_i are no numbers of the plant's."""
     known = hg.contraction(load(MODELS / "battery.toml").step("high_gain"))
@@ -362,6 +372,7 @@ def test_a_rate_far_below_one_over_dt_is_found() -> None:
     assert 0.85 * -np.log(radius) / step.dt < (known.rate or 0) <= -np.log(radius) / step.dt
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "tuning"), [("flexible_joint.toml", "filtered"), ("geared_motor.py", "high_gain")])
 def test_a_norm_that_is_far_from_round_is_proved(name: str, tuning: str) -> None:
     """Whose P has eigenvalues 10^7 times others, in the coordinates that an error has by its units."""
@@ -373,6 +384,7 @@ def test_a_norm_that_is_far_from_round_is_proved(name: str, tuning: str) -> None
     assert known.reach.least < 0.75 * float(step.observer.gains[0].initial[0])
 
 
+@pytest.mark.full
 def test_a_step_without_a_norm_says_which_slope_hinders_and_by_how_much() -> None:
     known = hg.contraction(load(MODELS / "chua.toml").step("high_gain"))
     assert not known.proved

@@ -89,6 +89,7 @@ def test_a_log_is_read_in_the_units_of_the_model(tmp_path: Path) -> None:
         read(log(tmp_path), {"T": "u [V]"}, dt=0.1, time="t (ms)", units={"T": "K"})
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_run_converts_what_a_column_says(tmp_path: Path) -> None:
     words = (

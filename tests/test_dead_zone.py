@@ -61,6 +61,7 @@ def test_r_near_lambda_is_not_proved() -> None:
     assert not proved(observer(r=0.99))
 
 
+@pytest.mark.full
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 2.0), st.floats(0.01, 0.3))
 @settings(deadline=None, max_examples=8)
 def test_what_is_proved_decays(seed: int, decay: float, share: float) -> None:

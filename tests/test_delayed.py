@@ -136,6 +136,7 @@ def test_after_each_call_it_is_the_filter_without_delays(data: Any) -> None:
         assert np.array_equal(run.x[k], plain.run(u[: k + 1], there).x[-1])
 
 
+@pytest.mark.ordinary("bent-double", "window-double", "staggered-double", "several-float")
 @pytest.mark.parametrize(
     ("name", "real"), [*((name, "double") for name in OBSERVERS), ("several", "float"), ("window", "float")]
 )
@@ -150,6 +151,7 @@ def test_every_observer_ends_where_it_would_without_delays(name: str, real: Real
     }
 
 
+@pytest.mark.ordinary("linear", "bent", "window", "several")
 @pytest.mark.parametrize("name", OBSERVERS)
 def test_samples_that_come_at_once_give_the_filter_without_delays(name: str) -> None:
     """In every call, its status as well."""

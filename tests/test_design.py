@@ -175,6 +175,7 @@ def test_without_a_solver_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- of a form ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_of_a_form_the_slope_is_taken_where_gamma_is() -> None:
     """The pendulum's slope from gamma = 1 on is 19.6, and asks gamma >= 45; near sqrt(45) it is 2.9, and asks that."""
     far = adaptive_gain(2, slope=slope(pendulum()))
@@ -188,6 +189,7 @@ def test_of_a_form_the_slope_is_taken_where_gamma_is() -> None:
     assert adaptive_gain(pendulum()) == design
 
 
+@pytest.mark.full
 def test_of_a_form_the_bounds_hold() -> None:
     """One on gamma that the slope from 1 on forbids is met; one that none meets is refused, with what would do."""
     assert adaptive_gain(pendulum(), gamma=10.0).gamma <= 10
@@ -197,6 +199,7 @@ def test_of_a_form_the_bounds_hold() -> None:
         assert adaptive_gain(pendulum(), gamma=float(caught.value.enough["gamma"])).gamma > 6
 
 
+@pytest.mark.full
 def test_of_a_form_with_a_disturbance() -> None:
     push = (((0,), (1,)), (1,))
     far = adaptive_gain(2, slope=slope(pendulum()), disturbance=push)

@@ -56,12 +56,14 @@ def test_the_command_in_words(tmp_path: Path) -> None:
     assert all(check.verdict == "proved" for check in observer.checks)
 
 
+@pytest.mark.full
 def test_beside_another_tuning_and_where_the_model_s_own_has_none(tmp_path: Path) -> None:
     filtered = as_json("design", PENDULUM, "--observer", "filtered", "--rates", "5", "-o", str(tmp_path))
     assert filtered["observer"] == filtered["points"][0]["observer"] == "filtered"
     assert filtered["points"][1]["observer"] == "high_gain"
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_an_argument_of_b_beside_the_tuning(tmp_path: Path) -> None:
     """The disturbed pendulum at the rate of its theta: noise moves the torque by 291 of theta, 211 of a gain alone."""
@@ -78,6 +80,7 @@ def test_an_argument_of_b_beside_the_tuning(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_an_argument_of_b_where_it_does_better(tmp_path: Path) -> None:
     plant = str(MODELS / "van_der_pol.toml")
@@ -118,6 +121,7 @@ def test_what_cannot_be_designed_is_said(arguments: tuple[str, ...], said: str, 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.full
 def test_a_rate_that_is_not_reached_is_named_and_the_others_are_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_what_is_said_holds_at_frozen_slopes(rate: float) -> None:
     assert all(np.array(said) < 2 * worst)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["pendulum", "duffing", pytest.param("hyperjerk", marks=pytest.mark.slow)])
 def test_no_theta_does_better_at_its_rate(name: str) -> None:
     observer = load(name).step("high_gain").observer
@@ -87,6 +88,7 @@ def test_no_theta_does_better_at_its_rate(name: str) -> None:
     assert largest[0] <= largest[1]
 
 
+@pytest.mark.ordinary("bilinear")
 @pytest.mark.parametrize("method", ["rk4", "bilinear"])
 def test_the_observer_of_a_gain_proves_it_and_its_step_is_verified(method: str) -> None:
     """By the bilinear rule too, as A - K C is a matrix of numbers."""
@@ -106,6 +108,7 @@ def test_the_observer_of_a_gain_proves_it_and_its_step_is_verified(method: str) 
     assert [rows[f"high_gain.{fact}"] for fact in facts] == ["verified"] * len(facts)
 
 
+@pytest.mark.full
 def test_theta_is_only_how_a_gain_is_written() -> None:
     form = hg.forms.triangular(model("pendulum"))
     one, own = (hg.design.gain(form, rate=5, theta=theta) for theta in (1, None))
@@ -115,6 +118,7 @@ def test_theta_is_only_how_a_gain_is_written() -> None:
     assert {check.verdict for check in observer.checks} == {Verdict.PROVED}
 
 
+@pytest.mark.full
 def test_noise_of_chains_aligned_at_the_end_does_not_depend_on_theta() -> None:
     """Of the same gain, each row of which acts on both outputs, written with two values of theta."""
     x = [hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 4)]
@@ -129,6 +133,7 @@ def test_noise_of_chains_aligned_at_the_end_does_not_depend_on_theta() -> None:
     assert dict(hg.design.noise_bounds(other)) == pytest.approx(dict(known), rel=0.05)
 
 
+@pytest.mark.full
 def test_a_single_state_is_bounded_by_its_own_fastest() -> None:
     """e' = (5 - k) e + k v: noise comes to k/(k - 5), less the larger k."""
     slow, fast = (hg.design.gain(chain(1, lambda x: 5 * x[0]), rate=1, fastest=most) for most in (4, 40))
@@ -153,6 +158,7 @@ def test_noise_moves_a_single_state_no_faster_than_is_asked_for() -> None:
     assert powers(gain)[0] < 1.2 * 2 * gain.bounds["x1", "y"]
 
 
+@pytest.mark.ordinary("1.0")
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_the_unit_of_time_does_not_matter(scale: float) -> None:
     gain = hg.design.gain(chain(2), rate=scale, per={"x1": 1, "x2": scale})
@@ -166,6 +172,7 @@ def test_a_measure_weighs_a_state() -> None:
     assert fine.bounds["x2", "y"] < 0.96 * coarse.bounds["x2", "y"]
 
 
+@pytest.mark.full
 def test_of_several_outputs_each_row_acts_on_all() -> None:
     form = hg.forms.block_triangular(two_outputs())
     gain = hg.design.gain(form, rate=2)
@@ -179,6 +186,7 @@ def test_of_several_outputs_each_row_acts_on_all() -> None:
     assert str(gain).count(" for 1 of y1") == form.n
 
 
+@pytest.mark.full
 def test_the_sizes_of_noise_are_weighed() -> None:
     """A gain for other sizes does no better under these."""
     form = hg.forms.block_triangular(two_outputs())
@@ -190,6 +198,7 @@ def test_the_sizes_of_noise_are_weighed() -> None:
         assert largest[0] < 0.99 * largest[1]
 
 
+@pytest.mark.full
 def test_a_parameter_may_be_anywhere_in_its_range() -> None:
     x = [hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1)]
     a = hg.Signal("a", nominal=3, low=2, high=4)
@@ -220,6 +229,7 @@ def test_eight_states_have_a_gain() -> None:
         assert np.linalg.eigvals(M).real.max() <= -1
 
 
+@pytest.mark.full
 def test_a_rate_that_is_not_reached_names_what_hinders() -> None:
     x = [hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1)]
     u, y = hg.Signal("u", low=sp.Rational(1, 1000), high=10), hg.Signal("y")

@@ -45,6 +45,7 @@ def numbers(e: Any, point: list[Any]) -> Any:
     return None if any(mpmath.im(x) != 0 or not mpmath.isfinite(x) for x in map(mpmath.mpmathify, flat)) else matrix
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (6, 7))])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_value_is_the_determinant_at_every_real_point(kind: str, seed: int) -> None:

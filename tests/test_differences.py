@@ -180,6 +180,7 @@ def test_such_a_form_predicts_as_its_plant_does() -> None:
     assert one.copying > 1e-3
 
 
+@pytest.mark.full
 def test_the_noise_of_such_a_form_is_found_in_a_record() -> None:
     """The likelihood of a filter on it reads u' as well; the forms that a survey asks for at once do not."""
     u, x = course()
@@ -191,6 +192,7 @@ def test_the_noise_of_such_a_form_is_found_in_a_record() -> None:
     assert best.noise.sample["y"] == pytest.approx(0.01, rel=0.15)  # of 400 samples: .01/sqrt(800) is 3.5 %
 
 
+@pytest.mark.full
 def test_the_commands_take_such_a_record(tmp_path: Path) -> None:
     folder = written(tmp_path)
     model, options = str(folder / "driven.toml"), ("--data", str(folder / "log.csv"), "--time", "t", "--truth", "v=v")
@@ -203,6 +205,7 @@ def test_the_commands_take_such_a_record(tmp_path: Path) -> None:
     assert hidden["high_gain, as declared"] < 0.1  # its mean is 1.1
 
 
+@pytest.mark.full
 def test_an_input_of_the_plant_has_its_column_whatever_its_name(tmp_path: Path) -> None:
     """u_dot is an input of its own here, which the log holds, and which is the derivative of u by its name alone."""
     model, log = tmp_path / "driven.toml", tmp_path / "log.csv"

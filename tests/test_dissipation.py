@@ -57,6 +57,7 @@ def demand_witness(dissipation: hg.Dissipation) -> None:
 # --- known edges ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @given(st.floats(0.5, 5.0), st.floats(0.2, 3.0), st.floats(0.3, 3.0))
 @settings(deadline=None, max_examples=8)
 def test_the_gain_of_a_line_is_known_to_one_percent(a: float, b: float, p: float) -> None:
@@ -71,6 +72,7 @@ def test_the_gain_of_a_line_is_known_to_one_percent(a: float, b: float, p: float
     demand_witness(below)
 
 
+@pytest.mark.full
 @given(st.floats(1.0, 9.0), st.floats(0.8, 4.0))
 @settings(deadline=None, max_examples=8)
 def test_the_region_of_a_cubic_is_known_to_one_percent(a: float, mu: float) -> None:
@@ -165,6 +167,7 @@ def test_the_error_system_of_a_plant() -> None:
     assert sp.expand(system.flow[0] - e_w + 40 * e_q) == 0
 
 
+@pytest.mark.full
 def test_a_high_gain_observer_of_the_pendulum() -> None:
     """On all errors up to a radian and 10 rad/s; the gain to 2 %, by a sample that violates it below."""
     system, P = pendulum(20)
@@ -196,6 +199,7 @@ def test_the_gain_that_theorem_6_promises_is_one_by_theorem_1() -> None:
     demand_witness(far)
 
 
+@pytest.mark.full
 def test_the_error_stays_where_it_is_said_to_stay() -> None:
     """Simulated from the edge of the level set, with the disturbance that the inequality fears most."""
     system, P = pendulum(20)
@@ -223,6 +227,7 @@ def test_the_error_stays_where_it_is_said_to_stay() -> None:
 numbers = st.fractions(-2, 2, max_denominator=8)
 
 
+@pytest.mark.full
 @given(st.lists(numbers, min_size=8, max_size=8), st.fractions(1, 6, max_denominator=4), st.booleans())
 @settings(deadline=None, max_examples=6)
 def test_a_dense_sample_never_violates_what_is_proved(c: list[Fraction], damping: Fraction, trig: bool) -> None:
@@ -271,6 +276,7 @@ EDGES: dict[str, Any] = {  # the system, V, the box, and the gain at which (38) 
 }
 
 
+@pytest.mark.ordinary("line", "rotated")
 @pytest.mark.parametrize("name", EDGES)
 def test_the_proof_alone_says_nothing_false(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the samples that refute at once: proved above the edge, not proved below it."""
@@ -283,6 +289,7 @@ def test_the_proof_alone_says_nothing_false(name: str, monkeypatch: pytest.Monke
         demand_witness(dissipation)
 
 
+@pytest.mark.full
 def test_a_left_side_that_only_touches_zero_is_not_proved() -> None:
     """-e^2 (e^2 - 1/2)^2, which is 0 at the root of 1/2: no rational point refutes it, and no box proves it."""
     flow = -e * (sp.Rational(1, 2) + (e**2 - sp.Rational(1, 2)) ** 2 / 2)
@@ -377,6 +384,7 @@ def test_bad_systems_are_met_with_a_sentence() -> None:
         hg.error_system(model("pendulum"), [1, 2], G1=sp.eye(2), G2=[[1, 2, 3]])
 
 
+@pytest.mark.ordinary("output")
 @pytest.mark.parametrize("place", ["rate", "output"])
 def test_a_part_of_the_plant_that_cancels_in_the_error_must_have_a_value(place: str) -> None:
     """log(u) on both sides leaves the error without it, and the plant has no value where u <= 0."""

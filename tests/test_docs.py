@@ -36,6 +36,7 @@ CHECKS = shown("hgogen check models/")
 PYTHON = [page for page in PAGES if page != NOTEBOOK and blocks("python", text(page))]  # its cells have their own test
 
 
+@pytest.mark.ordinary("python", "tuning")
 @pytest.mark.parametrize("page", PYTHON)
 def test_the_python_lines_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After those of the README, whose names they use."""
@@ -64,12 +65,14 @@ def test_checks_are_shown() -> None:
     assert len(CHECKS) >= 4
 
 
+@pytest.mark.ordinary("hgogen check models/lotka_volterra.toml", "hgogen check models/sir.toml")
 @pytest.mark.parametrize(("line", "wanted"), CHECKS, ids=[line for line, _ in CHECKS])
 def test_the_checks_print_what_is_shown(line: str, wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert wanted
     assert missing(line, wanted, monkeypatch) == []
 
 
+@pytest.mark.full
 def test_the_comparison_prints_what_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if native.compiler() is None:
         pytest.skip("no C compiler")
@@ -78,6 +81,7 @@ def test_the_comparison_prints_what_is_shown(tmp_path: Path, monkeypatch: pytest
     assert missing(line, wanted, monkeypatch, "-o", str(tmp_path)) == []
 
 
+@pytest.mark.full
 def test_a_certificate_is_verified_as_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ((write, nothing),) = shown("hgogen check pendulum")
     ((line, wanted),) = shown("hgogen recheck")
@@ -137,6 +141,7 @@ def test_the_json_is_a_model_of_a_library() -> None:
     assert (answer["triangular"], answer["bounds"]) == (True, [[0, 1]])
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_the_plain_text_model_is_generated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

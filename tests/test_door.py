@@ -177,6 +177,7 @@ def test_answers_are_printed_as_sentences() -> None:
     assert str(hard) == "unknown: 1 box does not decide it"
 
 
+@pytest.mark.full
 def test_what_overflows_keeps_its_lower_end() -> None:
     """e^e^e^e^0 = 3.8e6: neither many boxes nor a tower of exponentials lose it."""
     assert hg.bound("exp(exp(exp(exp(10*x))))", {"x": (0, 2)}).low > 3.8e6

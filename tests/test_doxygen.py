@@ -38,6 +38,7 @@ def headers(texts: Mapping[str, str]) -> dict[str, str]:
     return {name: text for name, text in texts.items() if name.endswith(".h")}
 
 
+@pytest.mark.ordinary("many_states", "exponential", "bent")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_a_header_is_read_without_a_warning(name: str, tmp_path: Path) -> None:
     step = emitted.step(name)

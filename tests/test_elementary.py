@@ -222,12 +222,14 @@ COUNT: dict[Real, int] = {"float": 100_000, "double": 3000}
 # --- accuracy
 
 
+@pytest.mark.ordinary("exp-float", "sin-float", "cos-float", "small_cos-float", "atanh-double")
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", UNARY)
 def test_error_of_one_argument(name: str, real: Real) -> None:
     assert ulps(name, real, points(name, real, COUNT[real])).max() <= ULPS[name]
 
 
+@pytest.mark.ordinary("sin-float", "cos-float", "cos-double", "tan-float")
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", ULPS_FAR)
 def test_error_of_large_angles(name: str, real: Real) -> None:
@@ -496,6 +498,7 @@ ODD = ("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh")
 EVEN = ("cos", "cosh")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("real", REALS)
 @given(x=floats)
 @settings(max_examples=50, deadline=None)
@@ -515,6 +518,7 @@ def test_symmetries_are_exact_at_many_points(name: str, real: Real) -> None:
     np.testing.assert_array_equal(mirrored if name in EVEN else -mirrored, call(name, real, x))
 
 
+@pytest.mark.ordinary("double")
 @pytest.mark.parametrize("real", REALS)
 @given(x=st.floats(-8192, 8192, width=32))
 @settings(max_examples=100, deadline=None)
@@ -524,6 +528,7 @@ def test_sine_and_cosine_lie_on_the_circle(real: Real, x: float) -> None:
     assert abs(s * s + c * c - 1) <= 2.84 * 2.5 * np.finfo(TYPE[real]).eps / 2 + 4 * np.finfo(float).eps
 
 
+@pytest.mark.ordinary("float")
 @pytest.mark.parametrize("real", REALS)
 @given(x=st.floats(2.0**-100, 2.0**100, width=32))
 @settings(max_examples=100, deadline=None)

@@ -128,6 +128,7 @@ def test_a_norm_that_a_slope_adds_to_is_none() -> None:
     assert not sought._signed(-P)
 
 
+@pytest.mark.ordinary("1")
 @pytest.mark.parametrize("row", [1, 2])
 def test_three_states_have_none(row: int) -> None:
     """P e_3 = lambda (-N, 0, 1)' leaves e_3 nothing to fall by; in the second row the response is 0 at s = 0."""
@@ -161,6 +162,7 @@ def test_each_of_two_has_a_share_of_its_own() -> None:
     assert verdict(made, "theta") is hg.Verdict.PROVED
 
 
+@pytest.mark.full
 def test_of_two_chains_each_may_have_one() -> None:
     x1, x2, x3 = hg.Signal("x1", low=-2, high=2), hg.Signal("x2"), hg.Signal("x3")
     flow, outputs = [x2, -(x2**3) - sp.sin(x1)], (hg.Signal("y1"), hg.Signal("y2"))
@@ -174,6 +176,7 @@ def test_of_two_chains_each_may_have_one() -> None:
     assert finding(content, "convergence") == finding(content, "theta") == "verified"
 
 
+@pytest.mark.full
 def test_what_reads_nothing_asks_for_nothing() -> None:
     """x1 without a range, and its sample in its place: the slope of x1^3 is of any sign of e, and of none."""
     x1, x2 = hg.Signal("x1"), hg.Signal("x2", low=-1, high=1)

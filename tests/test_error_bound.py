@@ -68,6 +68,7 @@ def bounded(observer: str = "high_gain", dt: float = 0.01, method: str = "rk4") 
     return known
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", ["rk4", pytest.param("euler", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("observer", FIVE)
 def test_no_run_errs_further(observer: str, method: str) -> None:
@@ -163,6 +164,7 @@ def vast() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4, dt=0.01)
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(("step", "why"), [(wild, LOUD), (vast, VAST)])
 def test_where_no_time_is_proved_every_answer_says_why(step: Callable[[], hg.Step], why: str) -> None:
@@ -483,6 +485,7 @@ def test_bounds_that_are_none_are_named_with_the_file(tmp_path: Path, bounds: st
     assert "pendulum.toml" in str(error.value)
 
 
+@pytest.mark.full
 def test_a_trial_is_shown_beside_what_is_proved(tmp_path: Path) -> None:
     trial = "\n[trial]\nduration = 3\nstart = {q = 1, w = 0}\nnoise = {y = 1e-4}\nseeds = 1\n"
     file = plain(tmp_path, BOUNDS + trial)
@@ -509,6 +512,7 @@ def test_a_trial_without_a_time_from_which_on_bounds_hold_says_why(tmp_path: Pat
     assert f"pendulum.toml: no time is proved from which on the bounds of the errors hold: {LOUD}" in done.stderr
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("bounds", "drawn"), [(BOUNDS, ["once_errors", "once_states"]), ("", ["once_states"])])
 def test_simulate_draws_what_build_draws(tmp_path: Path, bounds: str, drawn: list[str]) -> None:
     """The errors beside what is proved of them, where the model has bounds; nothing where no folder is named."""

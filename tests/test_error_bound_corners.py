@@ -197,6 +197,7 @@ def test_what_is_no_size_is_named(sizes: dict[str, Any], said: str) -> None:
     assert said in str(error.value)
 
 
+@pytest.mark.full
 def test_a_disturbance_is_of_the_plant_before_it_was_recast() -> None:
     """w = x1 - x2: what moves x2 moves w as well, and the estimate of x2 errs by all of a lasting disturbance."""
     x1, x2, w = hg.Signal("x1", low=-3, high=3), hg.Signal("x2", low=-1, high=1), hg.Signal("w", low=-4, high=4)
@@ -280,6 +281,7 @@ def test_ranges_that_the_limits_of_an_estimate_do_not_hold_have_no_set_of_starts
     assert str(start) == "the limits of the estimate do not hold the ranges with room around"
 
 
+@pytest.mark.full
 def test_a_flow_whose_series_divide_by_balls_that_hold_zero_has_a_remainder_in_cells() -> None:
     """The square of a wide ball holds numbers below 0, so does what is divided by; that of a narrow one does not."""
     x, v = hg.Signal("x", low=-300, high=300), hg.Signal("v", low=-300, high=300)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forger import places, put, sealed
-from plants import chain
+from plants import chain, loaded
 
 import hgogen as hg
 from hgogen.call import CallableStep
@@ -28,7 +28,7 @@ from hgogen.check import Refuted
 from hgogen.emit.syntax import Real
 from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
-from hgogen.model import MissingPart, Model, load
+from hgogen.model import MissingPart, Model
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
@@ -40,7 +40,7 @@ from hgogen.which_forms import asking
 FOLDER = Path(__file__).resolve().parents[1] / "models"
 FIRST = "pendulum"  # small, and with nearly every observer: its pairs run always
 FILES = sorted((path for path in FOLDER.glob("*.*") if path.is_file()), key=lambda path: (path.stem != FIRST, path))
-MODELS: dict[str, Model] = {path.stem: load(path) for path in FILES}
+MODELS: dict[str, Model] = {path.stem: loaded(path) for path in FILES}
 SEED, SHARE, LENGTH = 7, 0.3, 600
 
 
@@ -112,6 +112,7 @@ def test_it_builds(model: str, name: str) -> None:
     assert refuted <= set(observer.accepted)
 
 
+@pytest.mark.ordinary("float-*")
 @needs_compiler
 @each
 @pytest.mark.parametrize("real", ["float", "double"])
@@ -190,6 +191,7 @@ def started(tables: Mapping[str, Mapping[str, Any]], initial: Mapping[str, float
 MISLED = {("haldane", "high_gain")}
 
 
+@pytest.mark.ordinary("pendulum-high_gain", "pendulum-low_power")
 @needs_compiler
 @each
 def test_it_recovers_from_a_corner_of_the_box(request: pytest.FixtureRequest, model: str, name: str) -> None:

@@ -260,12 +260,14 @@ def tame(text: str) -> None:
         assert not read.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
 
 
+@pytest.mark.full
 @settings(max_examples=1500, deadline=None)
 @given(st.lists(st.sampled_from(PIECES), max_size=25).map("".join))
 def test_any_soup_of_tokens_is_read_or_refused(text: str) -> None:
     tame(text)
 
 
+@pytest.mark.full
 @settings(max_examples=300, deadline=None)
 @given(st.text(max_size=40))
 def test_any_text_is_read_or_refused(text: str) -> None:
@@ -286,6 +288,7 @@ WRITTEN = st.recursive(
 )
 
 
+@pytest.mark.full
 @sweep(200, 600, WRITTEN)
 def test_any_formula_is_read_or_refused(text: str) -> None:
     tame(text)
@@ -309,6 +312,7 @@ EXPRESSIONS = st.recursive(
 )
 
 
+@pytest.mark.full
 @settings(max_examples=400, deadline=None)
 @given(EXPRESSIONS)
 def test_what_sympy_prints_is_read_back(expression: sp.Expr) -> None:

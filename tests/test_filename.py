@@ -42,6 +42,7 @@ def test_a_name_that_is_refused_at_every_door(name: str) -> None:
     assert len(str(refused.value)) < 300
 
 
+@pytest.mark.full
 @given(st.text(max_size=120))
 def test_what_is_allowed_is_one_part_of_a_path_as_it_stands(name: str) -> None:
     if fault(name):

@@ -28,6 +28,7 @@ def designed(size: int = 2, state: str = "w") -> InjectionFilter:
     return hg.design.injection_filter(form(), theta=20, rate=2, size=size, state=state)
 
 
+@pytest.mark.full
 def test_a_filter_is_better_than_the_first_one_and_proved() -> None:
     one = designed()
     assert float(one.bound) < 0.85 * float(one.before)
@@ -37,6 +38,7 @@ def test_a_filter_is_better_than_the_first_one_and_proved() -> None:
     assert str(one).endswith("before")
 
 
+@pytest.mark.full
 def test_the_bound_of_the_step_is_close_to_that_of_continuous_time() -> None:
     """With its own rate in the place of the wanted one, a sample on the line between two."""
     step = hg.sample(hg.observers.filtered_injection(form(), **designed().gains), hg.methods.rk4, dt=1e-3)
@@ -46,6 +48,7 @@ def test_the_bound_of_the_step_is_close_to_that_of_continuous_time() -> None:
     assert value < 1.1 * float(designed().bound)
 
 
+@pytest.mark.ordinary("1-w", "2-w")
 @pytest.mark.parametrize(("size", "state"), [(1, "w"), (2, "w"), (2, "q")])
 def test_no_slope_that_is_held_lets_more_noise_through(size: int, state: str) -> None:
     """The largest gain from noise to the state is the integral of |c exp(M t) B|, at every corner of the slopes."""
@@ -64,6 +67,7 @@ def test_no_slope_that_is_held_lets_more_noise_through(size: int, state: str) ->
         assert total / float(scales[at]) < float(one.bound)
 
 
+@pytest.mark.full
 def test_a_filter_of_few_states_may_be_enough() -> None:
     assert float(designed(1).bound) < float(designed(1).before) / 1.5
 

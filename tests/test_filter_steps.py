@@ -24,6 +24,7 @@ def test_what_grows_at_a_corner_only_while_the_plant_passes_is_not_much() -> Non
     assert pair.settles(take)
 
 
+@pytest.mark.full
 def test_no_step_is_advised_at_which_a_neuron_at_rest_is_lost() -> None:
     """At a constant current of 1 x rests at -1.4, where errors grow by steps of .13 to .18. The trial has a current of
     2.5, bursts, and settles up to half a second."""
@@ -57,6 +58,7 @@ def neuron(x: np.ndarray) -> np.ndarray:
     return np.array([w - v**3 + 3 * v**2 - z + 1, 1 - 5 * v**2 - w, 0.006 * (4 * (v + 1.6) - z)])
 
 
+@pytest.mark.full
 def test_no_step_is_advised_at_which_a_motor_at_full_speed_is_lost() -> None:
     """In field weakening, i_d = -14 A, the motor turns at 285 rad/s within its voltages; its trial reaches 150, and
     settles by steps six times as long as is advised."""

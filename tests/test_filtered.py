@@ -79,6 +79,7 @@ def test_eta_settles_at_powers_of_k_beta_over_alpha() -> None:
     assert np.linalg.solve(slope[4:, 4:], -source[4:, 0]) == pytest.approx((7 * 0.5 / 2) ** np.arange(1, 5), rel=1e-14)
 
 
+@pytest.mark.full
 def test_the_general_observer_is_the_filtered_one() -> None:
     """With the correction F = -(alpha I - k beta A'), and with numbers free of k, through a tuned theta and missing
     samples; as printed, F = alpha I - k beta A', it is refused. |theta^4 eta| eps of rounding."""
@@ -114,6 +115,7 @@ def test_a_filter_of_another_size() -> None:
 # --- convergence, and agreement with the oracle ------------------------------------------------------------
 
 
+@pytest.mark.ordinary("injected")
 @pytest.mark.parametrize("which", ["filtered", "injected"])
 def test_the_step_is_the_oracles(which: str) -> None:
     """From far off, so that the box saturates: rounding only, |theta^4 eta| eps for each of the contracting steps."""
@@ -127,6 +129,7 @@ def test_the_step_is_the_oracles(which: str) -> None:
     assert run.x == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("which", ["filtered", "injected"])
 def test_it_converges_from_a_bad_start_and_over_missing_samples(which: str) -> None:
     """What is left is the line between samples, dt^2/8 of y'' amplified by the core: 4e-6 x 10^3 at most."""
@@ -183,6 +186,7 @@ def test_c_is_python(which: str) -> None:
 # --- what is said of it, and what is refused ----------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_the_theorem_says_what_is_proved() -> None:
     standing = {row.claim: row.standing for row in rows(filtered().theorem, filtered().checks)}
     assert standing["theta is large enough"] == "proved"
@@ -257,6 +261,7 @@ def test_what_filtered_injection_refuses(changes: dict[str, Any], said: str) -> 
         injected(**changes)
 
 
+@pytest.mark.full
 def test_the_header_prints_the_matrices_and_what_they_stand_in() -> None:
     step = hg.sample(injected(N=np.diag([1, 2, 3, 4.5])), dt=1e-3)
     banner = " ".join(hg.targets.c99(step, check=False)[f"{step.name}.h"].replace("\n *", "\n").split())

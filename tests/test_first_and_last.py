@@ -78,6 +78,7 @@ def agree(path: Path, folder: Path) -> set[str]:
     return proved
 
 
+@pytest.mark.ordinary("buck", "unseen")
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in PLANTS])
 def test_a_plant(name: str, tmp_path: Path) -> None:
     assert agree(written(tmp_path, name), tmp_path) == PLANTS[name][2]

@@ -92,6 +92,7 @@ def test_without_noise_the_values_are_found() -> None:
     assert fit.plant.nominal[fit.plant.parameters[0]] == sp.Rational(str(fit.parameters[0].value))
 
 
+@pytest.mark.full
 def test_the_standard_error_is_that_of_many_records() -> None:
     """Of 30 records the values scatter as is said, within a factor that 30 draws of a variance leave (chi square, one
     in 1e4 beyond), and lie within 4 of it."""
@@ -136,12 +137,14 @@ def test_a_sensor_that_lags_has_its_lag_and_does_not_move_the_parameters() -> No
     assert without.error["y"] > 10 * fit.error["y"]
 
 
+@pytest.mark.full
 def test_where_no_sensor_lags_none_is_seen() -> None:
     fit = hg.fit(PLANT, log(seed=2, sigma=1e-3), free=("k", "c", "g"), lag=["y"], starts=1)
     assert fit.lags[0].at == "low"
     assert "the records show no lag of y of half a sample or more" in fit.notes()
 
 
+@pytest.mark.full
 def test_no_lag_is_claimed_that_the_records_do_not_tell() -> None:
     """An output that stands still shows none, whatever its sensor does."""
     known = log(seed=2)
@@ -178,6 +181,7 @@ def test_a_robust_fit_is_not_moved_by_samples_that_are_wrong() -> None:
     assert any("of the residuals of y lie beyond 5 times their typical size" in note for note in robust.notes())
 
 
+@pytest.mark.full
 def test_a_robust_fit_of_a_clean_record_is_the_plain_one() -> None:
     """Within a few per cent of its errors; without noise it finds the values."""
     plain, robust = (hg.fit(PLANT, log(seed=6), free=("k", "c", "g"), starts=1, robust=how) for how in (False, True))
@@ -352,6 +356,7 @@ def test_inputs_may_run_on_the_line_between_samples() -> None:
     assert by["hold"] > 2.1
 
 
+@pytest.mark.full
 def test_residuals_that_follow_each_other_tell_less() -> None:
     """Of first order with r = 0.9, 19 tell as much as one: the standard error is that of white ones times its root."""
     draw = np.random.default_rng(8)
@@ -616,6 +621,7 @@ def shortened(log: Path, rows: int) -> None:
     log.write_text("\n".join([*log.read_text().splitlines()[: rows + 1], ""]))
 
 
+@pytest.mark.full
 def test_the_command_writes_what_every_command_takes(here: Path) -> None:
     stdout, _ = hgogen(
         "fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out"
@@ -632,12 +638,14 @@ def test_the_command_writes_what_every_command_takes(here: Path) -> None:
     assert json.loads(shown)["model"].endswith("spring.toml")
 
 
+@pytest.mark.full
 def test_a_fit_at_another_period_is_on_its_grid(here: Path) -> None:
     words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--starts", "1", "--json")
     (record,) = json.loads(hgogen(*words, "--dt", str(2 * DT))[0])["records"]
     assert (record["dt"], record["samples"]) == (2 * DT, (N + 1) // 2)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_a_model_without_a_period_runs_at_that_of_the_record(here: Path) -> None:
     """To which starting gains are made; one that says its own, or --dt, keeps it."""
@@ -655,6 +663,7 @@ def test_a_model_without_a_period_runs_at_that_of_the_record(here: Path) -> None
     assert json.loads(hgogen("run", "slow.toml", *words)[0])["record"]["dt"] == 0.1
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_an_offset_is_taken_off_before_rows_held_out_judge(here: Path) -> None:
     """So that they are predicted as if the sensor had none; the next commands are told to do the same."""
@@ -669,6 +678,7 @@ def test_an_offset_is_taken_off_before_rows_held_out_judge(here: Path) -> None:
     assert f"by --map 'y=[COLUMN] - ({moved[1]['offsets']['y']:.5g})'" in moved[1]["notes"][-1]
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_where_every_row_held_out_is_rejected_that_is_said(here: Path) -> None:
     text = (here / "log.csv").read_text().splitlines()
@@ -721,6 +731,7 @@ def test_what_no_text_says_is_refused_before_the_fit(here: Path) -> None:
     assert "cannot be written as plain text" in said
 
 
+@pytest.mark.full
 def test_a_fit_is_not_lost_where_no_observer_takes_the_plant(here: Path) -> None:
     """The slope x**2 of v vanishes at x = 0, so that the plant is not triangular."""
     (here / "spring.toml").write_text(MODEL.replace('flow = "v"', 'flow = "v*x**2"'))
@@ -820,6 +831,7 @@ def test_a_lag_is_that_of_the_output_that_has_it() -> None:
     assert list(slow.output) == [a, behind]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("by", ["simulation", "prediction"])
 def test_starts_that_fit_as_well_elsewhere_are_rivals(by: str) -> None:
     """A plant of one state behind a sensor that lags: u -> y is g/((s + k)(lag s + 1)), and k and 1/lag may be

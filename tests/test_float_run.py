@@ -32,6 +32,7 @@ def test_a_difference_is_a_share_of_the_range_or_of_the_peak() -> None:
     assert len(said) == 2
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_run_says_how_far_float_is_from_double(tmp_path: Path) -> None:
     """A float has 24 bits: over a contracting observer of some 100 operations a sample an estimate of 1 rad is within

@@ -61,6 +61,7 @@ def project(where: Path, how: str, libraries: str = "pendulum::pendulum", main: 
     return where
 
 
+@pytest.mark.full
 def test_built_by_itself_it_tests_itself_and_is_installed_for_others(tmp_path: Path) -> None:
     build = built(lying("pendulum", tmp_path), f"-DCMAKE_INSTALL_PREFIX={tmp_path / 'installed'}")
     said = run(["ctest", "--test-dir", str(build), "-V"], tmp_path)
@@ -74,6 +75,7 @@ def test_built_by_itself_it_tests_itself_and_is_installed_for_others(tmp_path: P
     run([str(built(other, f"-DCMAKE_PREFIX_PATH={tmp_path / 'installed'}") / "firmware")], tmp_path)
 
 
+@pytest.mark.full
 def test_that_a_self_check_that_fails_is_seen(tmp_path: Path) -> None:
     """So that the test above cannot pass on nothing."""
     where = lying("pendulum", tmp_path)
@@ -101,6 +103,7 @@ def test_another_project_takes_the_folder_and_none_of_its_tests(how: str, tmp_pa
     assert "No tests were found" in run(["ctest", "--test-dir", str(build)], tmp_path)
 
 
+@pytest.mark.full
 def test_two_observers_of_one_plant_are_in_one_project(tmp_path: Path) -> None:
     for name, gain in (("left", 10), ("right", 20)):
         form = hg.forms.triangular(step("pendulum").observer.form.system)
@@ -116,6 +119,7 @@ def test_two_observers_of_one_plant_are_in_one_project(tmp_path: Path) -> None:
     run([str(built(other) / "firmware")], tmp_path)
 
 
+@pytest.mark.full
 def test_for_a_cortex_m4f_it_is_a_library_alone(tmp_path: Path) -> None:
     tool("arm-none-eabi-gcc")
     (tmp_path / "m4f.cmake").write_text(TOOLCHAIN)
@@ -160,6 +164,7 @@ add_subdirectory(../pendulum/zephyr pendulum)
 """
 
 
+@pytest.mark.ordinary("zephyr")
 @pytest.mark.parametrize(
     ("how", "library"), [(ESP, "__idf_pendulum"), (ZEPHYR, "hgogen_pendulum")], ids=["esp-idf", "zephyr"]
 )

@@ -76,6 +76,7 @@ def share(content: dict[str, Any], kind: str) -> dict[str, Any]:
     return each
 
 
+@pytest.mark.full
 def test_disturbances_are_of_the_plants_own_rows() -> None:
     """dz2/dx1 = cos(x1)/2 brings that of x1 into the row of z2."""
     content = certified()

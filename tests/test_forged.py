@@ -169,6 +169,7 @@ def test_what_is_shown_neither_way_is_said_to_be_unexamined() -> None:
     assert any(said.startswith("the form's equations: ") for said in report.unexamined)
 
 
+@pytest.mark.full
 def test_a_root_of_squares_in_an_inverse_is_known() -> None:
     """The current of a levitated ball is x sqrt((g - v')/c), x > 0."""
     remarks = read(written("magnetic_levitation", "low_power")).remarks
@@ -181,6 +182,7 @@ def test_an_observer_without_a_verified_claim_is_said_to_be_unexamined() -> None
     assert "the riccati observer: no verified claim is about it" in read(content).unexamined
 
 
+@pytest.mark.full
 def test_a_claim_about_another_observer_is_not_verified() -> None:
     content = written("lotka_volterra", "low_power")
     assert "low_power.lipschitz" in [row.id for row in read(content).verified]
@@ -216,6 +218,7 @@ def test_a_reason_is_printed_as_the_files_words(tmp_path: Path) -> None:
     assert shown.stdout.splitlines()[-1] == "0 verified, 0 open, 1 stated, 0 failed"
 
 
+@pytest.mark.full
 def test_a_range_of_one_point_is_told_beside_what_rests_on_it(tmp_path: Path) -> None:
     content = written("disturbed_pendulum")
     before = read(content)

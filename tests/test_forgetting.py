@@ -14,7 +14,7 @@ import pytest
 import sympy as sp
 from native_step import NativeStep, unpack_state
 from oracle import kalman_like as oracle
-from plants import MODELS, chain, model
+from plants import MODELS, chain, loaded, model
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
@@ -26,7 +26,6 @@ from hgogen.emit.exact import machine
 from hgogen.emit.syntax import Real
 from hgogen.kalman.covariance import unpack
 from hgogen.kalman.factored import largest
-from hgogen.model import load
 from hgogen.observer import Observer
 from hgogen.program import Place
 from hgogen.trial import t, try_out
@@ -34,7 +33,7 @@ from hgogen.trial import t, try_out
 NAN = float("nan")
 EPS_NEURON = 0.8
 SHARE = 1e-14  # of Q_0
-TUNED = {path.stem: load(path) for path in sorted(MODELS.glob("*.*")) if path.is_file()}
+TUNED = {path.stem: loaded(path) for path in sorted(MODELS.glob("*.*")) if path.is_file()}
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 reals = pytest.mark.parametrize("real", ["float", "double"])
 VIEWS = [("pendulum", "continuous_discrete"), ("pendulum", "cholesky"), ("chain", "continuous_discrete")]
@@ -77,6 +76,7 @@ def covariance(step: hg.Step, state: np.ndarray) -> np.ndarray:
 # --- without samples ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("pendulum-cholesky-float", "pendulum-cholesky-double", "chain-continuous_discrete-double")
 @needs_compiler
 @reals
 @pytest.mark.parametrize(("name", "method"), VIEWS)
@@ -146,6 +146,9 @@ def test_a_sample_now_and_then_is_enough() -> None:
     assert np.abs(run.x[-1]).max() < 1e-3
 
 
+@pytest.mark.ordinary(
+    "pendulum-continuous_discrete-double", "pendulum-cholesky-float", "chain-continuous_discrete-double"
+)
 @needs_compiler
 @reals
 @pytest.mark.parametrize(("name", "method"), VIEWS)
@@ -193,6 +196,7 @@ for _ in range(100):  # i_d = w i_q/200, i_q = w/1000, w (1/5 + i_d + 30) = 400
     RESTS = np.array([RESTS[2] * RESTS[1] / 200, RESTS[2] / 1000, 400 / (30.2 + RESTS[0])])
 
 
+@pytest.mark.ordinary("double")
 @needs_compiler
 @reals
 def test_what_contracts_fast_keeps_its_rank_in_silence(real: Real) -> None:
@@ -213,6 +217,7 @@ def test_what_contracts_fast_keeps_its_rank_in_silence(real: Real) -> None:
     assert (np.abs(after - before) <= 1.1 * v * (2 * np.sqrt(np.diag(P) / 1e-4) + step.dt * RESTS[2])).all()
 
 
+@pytest.mark.ordinary("lorenz", "hindmarsh_rose")
 @needs_compiler
 @pytest.mark.parametrize("name", ["lorenz", "cstr", "fitzhugh_nagumo", "hindmarsh_rose"])
 def test_a_million_silent_samples_leave_no_pivot_at_its_floor(name: str) -> None:
@@ -268,6 +273,7 @@ def settled(step: hg.Step, real: Real, first: np.ndarray, jump: float, band: flo
 START = np.array([1.06, 2.69, 5.0])
 
 
+@pytest.mark.ordinary("0.3-double", "0.1-float", "0.1-double")
 @needs_compiler
 @reals
 @pytest.mark.parametrize("band", [0.3, 0.1])
@@ -348,6 +354,9 @@ def largest_share(step: hg.Step, state: np.ndarray) -> float:
     return float(np.linalg.eigvalsh(P / np.outer(unit, unit))[-1])
 
 
+@pytest.mark.ordinary(
+    "0.2-continuous_discrete", "0.2-loops", "0.0-loops in Python", "0.0-cholesky", "0.0-rk4", "0.0-rk4_covariance"
+)
 @pytest.mark.parametrize(
     "view", ["continuous_discrete", "loops", "loops in Python", "cholesky", "rk4", "rk4_covariance"]
 )

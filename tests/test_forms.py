@@ -155,6 +155,7 @@ def test_a_shuffled_chain_of_six_with_signs() -> None:
     assert_triangular(form)
 
 
+@pytest.mark.ordinary("flow0-output0", "flow4-output4")
 @pytest.mark.parametrize(
     ("flow", "output"),
     [
@@ -181,6 +182,7 @@ def test_a_known_offset_stays_in_the_output() -> None:
     assert set(verdicts(form).values()) == {"proved"}
 
 
+@pytest.mark.ordinary("offset0-proved-", "offset4-refuted-u", "offset7-unknown-loose")
 @pytest.mark.parametrize(
     ("offset", "verdict", "says"),
     [
@@ -206,6 +208,7 @@ def test_no_offset_no_claim() -> None:
     assert "offset" not in verdicts(forms.triangular(plant([X2, 0], k * X1)))
 
 
+@pytest.mark.full
 def test_a_long_chain_is_quick() -> None:
     """Followed, not searched: 0.7 s of processor time."""
     n = 40
@@ -225,6 +228,7 @@ def test_a_long_chain_is_quick() -> None:
 SOON, LATE = Signal("soon", low=1, high=2), Signal("late", low=-1, high=1)
 
 
+@pytest.mark.ordinary("flow0-output0", "flow1-output1", "flow5-output5")
 @pytest.mark.parametrize(
     ("flow", "output"),
     [
@@ -301,6 +305,7 @@ _JUMPY = st.sampled_from(
 )
 
 
+@pytest.mark.full
 @sweep(10, 30, _ROWS, _JUMPY, _JUMPY, st.booleans())
 def test_a_proved_structure_is_the_plant_itself(row: sp.Expr, extra: sp.Expr, end: sp.Expr, swap: bool) -> None:
     """Whatever the verdict, the form is the plant; and where it is proved, the rows are linear indeed."""
@@ -361,6 +366,11 @@ def test_several_outputs_are_for_another_form() -> None:
 # 0 < a_m <= a_i <= a_M
 
 
+@pytest.mark.ordinary(
+    "gain0-proved-witness0-it is 4/5",
+    "gain1-proved-witness1-between 1.414 and 1.415",
+    "gain10-refuted-witness10-vanishes",
+)
 @pytest.mark.parametrize(
     ("gain", "verdict", "witness", "says"),
     [
@@ -400,6 +410,7 @@ def test_gains_are_proved_refuted_or_honestly_unknown(
     assert_triangular(form)
 
 
+@pytest.mark.full
 @sweep(8, 30, st.fractions(-1, 1, max_denominator=20), st.fractions(1, 2, max_denominator=20))
 def test_a_gain_that_vanishes_somewhere_is_never_proved(at_u: sp.Rational, at_v: sp.Rational) -> None:
     gain = (u - sp.Rational(at_u)) ** 2 + (v - sp.Rational(at_v)) ** 2
@@ -425,6 +436,12 @@ def test_a_gain_of_a_parameter_that_is_zero() -> None:
 # Lipschitz
 
 
+@pytest.mark.ordinary(
+    "b6-refuted-no bound towards x1 = 0",
+    "b7-where-holds on every closed part of the box where u > 0",
+    "b14-proved-",
+    "b15-unknown-may jump",
+)
 @pytest.mark.parametrize(
     ("b", "verdict", "says"),
     [
@@ -507,6 +524,7 @@ def _scrambled(draw: st.DrawFn) -> tuple[System, tuple[sp.Expr, ...], tuple[sp.E
     return system, tuple(hidden[c] for c in z), tuple(gains)
 
 
+@pytest.mark.full
 @sweep(15, 60, _scrambled())
 def test_a_scrambled_plant_is_recovered(
     scrambled: tuple[System, tuple[sp.Expr, ...], tuple[sp.Expr, ...]],
@@ -702,6 +720,7 @@ def test_a_slope_does_not_see_a_jump() -> None:
     assert kinked.verdict is Verdict.PROVED
 
 
+@pytest.mark.ordinary("tangent")
 @pytest.mark.parametrize(
     "rate",
     [

@@ -73,6 +73,7 @@ def test_a_slope_is_proved_or_refuted_on_the_box(rate: sp.Expr, verdict: str, sa
             demand(form.checks)
 
 
+@pytest.mark.full
 def test_a_slope_without_a_range_is_unknown_where_it_needs_one() -> None:
     wide = Signal("wide")
     form = forms.uniform(System("w", states=(X1, wide), outputs=(y1,), flow=[sp.exp(wide), 0], output=[X1]))
@@ -251,6 +252,7 @@ def test_the_filter_runs_on_blocks() -> None:
     assert [estimate["x3"], estimate["x4"]] == pytest.approx(last[2:], abs=2e-3)
 
 
+@pytest.mark.full
 @sweep(3, 10, st.permutations(x[:5]), st.lists(st.sampled_from([1, -1]), min_size=5, max_size=5), st.integers(1, 4))
 def test_scrambled_blocks_are_recovered(order: list[Signal], signs: list[int], n1: int) -> None:
     """Chains of n1 and 5 - n1 states, level by level, in shuffled states with random signs."""

@@ -78,6 +78,7 @@ def test_a_disturbance_keeps_the_error_small() -> None:
     assert float(said.rate) == pytest.approx(0.25 * net / (2 * peaks[-1]), rel=1e-6)
 
 
+@pytest.mark.full
 def test_the_error_stays_below_the_level() -> None:
     """Constant gamma, b = 0, a disturbance of the worst sign for a direction of e, from 0 and from far."""
     said = design.disturbed_error(**{**PRINTED, "slope": 0.0}, gamma=30, disturbance=TORQUE)

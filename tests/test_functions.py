@@ -17,6 +17,9 @@ def plant(rate: sp.Expr) -> hg.System:
     return hg.System("p", states=(x,), outputs=(y,), flow=[rate - x], output=[x])
 
 
+@pytest.mark.ordinary(
+    "Heaviside(x - 1)", "Heaviside(x - 1, 0)", "Heaviside(x - 1, 1)", "Heaviside(x - 1, 1/4)", "Mod(x, -7/5)"
+)
 @pytest.mark.parametrize(
     "function",
     [

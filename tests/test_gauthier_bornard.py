@@ -36,6 +36,7 @@ def written_out(flow, output, states, inputs) -> bool:
     return all(rank([*lie[: i + 1], along(lie[i], field.diff(w))]) == i + 1 for w in inputs for i in range(len(states)))
 
 
+@pytest.mark.ordinary("20", "21", "28")
 @pytest.mark.parametrize("seed", range(40))
 def test_random_plants_answer_as_the_definition(seed: int) -> None:
     """Triangular ones, and the same with a term that may break the triangle; in coordinates that hide it."""

@@ -4,9 +4,7 @@ import json
 import tomllib
 from importlib import metadata
 from pathlib import Path
-from types import SimpleNamespace
 
-import conftest
 import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
@@ -31,6 +29,7 @@ def test_every_model_with_a_step_is_generated() -> None:
             load(MODELS[name]).step()
 
 
+@pytest.mark.ordinary("hyperjerk", "pendulum")
 @pytest.mark.pinned
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in FEW else pytest.mark.slow) for name in GENERATED]
@@ -70,20 +69,6 @@ def test_every_lower_end_is_tested() -> None:
     for name, version in oldest.items():
         (lowest,) = (part.version for part in wanted[name] if part.operator == ">=")
         assert Version(lowest) == Version(version), name
-
-
-def test_every_third_test_is_one_of_each_file() -> None:
-    """The first, the fourth, .. of each file, and the others are counted as deselected."""
-    tests = [
-        SimpleNamespace(path=file, number=k) for file, count in (("a", 7), ("b", 2), ("c", 3)) for k in range(count)
-    ]
-    items, left = list(tests), list[SimpleNamespace]()
-    hook = SimpleNamespace(pytest_deselected=lambda items: left.extend(items))
-    config = SimpleNamespace(getoption={"every": 3}.get, hook=hook)
-    conftest.pytest_collection_modifyitems(config, items)
-    assert [(one.path, one.number) for one in items] == [("a", 0), ("a", 3), ("a", 6), ("b", 0), ("c", 0)]
-    assert {id(one) for one in (*items, *left)} == set(map(id, tests))
-    assert len(items) + len(left) == len(tests)
 
 
 def test_versions_that_differ_are_named() -> None:

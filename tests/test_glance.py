@@ -52,6 +52,7 @@ _LEAVES = st.sampled_from([x, y, sp.pi, sp.Float(0.1), sp.Rational(-7, 3), sp.In
 _POINTS = st.fractions(0, 1, max_denominator=50)
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=200)
 @given(st.recursive(_LEAVES, _grow, max_leaves=5), _POINTS, _POINTS)
 def test_every_value_on_the_box_lies_in_the_enclosure(expression: sp.Expr, s: Fraction, t: Fraction) -> None:

@@ -22,6 +22,7 @@ def neuron() -> tuple[hg.System, Trial]:
     return model.plant, model.trials()[0]
 
 
+@pytest.mark.full
 def test_the_neurons_known_answers() -> None:
     """1.6e-5 is the least for d = 1 along the nominal trial, and values up to some 4e-4 are met; .01 for d = 2 pi."""
     short, long = gramian(*neuron(), (1.0, 2 * math.pi))

@@ -73,6 +73,7 @@ def swing(count: int, dt: float) -> np.ndarray:
 # --- an extended Kalman filter of inverse weights -----------------------------------------------------------
 
 
+@pytest.mark.ordinary("euler-triangular")
 @pytest.mark.parametrize(("method", "name"), by_turns(METHODS, ["triangular", "several outputs"]))
 def test_for_linear_outputs_it_is_the_kalman_filter_of_inverse_weights(method: str, name: str) -> None:
     """To the rounding of two inverses (condition below 10) and of some hundred contracting steps."""
@@ -133,6 +134,7 @@ def test_its_equations_in_plain_numpy(rate: float) -> None:
     assert compiled.state["S"][0] == pytest.approx(Pi[-1][[0, 1, 1], [0, 0, 1]], rel=1e-10)
 
 
+@pytest.mark.full
 def test_the_term_counts() -> None:
     form, y = forms()["curved"], swing(300, 0.01)
     runs = [
@@ -143,6 +145,7 @@ def test_the_term_counts() -> None:
     assert np.abs(runs[1] - runs[2]).max() > 1e-3
 
 
+@pytest.mark.full
 def test_it_is_the_same_in_both_views() -> None:
     """Pi and P = Pi^-1, to the error of the method, which falls by 16 with half the step."""
     observer, gaps = hg.observers.hamilton_jacobi(forms()["curved"], Q=[1, 2], R=3, curvature=50.0), []
@@ -165,6 +168,7 @@ def square(method: str) -> NativeStep:
     return NativeStep(hg.sample(observer, getattr(hg.methods, method), dt=0.01), "double")
 
 
+@pytest.mark.full
 @given(st.floats(1e-3, FASTEST), st.floats(-4.0, 4.0), st.floats(-90.0, 90.0), st.sampled_from(["S", "P"]))
 @settings(deadline=None, max_examples=50)
 def test_it_stays_positive_definite_whatever_the_error(rate: float, start: float, y: float, view: str) -> None:
@@ -221,6 +225,7 @@ def test_a_step_that_could_take_all_is_refused() -> None:
 # --- as a step ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", ["rk4", "continuous_discrete"])
 def test_c_is_python(method: str) -> None:
     """To the rounding of two libraries' sine; with samples missing, and one output alone."""

@@ -60,6 +60,7 @@ def plants(count: int) -> list[hg.System]:
     return systems
 
 
+@pytest.mark.full
 def test_of_random_plants() -> None:
     lines = []
     for plant in [*plants(12), chain(3)]:

@@ -173,6 +173,7 @@ def test_the_driven_step_is_the_oracles() -> None:
     assert estimates == pytest.approx(expected, abs=1e-10)
 
 
+@pytest.mark.full
 def test_a_designed_gain_converges_under_any_input() -> None:
     """Proved by one P for all ends; here under an input that jumps, from a start far off: V decays as proved."""
     pytest.importorskip("cvxpy")
@@ -210,6 +211,7 @@ def test_a_designed_gain_converges_under_any_input() -> None:
 # --- several outputs ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("end")
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_each_chain_has_its_poles(align: str) -> None:
     assert blocks(align).alignment == align
@@ -236,6 +238,7 @@ def model(align: str) -> Any:
     return b
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_the_step_of_several_outputs_is_the_oracles(align: str) -> None:
     """Either sensor misses samples: rounding only, some theta^2 eps."""
@@ -263,6 +266,7 @@ def found_status(step: Any, u: np.ndarray, y: np.ndarray) -> list[int]:
     return step.run(u=u[:, 0], y=y).status.tolist()
 
 
+@pytest.mark.ordinary("end")
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_the_bound_of_several_outputs_holds(align: str) -> None:
     """M'P + P M < 0, M = Delta S (A - theta^i K C + J) S^-1 Delta^-1, at points of the box, above the bound."""
@@ -295,6 +299,7 @@ def test_a_row_that_reads_too_far_has_no_bound() -> None:
     assert "reads more than" in str(error.reason)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("align", ["top", "end"])
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=2)
@@ -318,6 +323,7 @@ def test_it_converges_from_anywhere_in_the_box(align: str, seed: int) -> None:
     assert np.abs(result.x[-1] - plant[-1]).max() < 1e-5
 
 
+@pytest.mark.ordinary("driven-float", "driven-double", "several-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("kind", ["driven", "several"])
 def test_the_c_is_the_program(kind: str, real: Any) -> None:

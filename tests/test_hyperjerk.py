@@ -37,6 +37,7 @@ def truth(duration: float, dt: float) -> Truth:
 LIMITED = {"saturate": 25, "arguments": False}  # phi_s of the paper: on the orbit |phi| < 15
 
 
+@pytest.mark.full
 def test_the_papers_start_escapes_and_the_mirrored_one_does_not() -> None:
     """max |x_i| passes 50 at t = 10.87, infinity before 13.3 (a pole: x_1 ~ 840/4.5/(t_1 - t)^4)."""
     escaping = replace(TONE, start={**TONE.start, "x1": 0.9}, duration=13.2)
@@ -52,6 +53,7 @@ def test_the_papers_start_escapes_and_the_mirrored_one_does_not() -> None:
     assert (bounded < box[:, 1]).all()
 
 
+@pytest.mark.full
 @compiled
 def test_from_which_k_on_the_observers_converge() -> None:
     """Without noise: the filtered one fails at 4.1 (no faster than in minutes) and converges from 4.3; the standard one
@@ -99,6 +101,7 @@ def test_figure_7(name: str, k: float, peak: float) -> None:
     assert abs(peaks[1] - peak) > 1
 
 
+@pytest.mark.ordinary("high_gain")
 @compiled
 @pytest.mark.parametrize("name", TABLES)
 def test_tables_1_and_2_by_simulation(name: str) -> None:

@@ -147,6 +147,7 @@ def test_the_lists_are_long() -> None:
     assert len(ZERO) + len(NOT_ZERO) + len(OPEN) > 90
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=60)
 @given(st.sampled_from(ZERO), st.sampled_from(ZERO), st.sampled_from(NOT_ZERO), st.integers(-3, 3))
 def test_zeros_add_and_multiply(one: sp.Expr, other: sp.Expr, rest: sp.Expr, n: int) -> None:

@@ -120,6 +120,7 @@ def demand_sentences(function: Callable[..., Any], arguments: Mapping[str, Any])
 QUICK = ("Signal", "System", "Log", "Trial", "table", "load", "bound", "run", "flags", "consistency", "gain_of_poles")
 
 
+@pytest.mark.ordinary("Log", "run", "flags")
 @pytest.mark.parametrize("name", QUICK)
 def test_what_is_no_argument_is_met_by_a_sentence(name: str) -> None:
     demand_sentences(*others()[name])

@@ -217,6 +217,7 @@ def test_windows_of_a_record() -> None:
             excitation.along(form, **{"R": 0.1, "u": np.zeros(N), "y": np.zeros(N), "dt": 0.01, "d": 2.0, **bad})
 
 
+@pytest.mark.full
 def test_the_neurons_windows() -> None:
     """A window of a whole period shows a hundred times what one of d = 1 does at its worst."""
     truth = noiseless(0.05)
@@ -301,6 +302,7 @@ def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hgogen.method.covariance_limits", lambda *arguments: [Limit(np.inf, "not asked")])
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("unchecked")
 def test_every_view_is_of_one_equation() -> None:
     """S and P by RK4 of order 4; L D L' and S S' of order 1, the same but for rounding."""
@@ -351,6 +353,7 @@ def test_the_weighted_error_forgets_at_its_rate() -> None:
     assert values[-1] < 0.9 * values[0]
 
 
+@pytest.mark.full
 @needs_compiler
 @given(st.floats(-3.5, 3.5), st.floats(-10, 10), st.floats(-8, 8))
 @settings(deadline=None, max_examples=4)
@@ -382,6 +385,7 @@ def test_an_input_that_hides_is_said_and_survived() -> None:
     assert "the input shows too little" in bit.meaning
 
 
+@pytest.mark.ordinary("double")
 @needs_compiler
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_its_c_runs(real: Any) -> None:
@@ -406,6 +410,7 @@ def test_kinks_of_what_is_measured_are_run(drag: Any) -> None:
     assert np.isfinite(run.x).all()
 
 
+@pytest.mark.full
 @needs_compiler
 def test_eight_states_in_loops() -> None:
     """The chain is state-affine: sin x1 is of the measured state."""

@@ -246,6 +246,7 @@ def sampled(e: sp.Expr, box: dict[sp.Symbol, tuple[Any, Any]], count: int = 16) 
     return np.array([float(ball.mid()) if ball.is_finite() else np.nan for ball in balls]).reshape(count + 1, count + 1)
 
 
+@pytest.mark.full
 @settings(max_examples=60, deadline=None)
 @given(KINKED, ENDS, ENDS)
 def test_without_kinks_it_is_the_same_function(e: sp.Expr, first: Any, second: Any) -> None:
@@ -287,6 +288,7 @@ def test_a_direction_at_a_face_leaves_the_other_factor_its_range(at: int) -> Non
     assert nonzero(slope(x * y * sp.sign(x) + x, x), box).verdict is not Verdict.PROVED
 
 
+@pytest.mark.full
 @settings(max_examples=60, deadline=None)
 @given(KINKED, ENDS, ENDS, st.integers(-4, 4))
 def test_slopes_at_kinks_hold_for_chords(e: sp.Expr, first: Any, second: Any, tilt: int) -> None:
@@ -351,6 +353,7 @@ def test_the_determinant_of_a_chain_is_that_of_its_jacobian(order: tuple[int, ..
     assert sp.expand(hg.singularity(made).jets[0].determinant - jacobian.det()) == 0
 
 
+@pytest.mark.full
 def test_a_factor_that_is_the_expression_is_not_asked_about_again() -> None:
     """sqrt(1 + x^2) - cosh(x), rewritten in exponentials, is its own only factor: it called itself without end."""
     x = hg.Signal("x", low=-3, high=3)
@@ -410,6 +413,9 @@ _U = hg.Signal("u", low=-1, high=1)
 _POSITIVE = hg.Signal("w", low=0, high=1)
 
 
+@pytest.mark.ordinary(
+    "rate-Abs(x)/x", "rate-w/(w + x) + x/(w + x)", "gain-(u*x + u)/u", "output-Abs(w)/w", "output-(u*x + u)/u"
+)
 @pytest.mark.parametrize(
     "part",
     [
@@ -440,6 +446,7 @@ _HALF = hg.Signal("h", low=0, high=0.5)
 _NIL = hg.Signal("k", nominal=0)
 
 
+@pytest.mark.ordinary("(h*x + h)/h-Piecewise((1/h, h > 2), (x, True))", "(x*log(h) + log(h))/log(h)-k*log(h)")
 @pytest.mark.parametrize(
     ("part", "beside"),
     [
@@ -502,6 +509,13 @@ W = hg.Signal("v", low=-1, high=1)
 _SIZE = sp.Piecewise((-W, W < 0), (W, True))
 
 
+@pytest.mark.ordinary(
+    "-Piecewise((-v, v < 0), (v, True)) + 2*Max(0, v)-double",
+    "Piecewise((0, v <= 0), (2*v, True)) - Piecewise((-v, v < 0), (v, True))-double",
+    "v + Piecewise((-v + Abs(v), v < 0), (v + Abs(v), True)) - 2*Abs(v)-double",
+    "v*sign(v) + v - Piecewise((-v, v < 0), (v, True))-float",
+    "v*sign(v) + v - Piecewise((-v, v < 0), (v, True))-double",
+)
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize(
     "expression",
@@ -557,6 +571,7 @@ def test_a_filter_at_rest_takes_a_norm_that_is_zero_there(engine: Any) -> None:
     assert np.abs(run.x[-1] - truth[-1]).max() < 2e-3  # the truth is Euler's, of which v is off by .1 v^2/2 h = 2e-4
 
 
+@pytest.mark.full
 @given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2))
 @example([2.0, 99.44961996426264])  # of which the library's power 2 is not the product
 def test_a_norm_keeps_its_value_and_its_slope(at: list[float]) -> None:

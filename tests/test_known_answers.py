@@ -62,6 +62,7 @@ def lasting(trial: Trial, duration: float, **changes: Any) -> Trial:
 # --- settling -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @needs_compiler
 def test_plain_filter_takes_690(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself: what recovers it is patient for longer than the trial."""
@@ -177,6 +178,7 @@ def test_steady_error_is_the_plain_filters() -> None:
     assert rms(tried(built(ADAPTIVE), lasting(ONE, 1000.0)), 500, 1000) <= 1.25 * plain
 
 
+@pytest.mark.full
 @needs_compiler
 @pytest.mark.parametrize(("between", "expected", "spread"), [("line", 0.0175, 0.013), ("hold", 0.13, 0.022)])
 def test_the_input_on_lines_between_samples(between: str, expected: float, spread: float) -> None:
@@ -195,6 +197,7 @@ def test_the_input_on_lines_between_samples(between: str, expected: float, sprea
 M = SIGMA**2  # times d = 1
 
 
+@pytest.mark.full
 @needs_compiler
 def test_m_is_the_mean_of_the_quiet_innovation() -> None:
     """And is exceeded 41% of the time; its deviation s is that of a sum of correlated squares, some seven of which lie
@@ -212,6 +215,7 @@ def test_m_is_the_mean_of_the_quiet_innovation() -> None:
     assert 6 <= (neuron.SMOOTHSTEP.gamma_0 / M - 1) / spread <= 7
 
 
+@pytest.mark.full
 @needs_compiler
 def test_m_is_no_threshold() -> None:
     """Centred at m the logistic never lets theta rest; eta's error is 25 times the plain filter's .0107."""

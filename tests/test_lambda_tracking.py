@@ -120,12 +120,14 @@ def test_when_the_strip_is_entered() -> None:
     assert (k[650:] == k[-1]).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("first", [0.0341, 0.1429])
 def test_the_papers_gain_takes_another_start(first: float) -> None:
     assert oracle.exact((first, 0.0))[1][-1, 4] == pytest.approx(0.275, abs=2e-4)
     assert run(0.01, start=(first, 0)).traces["k"][-1] == pytest.approx(0.275, abs=2e-4)
 
 
+@pytest.mark.full
 def test_the_final_gain_with_noise() -> None:
     """Standard deviation .005 a sample of .01 h, 40 seeds: .557 with each value held; on lines between samples the
     noise has two thirds of the power, and the gain ends a little lower. Of 40 seeds the mean errs by .0005."""
@@ -142,6 +144,7 @@ def test_the_final_gain_with_noise() -> None:
 # --- theorem ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_a_phi_that_grows_again_and_again_keeps_the_gain_moving() -> None:
     """An oscillator in its ranges, driven half a minute of every two, without fault or noise: the gain falls in each
     calm, and the error is far in each drive. The theorem names that among what it rests on."""

@@ -175,6 +175,7 @@ def test_the_widest_ball_counts() -> None:
     assert 0.49 < _smallest(Shown(None, W)) <= 0.5
 
 
+@pytest.mark.full
 def test_parameters_are_anywhere_in_their_ranges() -> None:
     a, wide = hg.Signal("a", "", "", 1, low=1 - 1e-6, high=1 + 1e-6), hg.Signal("a", "", "", 1, low=0.2, high=5)
     affine = form(u * x2, -a * x1, a=a)
@@ -187,6 +188,7 @@ def test_parameters_are_anywhere_in_their_ranges() -> None:
     assert "narrower ranges of parameters" in check.fix
 
 
+@pytest.mark.full
 def test_a_longer_window_shows_more() -> None:
     affine = form(u * x2, -x1 / 2)
     short, long = (fact(check_of(affine, TURNED, "2*pi", window=d)) for d in (3.0, 9.0))
@@ -257,6 +259,7 @@ def finding(content: Content) -> str:
     return next(row.found for row in recheck(sealed(content)).rows if row.id == "kalman_like.gramian")
 
 
+@pytest.mark.ordinary("sine", "constant")
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=pytest.mark.slow) if case in ("roots", "exponential") else case for case in CASES]
 )
@@ -308,6 +311,7 @@ def test_a_still_course_is_not_one_that_moves() -> None:
     assert finding(content) != "verified"
 
 
+@pytest.mark.full
 def test_another_plant_is_not_what_was_proved() -> None:
     content = content_of("sine")
     for part in ("plant", "form"):
@@ -316,6 +320,7 @@ def test_another_plant_is_not_what_was_proved() -> None:
     assert finding(content) != "verified"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 def test_no_random_course_shows_less(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -57,6 +57,7 @@ def test_a_plant_in_its_ranges_says_nothing() -> None:
     assert list(notes("grown", (), "s")) == []
 
 
+@pytest.mark.ordinary("command0")
 @pytest.mark.parametrize("command", [("simulate", "--engine", "python"), ("compare", "--engine", "python")])
 def test_the_commands_say_so(command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -231,6 +231,13 @@ def row(content: Content) -> Any:
     return one
 
 
+@pytest.mark.ordinary(
+    "circle_criterion-swing-0.02-bilinear",
+    "peaking_free-swing-0.02-exponential",
+    "high_gain-line-0.017-exponential",
+    "high_gain-curve-0.02-exponential",
+    "high_gain-map-0.02-exponential",
+)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("tuning", "shape", "clear"),
@@ -324,6 +331,14 @@ OF_TABLES = (
 )
 
 
+@pytest.mark.ordinary(
+    "path0-9/10-map-bilinear",
+    "path2-1/2-curve-bilinear",
+    "path4-1/8-curve-exponential",
+    "path6-3/2-map-bilinear",
+    "path7-1/8-curve-bilinear",
+    "path8-10-map-bilinear",
+)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("shape", ["curve", "map"])
 @pytest.mark.parametrize(("path", "factor"), OF_TABLES)
@@ -333,6 +348,7 @@ def test_a_forged_number_fails_with_a_table_too(path: Sequence[Any], factor: str
     assert row(content).found == "fails"
 
 
+@pytest.mark.ordinary("nothing-exponential", "another plant's-bilinear")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("follows", ["nothing", "another plant's"])
 def test_with_a_table_a_share_follows_from_its_own_plant(method: str, follows: str) -> None:

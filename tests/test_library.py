@@ -39,6 +39,7 @@ def asked(model: dict[str, Any]) -> dict[str, Any]:
     return dict(answers(entry(model)))
 
 
+@pytest.mark.full
 def test_every_field_of_a_model() -> None:
     answer = check([("good", GOOD)])["good"]
     assert answer.pop("notes") == ["bound_queries, '1/E': it is not a finite real number at E = 0"]
@@ -114,6 +115,7 @@ def test_a_bad_query_leaves_the_other_answers() -> None:
     assert answer["uof"] is True
 
 
+@pytest.mark.ordinary("change10-expected10", "change17-expected17", "change18-expected18")
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -213,6 +215,7 @@ def _task(task: Any) -> Iterator[Any]:
     yield task
 
 
+@pytest.mark.full
 def test_a_task_that_hangs_spins_or_crashes_costs_itself_alone() -> None:
     tasks = ["a", "hang", "spin", "crash", "b", "big", "c"]
     events = list(run(_task, tasks, limit=1.0, processes=2))
@@ -223,6 +226,7 @@ def test_a_task_that_hangs_spins_or_crashes_costs_itself_alone() -> None:
     assert {event.result for event in events if event.result != "begun" and event.result} == {"a", "b", "c"}
 
 
+@pytest.mark.full
 def test_a_task_has_its_time_of_the_processor_however_long_it_waits() -> None:
     """A second and a half by the clock, with a limit of one."""
     begun, result, end = run(_task, ["wait"], limit=1.0, processes=1)
@@ -237,6 +241,7 @@ def hgogen(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
 
 
+@pytest.mark.full
 def test_the_command(tmp_path: Path) -> None:
     sixty = [f"x{k}" for k in range(60)]
     steps = [f"x{k + 1}*(1 + x{k}**2)/(2 + sin(x{k}))" for k in range(59)]

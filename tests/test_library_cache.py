@@ -128,6 +128,7 @@ def test_a_folder_of_the_working_folder_is_no_cache(tmp_path: Path, monkeypatch:
     assert not (tmp_path / "here").exists()
 
 
+@pytest.mark.full
 @needs_compiler
 def test_what_is_spoiled_is_built_anew_and_what_is_not_is_not(cache: Path) -> None:
     """A truncated library would end the process that loads it, and another program's would answer for this one."""
@@ -163,6 +164,7 @@ def test_where_it_cannot_be_kept_it_is_loaded_all_the_same(cache: Path, monkeypa
 # --- what a killed process left -------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_what_a_killed_process_left_is_removed(cache: Path) -> None:
     code = (
         "import os, signal, hgogen.target as target\n"

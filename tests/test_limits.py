@@ -30,6 +30,7 @@ def ruled(value: np.float32, low: float, high: float, nominal: float) -> np.floa
     return min(max(value, np.float32(low)), np.float32(high))
 
 
+@pytest.mark.ordinary("pendulum", "two", "one_state")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_every_element_is_limited_once_by_the_rule(name: str) -> None:
     step, draw = emitted.step(name), np.random.default_rng(8)

@@ -44,6 +44,7 @@ def claim(system: hg.System, form=hg.forms.original, **gains) -> hg.Check:
     return check
 
 
+@pytest.mark.full
 @settings(max_examples=30, deadline=None)
 @given(n=st.integers(1, 4), p=st.integers(1, 2), density=st.floats(0.2, 0.9), seed=st.integers(0, 10**6))
 def test_it_is_proved_where_the_plant_is_observable_and_there_alone(n: int, p: int, density: float, seed: int) -> None:
@@ -165,6 +166,7 @@ def test_noise_that_reaches_every_state_is_verified_and_one_that_does_not_is_ref
     assert uncontrollable is Verdict.PROVED
 
 
+@pytest.mark.ordinary("riccati")
 @pytest.mark.parametrize("make", [hg.observers.riccati, hg.observers.ukf])
 def test_a_zero_is_the_limit_of_small_numbers(make: Any) -> None:
     """A chain of integrators with noise on its last state: the estimates are those of 1e-30 in place of 0, to the

@@ -138,6 +138,7 @@ def stepped(flow: Callable[[Any, Any], Any], tableau: Tableau, x: Any, h: float,
     return x + h * sum(w * k for w, k in zip(tableau.b, slopes, strict=True))
 
 
+@pytest.mark.ordinary("modulus-Euler", "modulus-Heun", "saturating-Heun")
 @pytest.mark.parametrize("tableau", TABLEAUS, ids=lambda one: one.name)
 @pytest.mark.parametrize("name", FLOWS)
 def test_no_step_leaves_more_and_one_not_much_less(name: str, tableau: Tableau) -> None:
@@ -203,6 +204,9 @@ EVERY = [
 ]
 
 
+@pytest.mark.ordinary(
+    "saturation-heun", "saturation-euler", "saturation-bilinear", "saturation-exponential", "table-rk4"
+)
 @pytest.mark.parametrize(("name", "method"), EVERY)
 def test_what_is_left_is_verified_again(name: str, method: str) -> None:
     content = certified(name, method)
@@ -213,6 +217,7 @@ def test_what_is_left_is_verified_again(name: str, method: str) -> None:
         assert (min(follows["orders"]) == "0") is (name in KINKED)
 
 
+@pytest.mark.full
 def test_a_plant_in_pieces_has_bounds() -> None:
     form = hg.forms.triangular(plant_of("pieces"))
     observer = hg.observers.high_gain(form, theta=16, poles=(-1, -1))
@@ -324,6 +329,7 @@ def test_what_stands_for_a_second_derivative_of_a_realised_core(name: str, secon
 # --- in cells ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_the_ranges_of_a_rational_flow_are_cut() -> None:
     content = certified("rational", "rk4")
     tree = share(content)["follows"]["tree"].split()
@@ -331,6 +337,7 @@ def test_the_ranges_of_a_rational_flow_are_cut() -> None:
     assert set(tree) <= {".", "z1", "z2", "u"}
 
 
+@pytest.mark.ordinary("path0-<lambda>", "path12-tiny", "path14-less")
 @pytest.mark.parametrize(
     ("path", "change"),
     [

@@ -151,6 +151,14 @@ def run(program: Listing, values: Mapping[str, Any], number: Callable[[Fraction]
     return [of(operand) for operand in program.after]
 
 
+@pytest.mark.ordinary(
+    "filters-euler",
+    "mirrored saturations-heun",
+    "two sensors-heun",
+    "two chains-heun",
+    "an argument-euler",
+    "an argument-rk4",
+)
 @pytest.mark.parametrize("method", ["euler", "heun", "rk4"])
 @pytest.mark.parametrize("case", ["filters", "mirrored saturations", "two sensors", "two chains", "an argument"])
 def test_it_is_the_program_bit_for_bit(case: str, method: str) -> None:
@@ -202,6 +210,7 @@ def test_an_end_of_a_range_stands_in_the_unit_of_its_field() -> None:
 # --- it is tied to the equation of its observer, and what it rounds is computed again
 
 
+@pytest.mark.ordinary("a swing", "two sensors", "chains that end together")
 @pytest.mark.parametrize("case", CASES)
 def test_what_every_step_rounds_is_derived(case: str) -> None:
     one = row(certified(case, "euler", "double"))
@@ -209,6 +218,7 @@ def test_what_every_step_rounds_is_derived(case: str) -> None:
     assert "operations in double round" in one.sentence
 
 
+@pytest.mark.ordinary("mirrored saturations", "two chains")
 @pytest.mark.parametrize("case", ["filters", "mirrored saturations", "two chains"])
 def test_what_two_stages_round_is_derived(case: str) -> None:
     """Fields and rates of stages that are the same statement among them."""
@@ -217,6 +227,7 @@ def test_what_two_stages_round_is_derived(case: str) -> None:
     assert "operations in float round" in one.sentence
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("between", ["line", "hold"])
 def test_all_stages_of_runge_and_kutta_are_tied(between: str) -> None:
     one = row(certified("a swing", "rk4", "float", between))
@@ -233,6 +244,7 @@ def changed(content: dict[str, Any], **parts: Any) -> dict[str, Any]:
     return other
 
 
+@pytest.mark.full
 def test_every_statement_is_needed_as_it_is() -> None:
     """Each with another operation, and with its operands in another order where that is another number."""
     content = certified("a swing")
@@ -338,6 +350,7 @@ UNARY = {"neg": lambda a: -a, "square": lambda a: a * a, "Abs": abs, "sqrt": mpm
 WORDS = (*UNARY, "add", "sub", "mul", "div", "Min", "Max")
 
 
+@pytest.mark.full
 @given(
     st.lists(st.tuples(st.sampled_from(WORDS), st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=8),
     st.sampled_from(["float", "double"]),

@@ -90,6 +90,7 @@ def test_the_default_gains_put_every_pole_at_minus_1(n: int) -> None:
 pairs_of_poles = st.tuples(st.floats(0.2, 4.0), st.floats(-3.0, 3.0))
 
 
+@pytest.mark.full
 @given(st.lists(pairs_of_poles, min_size=1, max_size=5), st.floats(1.0, 50.0))
 @settings(deadline=None, max_examples=15)
 def test_the_core_has_the_poles_it_was_given(pairs: list[tuple[float, float]], theta: float) -> None:
@@ -105,6 +106,7 @@ def test_the_core_has_the_poles_it_was_given(pairs: list[tuple[float, float]], t
     assert np.array(exact, dtype=float) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.full
 def test_pole_placement_by_hand() -> None:
     """n = 2: s (s + k_1) + k_2. n = 3, poles at -1, -2, -3, -4: (D - 24)/s = s^3 + 10 s^2 + 35 s + 50 has the real root
     -5, the quotient s^2 + 5 s + 10: k = ((5, 10), (5, 24/10)). All at -1: the default."""
@@ -168,6 +170,7 @@ def test_the_peak_without_peaking_to_its_digits(second: float, expected: float) 
     assert np.abs(result.x - x)[:, 3].max() == pytest.approx(expected, abs=5e-4)
 
 
+@pytest.mark.full
 def test_the_peak_does_not_grow_with_theta() -> None:
     """It keeps to the range; against the low-power observer, whose error of x4 grows like theta^3."""
     x, off = orbit(1e-4, 0.4), {"x1": 9.1, "x2": 0, "x3": 0, "x4": 0}
@@ -204,6 +207,7 @@ def terms(name: str) -> tuple[Any, np.ndarray, np.ndarray, Any]:
     return general, low, high, scale
 
 
+@pytest.mark.ordinary("hyperjerk-low_power", "triangular-peaking_free")
 @pytest.mark.parametrize("kind", ["low_power", "peaking_free"])
 @pytest.mark.parametrize("name", ["hyperjerk", "triangular"])
 def test_the_step_is_the_oracles(kind: str, name: str) -> None:
@@ -237,6 +241,7 @@ def test_the_step_is_the_oracles(kind: str, name: str) -> None:
     assert np.abs(expected / scale).max() > 4
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["low_power", "peaking_free"])
 @given(st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=3)
@@ -249,6 +254,7 @@ def test_it_converges_from_anywhere_in_the_box(kind: str, seed: int) -> None:
     assert error[-1].max() < 1e-5
 
 
+@pytest.mark.ordinary("low_power-float", "low_power-double", "peaking_free-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("kind", ["low_power", "peaking_free"])
 def test_the_c_is_the_program(kind: str, real: Any) -> None:

@@ -196,6 +196,7 @@ def test_ranges_are_exact() -> None:
             assert not steps or (low <= min(steps) and max(steps) <= high and {low, high} <= {*steps})
 
 
+@pytest.mark.ordinary("inner0", "inner5")
 @pytest.mark.parametrize(
     "inner", [(X, Y), (X, X), (X, -X), (X**2 - 1, Y), (X + Y, X - Y), (X, sp.Rational(1, 4)), (sp.Min(X, 1), X * Y)]
 )
@@ -314,6 +315,7 @@ def maps(draw: st.DrawFn) -> tuple[Cells, list[tuple[Fraction, Fraction]]]:
     return cells_of([xs, ys], rows, "linear", "t"), box
 
 
+@pytest.mark.full
 @settings(max_examples=25)
 @given(maps(), st.booleans())
 def test_lipschitz_bounds_hold_the_steepest_chord(
@@ -484,6 +486,7 @@ def test_a_certificate_of_another_slope_is_not_verified(old: str, new: str, verd
     assert set(verdicts.values()) == {"verified"}
 
 
+@pytest.mark.full
 def test_a_certificate_holds_the_largest_map() -> None:
     """Of numbers with all their digits."""
     x, y, draw = hg.Signal("x", low=0, high=1), hg.Signal("y"), Random(11)
@@ -560,6 +563,7 @@ int main(void)
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_c_and_python_and_casadi_have_the_same_bits(real: str, tmp_path: Path) -> None:
     """At every pair of numbers, infinite and not a number among them: those give what is no number, and nothing is read
@@ -607,6 +611,7 @@ def same(a: np.ndarray, b: np.ndarray) -> bool:
     return bool(((a.view(f"u{a.itemsize}") == b.view(f"u{b.itemsize}")) | (np.isnan(a) & np.isnan(b))).all())
 
 
+@pytest.mark.full
 def test_a_large_map_costs_what_a_small_one_does() -> None:
     """One operation of a program, and a search along each axis whose steps grow with the logarithm."""
     steps, probes = [], []

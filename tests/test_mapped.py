@@ -98,6 +98,7 @@ def test_the_estimate_starts_within_the_range_of_the_state(tmp_path: Path) -> No
     assert json.loads(hgogen("run", "pendulum", "--data", far, *RUN, "-o", str(tmp_path))[0])["initial"] == {"q": 4.0}
 
 
+@pytest.mark.full
 def test_the_truth_and_the_burn_in(tmp_path: Path) -> None:
     out, truth = ("-o", str(tmp_path)), ("--truth", "w=rate")
     whole, late = (
@@ -127,6 +128,7 @@ def test_bad_words_are_refused(words: tuple[str, str], reason: str, tmp_path: Pa
     assert reason in " ".join(said.replace("│", "").split())
 
 
+@pytest.mark.full
 def test_a_record_beyond_the_declared_range_is_said(tmp_path: Path) -> None:
     """By a fit and by a tuning; 1 rad and its motion about it, shifted by 180 degrees, leave -4 .. 4."""
     data = ("--data", record(tmp_path, offset=180.0), *RUN[:2], *RUN[4:], "-o", str(tmp_path))

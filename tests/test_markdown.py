@@ -82,6 +82,7 @@ def demand_readable(text: str) -> None:
     assert count > 6
 
 
+@pytest.mark.ordinary("integrated", "tunable", "x")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_every_formula_is_read(name: str) -> None:
     demand_readable(document(emitted.step(name)))

@@ -78,6 +78,13 @@ def errors(name: str, method: str, between: str) -> list[float]:
     return differences
 
 
+@pytest.mark.ordinary(
+    "kalman-euler-1-hold",
+    "high_gain-heun-2-line",
+    "high_gain-rk4-4-hold",
+    "theta_3-rk4_covariance-4-hold",
+    "kalman-continuous_discrete-1-line",
+)
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("between", ["line", "hold"])
 @pytest.mark.parametrize(
@@ -101,6 +108,7 @@ def adaptive(innovation: object) -> hg.Observer:
     return fitzhugh_nagumo(theta=hg.theta.adaptive(2.0, rise_time=0.3, mu=mu, innovation=innovation))
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     "innovation",
@@ -364,6 +372,7 @@ def test_factors_in_float_survive_2000_samples_without_measurement(n: int) -> No
     assert np.isfinite(d).all()
 
 
+@pytest.mark.full
 def test_a_step_in_float_comes_back_after_2000_samples_without_measurement() -> None:
     """The chain's truth is its rest; the covariance is capped meanwhile, the factors stay positive."""
     observer = hg.observers.riccati(
@@ -432,6 +441,7 @@ def admitted(sentence: str) -> float:
     return float(length)
 
 
+@pytest.mark.ordinary("euler-7.0", "heun-3.0", "heun-7.0", "heun-20.0", "heun-33.0", "rk4-3.0")
 @pytest.mark.parametrize("theta", [3.0, 7.0, 20.0, 33.0])
 @pytest.mark.parametrize("method", ["euler", "heun", "rk4"])
 def test_a_dt_too_long_names_one_that_works(method: str, theta: float) -> None:
@@ -453,6 +463,7 @@ def test_a_dt_too_long_names_one_that_works(method: str, theta: float) -> None:
         hg.sample(observer, way, dt=dt)
 
 
+@pytest.mark.ordinary("3.0-rk4", "8.0-rk4_covariance", "3.0-euler")
 @pytest.mark.parametrize(("theta", "method"), [(3.0, "rk4"), (8.0, "rk4"), (8.0, "rk4_covariance"), (3.0, "euler")])
 def test_a_covariance_too_stiff_names_a_dt_that_works(theta: float, method: str) -> None:
     observer = fitzhugh_nagumo(theta=theta)

@@ -432,6 +432,7 @@ def test_a_recipe_is_refused_with_its_key(tmp_path: Path, path: str, value: Any,
     assert words in str(caught.value)
 
 
+@pytest.mark.full
 def test_the_command_line_checks_and_simulates_it(tmp_path: Path) -> None:
     path = str(written(tmp_path, TOML))
     checked = CliRunner().invoke(app, ["check", path, "--json"])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants import loaded
 
 import hgogen as hg
 from hgogen.call import CallableStep
@@ -17,7 +18,7 @@ from hgogen.trial import try_out
 
 FILES = sorted((Path(__file__).resolve().parents[1] / "models").glob("*.py"))
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
-MODELS = [load(path) for path in FILES]
+MODELS = [loaded(path) for path in FILES]
 every = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 each = pytest.mark.parametrize("model", [model for model in MODELS if model.has("step")], ids=lambda model: model.name)
 
@@ -49,6 +50,7 @@ def test_the_file_is_named_after_its_plant_and_says_what_it_is(model: Model) -> 
         assert signal.meaning, f"{signal} says nothing of itself"
 
 
+@pytest.mark.ordinary("bioreactor", "pendulum", "stribeck")
 @each
 def test_every_claim_about_its_form_has_a_verdict(model: Model) -> None:
     observer = fresh(model).observer
@@ -57,6 +59,7 @@ def test_every_claim_about_its_form_has_a_verdict(model: Model) -> None:
     assert refuted <= set(observer.accepted)
 
 
+@pytest.mark.ordinary("bioreactor", "pendulum", "stribeck")
 @each
 def test_its_tuning_is_what_its_step_uses(model: Model) -> None:
     """`tuning` maps an observer's name, or one with `kind`, to its gains; the step is built from one of them."""
@@ -65,6 +68,7 @@ def test_its_tuning_is_what_its_step_uses(model: Model) -> None:
     assert kinds <= set(hg.observers.__all__)
 
 
+@pytest.mark.ordinary("disturbed_pendulum", "pendulum", "stribeck")
 @each
 def test_a_record_over_its_ranges_stays_finite(model: Model) -> None:
     """The inputs and outputs swing over half their ranges, at the model's own sampling period."""
@@ -80,6 +84,7 @@ def test_a_record_over_its_ranges_stays_finite(model: Model) -> None:
     assert "RESTARTED" not in step.flags(np.bitwise_or.reduce(run.status))
 
 
+@pytest.mark.ordinary("float-stribeck", "double-pendulum")
 @needs_compiler
 @each
 @pytest.mark.parametrize("real", ["float", "double"])
@@ -90,6 +95,7 @@ def test_its_c_compiles_clean_and_checks_itself(model: Model, real: Real) -> Non
     assert printed == f"{model.name}: 64 samples as recorded\n"
 
 
+@pytest.mark.ordinary("cascaded_tanks", "disturbed_pendulum", "pendulum")
 @each
 def test_its_trial_stays_finite(model: Model) -> None:
     """At most 4000 samples of the first trial, one seed; in the second half the error is less than the box is wide."""

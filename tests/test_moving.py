@@ -124,6 +124,7 @@ def drawn(n: int, seed: int) -> tuple[hg.System, np.ndarray, np.ndarray]:
     return plant(flow, x), c, coefficients(tuple(-rng.uniform(0.7, 2, size=n)), n)
 
 
+@pytest.mark.full
 @sweep(8, 60, st.integers(1, 4), st.integers(0, 2**32 - 1), st.booleans(), st.floats(0.01, 0.3))
 def test_v_falls_at_every_gain_and_rate(n: int, seed: int, easing: bool, fall: float) -> None:
     """V' <= -alpha l/least V, by the plant's own numbers: with slopes at their ends, gains up to 1000 times the least,
@@ -250,6 +251,7 @@ def test_a_form_with_nothing_to_go_by_says_so() -> None:
     assert str(known[0].reason).startswith("the bound rests on triangular.lipschitz")
 
 
+@pytest.mark.full
 def test_more_slopes_than_corners_are_taken_of_have_multipliers() -> None:
     system, _, K = drawn(4, 2)
     known = pair(system, K, law(3.0, 0.1, True))

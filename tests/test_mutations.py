@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from conftest import RUN
 from mutations import ROOT, Mutation, NotOnce, NotRun, changed, mutations, survivors
 
 ROWS = mutations()
@@ -35,6 +36,16 @@ def test_there_are_enough_and_half_of_them_unread() -> None:
     assert sum(row.unread for row in ROWS) >= len(ROWS) / 2
 
 
+def test_nine_in_ten_have_a_test_in_the_ordinary_run(pytestconfig: pytest.Config) -> None:
+    """As `python tests/mutations.py --ordinary` finds them; here the tests that it runs are counted."""
+    names = {part for name in pytestconfig.stash[RUN] for part in (name, name.partition("[")[0])}
+    files, option = {test.partition("::")[0] for row in ROWS for test in row.tests}, pytestconfig.option
+    if option.every > 1 or option.keyword or not files <= {name.partition("::")[0] for name in names}:
+        pytest.skip("these are not all of the ordinary run")
+    asked = [row for row in ROWS if row.tests]
+    assert sum(not names.isdisjoint(row.tests) for row in asked) >= 0.9 * len(asked)
+
+
 @pytest.mark.parametrize("pattern", ["nothing of the sort", "theta"])
 def test_a_pattern_that_is_not_there_once_is_an_error(pattern: str) -> None:
     with pytest.raises(NotOnce, match="it must be there once"):
@@ -49,6 +60,7 @@ def test_a_change_that_no_test_sees_survives(tmp_path: Path) -> None:
     assert survivors(rows) == rows[:1]
 
 
+@pytest.mark.full
 def test_tests_that_fail_anyway_find_nothing(tmp_path: Path) -> None:
     failing = tmp_path / "test_failing.py"
     failing.write_text("def test_failing():\n    assert False\n")
@@ -56,6 +68,7 @@ def test_tests_that_fail_anyway_find_nothing(tmp_path: Path) -> None:
         survivors([Mutation("same", "short", "value", (str(failing),))])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("test", ["tests/test_digits.py::test_that_is_not_there", "tests/not_there.py"])
 def test_tests_that_cannot_be_run_find_nothing(test: str) -> None:
     with pytest.raises(NotRun, match="not_there"):

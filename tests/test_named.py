@@ -76,6 +76,7 @@ def estimated(order: tuple[hg.Signal, ...], **gains: Any) -> hg.call.Run:
 BY_NAME: dict[str, Any] = {"Q": WANDERS, "R": {"y2": 4e-3, "y1": 2.5e-4}, "covariance": UNSURE, "initial": {"X1": 1.0}}
 
 
+@pytest.mark.full
 def test_a_sequence_is_in_the_order_of_the_declared_states() -> None:
     """The form took the measured substrates first, and with them what was meant for the populations."""
     order = (X1, X2, S1, S2)
@@ -89,6 +90,7 @@ def test_a_sequence_is_in_the_order_of_the_declared_states() -> None:
     assert np.array_equal(ordered.x, estimated(order, **BY_NAME).x)
 
 
+@pytest.mark.full
 def test_the_order_of_the_declaration_changes_no_estimate() -> None:
     before, after = (estimated(order, **BY_NAME) for order in ((X1, X2, S1, S2), (S2, X1, S1, X2)))
     for name in WANDERS:  # not to the bit: L D L' of another order rounds otherwise
@@ -235,6 +237,7 @@ def test_a_value_that_is_no_gain_is_refused_by_name_too(bad: Any) -> None:
 # Of outputs
 
 
+@pytest.mark.full
 def test_noises_and_weights_of_outputs_go_by_name() -> None:
     form = hg.forms.original(two_outputs())
     y1, y2 = (y.name for y in form.system.outputs)
@@ -265,6 +268,7 @@ def test_noises_and_weights_of_outputs_go_by_name() -> None:
         )
 
 
+@pytest.mark.full
 def test_an_error_system_takes_its_gain_and_storage_by_name() -> None:
     plant = model("pendulum")
     x, v = (s.name for s in plant.states)
@@ -307,6 +311,7 @@ def written(path: Path, table: Mapping[str, Any]) -> Path:
     return path
 
 
+@pytest.mark.full
 def test_a_plain_text_model_sets_order_and_gains_by_name(tmp_path: Path) -> None:
     observer = load(written(tmp_path / "three.json", CELL)).step().observer
     assert observer.form.names == ("v", "G", "iL")

@@ -57,6 +57,7 @@ def test_the_bounds_are_those_that_are_known(name: str, observer: str, dt: float
         assert frozen <= gain.gains[state, "y"] <= 1.1 * bound
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", ["rk4", pytest.param("euler", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("observer", FIVE)
 def test_no_noise_moves_the_estimate_further(observer: str, method: str) -> None:
@@ -104,6 +105,7 @@ def test_a_bound_is_near_the_least_where_numbers_are_far_from_1() -> None:
     assert gain.gains["x3", "y"] < 163
 
 
+@pytest.mark.full
 def test_what_next_to_nothing_of_a_norm_shows_is_bounded_too() -> None:
     """The angle, of which a norm of all states is a millionth; the current by a sensor that does not read it."""
     gain = hg.noise_gain(load(MODELS / "geared_motor.py").step("high_gain"))
@@ -135,6 +137,7 @@ def test_noise_of_no_size_has_no_bound(size: Any) -> None:
         gain.bound("q", {"y": size})
 
 
+@pytest.mark.full
 def test_of_chains_that_end_together_the_later_head_counts_by_its_power() -> None:
     """Of a gain below 1, by which less of the noise would seem to enter than does."""
     x1, x2, x3, u = (hg.Signal(name, low=-2, high=2) for name in ("x1", "x2", "x3", "u"))

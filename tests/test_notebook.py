@@ -36,6 +36,7 @@ def ran(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return names
 
 
+@pytest.mark.full
 def test_it_goes_from_a_record_to_c(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The values of the richer plant, but for what its friction does to them; the velocity, which nothing was told;
     innovations that friction and encoder colour; and C that says it is right."""

@@ -197,6 +197,7 @@ def test_a_deficiency_without_a_proof_is_no_fact_and_no_advice() -> None:
     assert not any(word in str(analysis) for word in ("measure", "not observable", "not seen"))
 
 
+@pytest.mark.ordinary("modulo a prime")
 @pytest.mark.parametrize("bend", [lambda e: e**2, sp.sin], ids=["modulo a prime", "balls"])
 def test_sixty_states(bend) -> None:
     """A sparse nonlinear chain with one output: a partial answer by a limit; with three outputs, the whole."""

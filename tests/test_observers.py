@@ -166,6 +166,7 @@ def test_the_window_is_the_papers_integral() -> None:
         assert integrals[k] == pytest.approx(total, rel=1e-12)
 
 
+@pytest.mark.full
 def test_window_and_staggered_agree_on_smooth_data() -> None:
     """As many predictors as samples in the window: the oldest is one sample older than the window, an error of order 1.
 
@@ -218,6 +219,7 @@ def test_missing_samples_are_not_counted(way: str) -> None:
     assert full == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.full
 def test_the_adaptive_filter_is_the_oracles() -> None:
     """Two thousand samples of the reference trial, noise included: rounding only, until theta falls from its peak."""
     t, x = trial.times(trial.FIRST)[:2000], trial.truth(trial.FIRST)[:2000]
@@ -361,6 +363,7 @@ def tunable(nominal: float) -> hg.System:
     return hg.System("pendulum", **data, parameters=(tuned, b), flow=flow, output=plant.output)
 
 
+@pytest.mark.ordinary("high_gain")
 @pytest.mark.parametrize("kind", ["riccati", "high_gain"])
 def test_a_tuned_parameter_is_as_good_as_a_declared_one(kind: str) -> None:
     def build(nominal: float) -> Any:
@@ -612,6 +615,14 @@ def test_nothing_is_offered_to_accept_where_that_does_not_build(name: str, form:
         hg.observers.low_power(made, theta=3, accept=[check.id for check in caught.value.checks])
 
 
+@pytest.mark.ordinary(
+    "high_gain-pendulum",
+    "circle_criterion-pendulum",
+    "circle_criterion-lithium_cell",
+    "low_power-cascaded_tanks",
+    "low_power-pendulum",
+    "filtered-cascaded_tanks",
+)
 @pytest.mark.parametrize("name", ["cascaded_tanks", "pendulum", "lithium_cell"])
 @pytest.mark.parametrize("observer", ["high_gain", "circle_criterion", "low_power", "filtered"])
 def test_what_is_named_in_the_place_of_a_uniform_form_builds(name: str, observer: str) -> None:

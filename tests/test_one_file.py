@@ -54,10 +54,11 @@ def test_there_is_one_of_each() -> None:
     ]
 
 
+@pytest.mark.full
 def test_new_observers_pass_the_tests_of_every_observer(copy: Path) -> None:
     """On one model, with the rules of the house."""
     files = [f"tests/test_{name}.py" for name in ("every_observer", "house", "registry")]
-    assert " passed" in asked(copy, *files, "-k", "not every_observer or luenberger or thau")
+    assert " passed" in asked(copy, *files, "-m", "not slow", "-k", "not every_observer or luenberger or thau")
 
 
 # The gain (2, 10) makes the error of a pendulum grow where it stands upside down: its slope there is 19.6, above K_2.
@@ -78,6 +79,7 @@ for gains in (("40", "400"), ("2", "10")):
 """
 
 
+@pytest.mark.full
 def test_a_new_proof_is_verified_and_a_forged_one_is_not(copy: Path) -> None:
     (copy / "tests" / "forged.py").write_text(FORGED)
     assert run(copy, "tests/forged.py").splitlines() == ["verified", "fails"]
@@ -87,10 +89,11 @@ def test_a_new_proof_is_verified_and_a_forged_one_is_not(copy: Path) -> None:
 def test_nothing_else_is_asked_of_new_files(copy: Path) -> None:
     """Everything that is asked of every case and every model; of the slow tests those that name a new file."""
     files = [f"tests/test_{name}.py" for name in ASKED]
-    assert " passed" in asked(copy, *files)
+    assert " passed" in asked(copy, *files, "-m", "not slow")
     assert " passed" in asked(copy, *files, "-m", "slow", "-k", " or ".join(NEW))
 
 
+@pytest.mark.full
 def test_a_list_that_is_kept_by_hand_is_seen(copy: Path) -> None:
     """Tests that name every observer, form, method, target and model there was fail in the copy."""
     kinds = {kind: getattr(hg, kind).__all__ for kind in ("observers", "forms", "methods", "targets")}

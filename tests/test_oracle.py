@@ -259,6 +259,7 @@ def jump(size: float, duration: float) -> fn.Scenario:
     return fn.Scenario(((50.0, 5.0 + size),), duration)
 
 
+@pytest.mark.full
 def test_reference_trial():
     """Settling, peak and return of theta (brackets of the known answers), and no clamp after the first 5%."""
     t, error, record = trial(fn.observer(fn.adaptive(), STAGGERED), jump(-11.0, 70.0))
@@ -271,6 +272,7 @@ def test_reference_trial():
     assert (np.abs(estimates) < fn.BOX[:, 1]).all()
 
 
+@pytest.mark.full
 def test_constant_theta_8_without_noise():
     t, error, _ = trial(fn.observer(ekf.Constant(8.0)), jump(-11.0, 60.0), clean=True)
     assert fn.settling(t, error, 50.0)[0] == pytest.approx(4.7, abs=0.1)

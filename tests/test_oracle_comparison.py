@@ -124,12 +124,14 @@ def compare(name: str, engine: Any, scenario: fn.Scenario, seed: int) -> None:
     assert abs(ours - theirs) <= 1.5 * fn.DT  # an error that just touches the band may lie on either side of it
 
 
+@pytest.mark.ordinary("theta = 8-python", "decaying-c", "staggered, M = 4-python")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", VARIANTS)
 def test_step_is_the_oracles(name: str, engine: Any) -> None:
     compare(name, engine, SHORT, seed=0)
 
 
+@pytest.mark.ordinary("python")
 @pytest.mark.parametrize("engine", ENGINES)
 def test_reference_trial_is_the_oracles(engine: Any) -> None:
     compare("staggered, M = 4", engine, REFERENCE, seed=1)
@@ -209,6 +211,7 @@ FLOATS = {
 }
 
 
+@pytest.mark.ordinary("theta = 8", "decaying")
 @pytest.mark.parametrize("name", FLOATS)
 def test_a_float_step_errs_within_its_bound(name: str) -> None:
     theta, at = FLOATS[name]
@@ -235,6 +238,7 @@ def test_a_float_step_errs_within_its_bound(name: str) -> None:
     assert (estimates.max(axis=0) < TIGHT * np.abs(X).max(axis=0)).all()
 
 
+@pytest.mark.ordinary("theta = 8", "staggered")
 @needs_compiler
 @pytest.mark.parametrize("name", FLOATS)
 def test_compiled_float_is_the_float_that_was_bounded(name: str) -> None:

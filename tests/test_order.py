@@ -51,6 +51,7 @@ def samples(step: hg.Step) -> dict[str, float]:
 # --- which steps -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("pendulum", "one_state", "redundant")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_only_steps_whose_sections_are_called_apart_say_it(name: str) -> None:
     """One with rates says REPEATED and EARLY, one for late samples keeps them by their ages."""
@@ -59,6 +60,7 @@ def test_only_steps_whose_sections_are_called_apart_say_it(name: str) -> None:
     assert (step.apart and not step.timed and not step.ages) is (name in ORDERED)
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "one_state", "tunable")
 @pytest.mark.parametrize("name", ORDERED)
 def test_a_whole_step_never_says_it(name: str) -> None:
     step, draw = emitted.step(name), np.random.default_rng(3)
@@ -71,6 +73,7 @@ def test_a_whole_step_never_says_it(name: str) -> None:
 # --- once -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("one_state", "tunable", "sin")
 @pytest.mark.parametrize("name", ORDERED)
 def test_a_second_update_does_not_correct(name: str) -> None:
     step = fresh(name)
@@ -81,6 +84,7 @@ def test_a_second_update_does_not_correct(name: str) -> None:
         assert step.save() == before
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "one_state", "tunable")
 @pytest.mark.parametrize("name", ORDERED)
 def test_an_update_before_the_first_predict_does_not_correct(name: str) -> None:
     step = fresh(name)
@@ -149,6 +153,7 @@ def test_c_says_what_python_says(calls: str) -> None:
     }[calls]
 
 
+@pytest.mark.full
 def test_rust_says_what_python_says(tmp_path: Path) -> None:
     step, calls = fresh("one_state", "python"), "upuupu"
     python = statuses(step, calls)

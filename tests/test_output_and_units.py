@@ -18,6 +18,7 @@ x1, x2 = hg.Signal("x1", low=-5, high=5), hg.Signal("x2", low=-5, high=5)
 u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-20, high=20)
 
 
+@pytest.mark.ordinary("kalman-u + x1", "staggered-u + x1", "window-x1*(u + 2)")
 @pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("output", [(2 + u) * x1, x1 + u], ids=str)
 @pytest.mark.parametrize("theta", THETAS)

@@ -57,6 +57,7 @@ def test_the_exact_result_is_inside(first: tuple[Pair, Fraction], second: tuple[
             assert math.isinf(high) or x <= Fraction(high) ** 2
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=300)
 @given(_FLOATS, _FLOATS)
 def test_points_grow_by_one_float_at_most_and_exact_results_not_at_all(x: float, y: float) -> None:
@@ -102,6 +103,7 @@ def test_a_number_lies_between_neighbouring_floats(value: Fraction) -> None:
 _ARGUMENTS = st.one_of(st.floats(-9, 9), st.floats(-1, 1), st.floats(-1e4, 1e4), st.sampled_from([0.0, 1e-300, 800.0]))
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=400)
 @given(st.sampled_from(sorted(endpoints.FUNCTIONS)), _ARGUMENTS, _ARGUMENTS, st.floats(0, 1))
 def test_elementary_functions_hold_their_values(name: str, x: float, y: float, t: float) -> None:

@@ -58,6 +58,7 @@ def bounded(case: str) -> hg.ErrorBound:
     return known
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES)
 def test_no_run_errs_further(case: str) -> None:
     known, step = bounded(case), step_of(case)
@@ -83,6 +84,7 @@ def run(case: str, calls: int, push: int, follow: int) -> np.ndarray:
     return errors
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES)
 def test_its_shares_add_and_the_check_names_it(case: str) -> None:
     known = bounded(case)

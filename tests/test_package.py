@@ -33,6 +33,7 @@ def test_types_and_values_come_from_the_same_files() -> None:
     assert set(hg.__all__) <= set(dir(hg))
 
 
+@pytest.mark.full
 def test_a_function_is_never_its_file() -> None:
     """Python binds a file to its package when it is imported, by whatever way, over what was there."""
     code = """from hgogen import survey, response

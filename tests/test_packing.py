@@ -31,6 +31,7 @@ def below(folder: Path) -> set[str]:
 LIBRARY = {"README.md", "example/main.c", "src/tank.h", "src/tank.c", "src/tank_check.c", "CMakeLists.txt", "tank.md"}
 
 
+@pytest.mark.full
 def test_generate_for_an_ecosystem(here: Path) -> None:
     (written,) = as_json("generate", "tank.toml", "--for", "cmake")["models"]
     there = below(here / "generated" / "tank")
@@ -55,6 +56,7 @@ def test_generate_under_another_name(here: Path) -> None:
     assert {"third.rs", "third_check.rs"} < below(here / "generated" / "third")
 
 
+@pytest.mark.full
 @needs_compiler
 def test_build_for_an_ecosystem_under_another_name(here: Path) -> None:
     report = as_json("build", "tank.toml", "--for", "cmake", "--name", "left", "--seeds", "1")

@@ -16,6 +16,7 @@ MINUS, ZERO = (Fraction(-1), Fraction(-1)), (Fraction(0), Fraction(0))
 UNIT = (Fraction(1), Fraction(2))
 
 
+@pytest.mark.ordinary("expression0-at0", "expression4-at4")
 @pytest.mark.parametrize(
     ("expression", "at"),
     [

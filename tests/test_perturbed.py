@@ -24,6 +24,9 @@ def marked(some: Any, ordinary: Any) -> list[Any]:
     return [pytest.param(each, marks=() if each in ordinary else pytest.mark.slow) for each in some]
 
 
+@pytest.mark.ordinary(
+    "common norm-constraints", "noise of a filter-constraints", "L2 gain-answers", "L2 gain-constraints"
+)
 @pytest.mark.parametrize("what", ["answers", "constraints"])
 @pytest.mark.parametrize("search", marked(SEARCHES, ORDINARY))
 def test_a_perturbed_solver_leads_to_the_same(search: str, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,6 +42,7 @@ def test_a_perturbed_solver_leads_to_the_same(search: str, what: str, monkeypatc
     check()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kernel", marked(KERNELS, KERNELS[-1:]))
 def test_the_kernels_of_a_processor_do_not_matter(kernel: str) -> None:
     assert differences(plain(FIRST), elsewhere(FIRST, kernel, threads=1)) == []

@@ -108,6 +108,7 @@ def flowing(form: hg.Form) -> None:
         assert sp.simplify(moved - rate.xreplace(forward)) == 0
 
 
+@pytest.mark.ordinary("roessler")
 @pytest.mark.parametrize("system", [roessler(), bioreactor(rates=((-1, 1),))], ids=lambda one: one.name)
 def test_the_form_is_the_plant(system: hg.System) -> None:
     form = hg.forms.phase(system)
@@ -116,6 +117,7 @@ def test_the_form_is_the_plant(system: hg.System) -> None:
     flowing(form)
 
 
+@pytest.mark.full
 def test_the_bioreactor_as_its_paper_has_it() -> None:
     """s = a2 x1 (x2 + u x1)/(a1 x1 - x2 - u x1), det = a1 a2 m^2/(a2 m + s)^2; u' enters phi alone."""
     system = bioreactor()
@@ -310,6 +312,7 @@ def bit(step: hg.Step, name: str) -> int:
     return 1 << [one.name for one in step.bits].index(name)
 
 
+@pytest.mark.ordinary("van_der_pol", "original")
 @pytest.mark.parametrize("name", CASES)
 def test_it_converges_in_c_as_in_python(name: str) -> None:
     """At the end the error is 1e-3 of the first one; C and Python differ by roundings that the observer forgets."""
@@ -342,6 +345,7 @@ def test_at_a_singular_point_there_is_no_correction() -> None:
     assert run.x[-1, 0] > 2
 
 
+@pytest.mark.ordinary("neuron-python", "neuron-c", "bioreactor-python", "lorenz-python")
 @pytest.mark.parametrize("engine", ["python", "c"])
 @pytest.mark.parametrize("name", ["neuron", "bioreactor", "lorenz"])
 def test_nothing_reaches_the_state(name: str, engine: Any) -> None:

@@ -87,6 +87,7 @@ def test_a_method(name: str):
         same(hg.sample(pendulum() if linear else kalman(FORMS["triangular"]()), method, dt=0.01))
 
 
+@pytest.mark.ordinary("cascade", "stubborn")
 @pytest.mark.parametrize("name", load(MODELS / "pendulum.py").tuning.tables)
 def test_an_observer(name: str):
     step = tuned().step(name)

@@ -56,6 +56,7 @@ def test_no_block_triangular_form_holds_it() -> None:
     assert "brings in f_b, w together" in str(structure.reason)
 
 
+@pytest.mark.full
 @needs_compiler
 @pytest.mark.parametrize("name", ["riccati", "hamilton_jacobi"])
 def test_the_filter_finds_flux_and_speed(name: str) -> None:

@@ -16,6 +16,7 @@ NOTHING = sp.sin(U) ** 2 + sp.cos(U) ** 2 - 1  # 0, which SymPy's digits do not 
 SLOW = sp.sin(U) - sp.tan(U) / sp.sqrt(1 + sp.tan(U) ** 2)
 
 
+@pytest.mark.ordinary("<lambda>1-nothing0", "<lambda>1-nothing1", "<lambda>2-nothing0")
 @pytest.mark.parametrize("nothing", [NOTHING, SLOW])
 @pytest.mark.parametrize(
     "function",
@@ -85,11 +86,13 @@ def test_an_argument_beyond_an_end_is(function: sp.Function, way: int) -> None:
     )
 
 
+@pytest.mark.full
 def test_a_function_is_not_refuted_for_a_zero_that_it_has_not() -> None:
     around = {U: (Fraction(1, 10**9), Fraction(3, 10**8))}
     assert nonzero(sp.atanh(sp.cos(U)), around).verdict is not Verdict.REFUTED
 
 
+@pytest.mark.full
 def test_a_number_is_not_refuted_for_the_digits_of_nothing() -> None:
     """a_2 = 1 + 0**(1/20) is 1."""
     x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
@@ -100,6 +103,7 @@ def test_a_number_is_not_refuted_for_the_digits_of_nothing() -> None:
     assert not refuted
 
 
+@pytest.mark.full
 def test_what_is_made_of_what_is_not_real_is_undefined(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without digits of the whole, which took minutes of such a one: atan2 of complex numbers, twice."""
     inner = sp.atan2(U ** sp.Rational(4, 3), U - sp.Rational(7, 3))

@@ -51,11 +51,13 @@ def used(made: hg.Step) -> set[str]:
     return {statement.name for statement in walk(programs) if isinstance(statement, Kernel)}
 
 
+@pytest.mark.full
 def test_every_kernel_is_written_as_loops_and_run_below() -> None:
     assert set(KERNELS) <= set(functions_of(matrix_loops))
     assert set().union(*(used(make()) for make in STEPS.values())) == set(KERNELS)
 
 
+@pytest.mark.ordinary("forgetting-float", "bilinear-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("name", ["forgetting", "bilinear"])
 def test_its_loops_have_the_bits_of_python_in_c(name: str, real: str) -> None:
@@ -66,6 +68,7 @@ def test_its_loops_have_the_bits_of_python_in_c(name: str, real: str) -> None:
     assert "samples as recorded" in native.run_check(files, ("-O2", f"-D{made.name.upper()}_EXACT"))
 
 
+@pytest.mark.ordinary("flags0-double", "flags1-float", "flags2-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("flags", [("-O3", "-march=native"), ("-O2",), ("-O2", "-D__clang__")])
 def test_loops_over_whole_vectors_have_the_same_bits(real: str, flags: tuple[str, ...]) -> None:
@@ -80,6 +83,7 @@ def test_loops_over_whole_vectors_have_the_same_bits(real: str, flags: tuple[str
     assert "samples as recorded" in native.run_check(files, (*flags, *exact))
 
 
+@pytest.mark.ordinary("bilinear-float", "bilinear-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("name", ["forgetting", "bilinear"])
 def test_its_loops_have_the_bits_of_python_in_rust(name: str, real: str) -> None:
@@ -166,6 +170,7 @@ def test_an_operation_is_rounded_where_the_language_lacks_the_precision() -> Non
     assert not any(re.search(r"\br\(", line) for line in bodies["double"])
 
 
+@pytest.mark.full
 def test_what_is_rounded_has_the_same_bits_where_the_precision_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     if native.compiler() is None:
         pytest.skip("no C compiler")

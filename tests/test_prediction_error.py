@@ -27,6 +27,7 @@ def held(seed: int, count: int = 200, offset: float = 0.0) -> hg.Log:
     return hg.Log(np.array(u), np.array(y) + offset, DT)
 
 
+@pytest.mark.full
 def test_under_feedback_it_is_right_where_the_error_of_a_simulation_is_not() -> None:
     """Of 8 records the mean lies within 4 of its standard errors, and the values scatter as is said (chi square of 7,
     one in 1e3 beyond); a simulation takes what noise did for a slower plant."""
@@ -53,6 +54,7 @@ def test_the_levels_of_noise_are_those_that_moved_it() -> None:
     assert hg.fit(PLANT, held(20, 50), starts=1).noise == ({}, {})
 
 
+@pytest.mark.full
 def test_samples_may_be_missing_and_an_output_have_an_offset_and_several_records_share() -> None:
     first, second = held(3, 150, offset=0.4), held(4, 200, offset=0.4)
     first.y[40:60] = np.nan

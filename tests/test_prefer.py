@@ -65,6 +65,7 @@ def test_speed_takes_straight_line_code_and_flash_the_shorter_text(n: int, speed
     assert all(step.choice.startswith(IN_LOOPS if named(step) else STRAIGHT) for step in steps)
 
 
+@pytest.mark.full
 def test_the_choice_is_by_what_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """A bound between the two differences tells the two programs apart, whatever n is."""
     assert LONGER["speed"] > LONGER["flash"] == 0
@@ -112,6 +113,7 @@ def test_what_there_is_not_is_refused() -> None:
         row(2, prefer="size")
 
 
+@pytest.mark.full
 def test_it_is_said_in_the_banner_and_in_the_document() -> None:
     made, plain = row(4, prefer="flash"), row(4)
     for target in (hg.targets.c99, hg.targets.markdown):

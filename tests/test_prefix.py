@@ -43,6 +43,7 @@ def of_the_pendulum(name: str, theta: float) -> hg.Step:
     return prefixed(hg.sample(hg.observers.high_gain(form, theta=theta, poles=(-1, -1)), dt=1e-3), name)
 
 
+@pytest.mark.full
 def test_two_observers_of_one_plant_link_together(tmp_path: Path) -> None:
     """And each is its own: both self-checks, every bit, with every warning an error."""
     both = of_the_pendulum("left", 10), of_the_pendulum("right", 20)
@@ -55,6 +56,7 @@ def test_two_observers_of_one_plant_link_together(tmp_path: Path) -> None:
     run([str(tmp_path / "program")], tmp_path)
 
 
+@pytest.mark.full
 def test_two_crates_are_in_one_program(tmp_path: Path) -> None:
     rustc = shutil.which("rustc", path="/usr/bin") or tool("rustc")
     for name, theta in (("left", 10), ("right", 20)):
@@ -70,6 +72,7 @@ def test_two_crates_are_in_one_program(tmp_path: Path) -> None:
     run([str(tmp_path / "main")], tmp_path)
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-rust", "bank-rust", "tables-c99", "tables-rust", "delayed-rust")
 @pytest.mark.parametrize("target", ["c99", "rust"])
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank", "tables", "delayed"])
 def test_nothing_else_is_another(name: str, target: str) -> None:

@@ -74,6 +74,15 @@ def test_ctrl_c_ends_it_by_the_signal_and_without_a_word_of_pythons(moment: str,
     assert (out, said + err) == ("", "" if moment == "importing" else "begun\nhgogen: interrupted\n")
 
 
+@pytest.mark.ordinary(
+    "file-raise KeyboardInterrupt-raises KeyboardInterrupt, which ends Python",
+    "file-raise GeneratorExit('now')-raises GeneratorExit (now), which",
+    "file-import sys; sys.exit(3)-raises SystemExit (3), which ends Python; leave it out, or raise an error",
+    "file-raise type('Odd', (BaseException,), {})-raises Odd, which ends Python",
+    "file-raise type('Mute', (BaseException,), {'__str__': lambda e: 1/0})-raises Mute, which ends Python",
+    "file-raise type('Mute', (ValueError,), {'__str__': lambda e: 1/0})-Mute",
+    "step-raise type('Mute', (BaseException,), {'__str__': lambda e: 1/0})-raises Mute, which ends Python",
+)
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -98,6 +107,7 @@ def test_a_model_that_ends_python(line: str, said: str, place: str, here: Path) 
 # --- the standard output --------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @posix
 def test_nothing_but_results_reaches_the_standard_output(here: Path) -> None:
     """Descriptor 1, C's buffered stdout, a process, Python's own stream: all of them write to the error stream."""
@@ -128,6 +138,7 @@ def test_json_has_no_number_that_is_not_finite() -> None:
     assert json.loads(json_text(value)) == {"a": [None, [None, 1.5]], "b": {"c": None}, "d": None, "e": "inf"}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("huge", ["1e300", "1.7e308"])
 def test_a_record_with_huge_values(huge: str, here: Path) -> None:
     rows = [f"{k / 100},{np.cos(k / 100)},{np.sin(k / 100)}" for k in range(60)]
@@ -222,6 +233,7 @@ def test_what_a_file_says_does_nothing_to_the_terminal(here: Path) -> None:
     assert err.count("\n") == 1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("flow", ["1e308*10*x", "exp(exp(exp(exp(x))))"])
 def test_a_flow_beyond_the_range_of_a_double_is_a_sentence(here: Path, flow: str) -> None:
     states, outputs = {"x": {"flow": flow, "low": -1, "high": 1}}, {"y": {"equation": "x"}}

@@ -124,6 +124,7 @@ def test_the_command_goes_on_after_a_stop(here: Path, monkeypatch: pytest.Monkey
     assert not begun.exists()
 
 
+@pytest.mark.full
 def test_the_command_fits_by_prediction_error(here: Path) -> None:  # noqa: F811
     words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out")
     stdout, _ = hgogen(*words, "--by", "prediction", "--held-out", "0.7")
@@ -139,6 +140,7 @@ def test_the_command_fits_by_prediction_error(here: Path) -> None:  # noqa: F811
         assert abs(value - TRUE[name]) < 4 * result["deviation"][name]
 
 
+@pytest.mark.full
 def test_rows_held_out_are_predicted_with_the_noise_that_was_fitted(here: Path) -> None:  # noqa: F811
     """By the filter that has it as Q and R, of the fitted plant and of the plant as it was."""
     text, _, _ = (here / "spring.toml").read_text().partition("[observer]")

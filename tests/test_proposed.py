@@ -28,6 +28,7 @@ def test_it_is_half_way_to_the_ends() -> None:
     assert (u.min(), u.max()) == (pytest.approx(0.5, abs=1e-2), pytest.approx(1.5, abs=1e-2))
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=15)
 @given(a=st.floats(-3, 3), b=st.floats(-3, 3), c=st.floats(-1, 1))
 def test_the_plant_stays_in_its_ranges(a: float, b: float, c: float) -> None:

@@ -46,6 +46,7 @@ def first(plant, numbers, count):
     raise AssertionError
 
 
+@pytest.mark.full
 def test_series_modulo_a_prime_are_the_lie_derivatives() -> None:
     """With an input, whose derivatives enter, and a division."""
     flow, output = [x2 * u + x1**2, x3 / (1 + x1) + k * x1, x1 * x2 - k * x3], x1 * u - x2
@@ -73,6 +74,7 @@ FUNCTIONS = [
 ]
 
 
+@pytest.mark.ordinary("Max(-1, x1)", "x1*sign(x1)", "x1*Heaviside(x1)")
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: str(f(x1)))
 def test_series_with_balls_are_the_lie_derivatives(function) -> None:
     """Each function's value, slope and series, to 40 digits."""

@@ -149,6 +149,7 @@ def garbage(made: hg.Step) -> str:
     )
 
 
+@pytest.mark.ordinary("two-gcc", "pendulum-clang", "bank-gcc")
 @pytest.mark.parametrize(("name", "compiler"), by_turns(KINDS, ["gcc", "clang"]))
 def test_every_entry_tells_memory_that_is_no_state_and_begins_as_after_a_reset(
     name: str, compiler: str, tmp_path: Any
@@ -234,6 +235,7 @@ int main(void)
 """)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_copies_go_on_and_states_of_another_observer_do_not(compiler: str, tmp_path: Any) -> None:
     plant = step("pendulum").observer.form.system
@@ -282,6 +284,7 @@ def samples_of(made: hg.Step, count: int = 30) -> tuple[np.ndarray, np.ndarray]:
     return draw.uniform(-1, 1, (count, len(made.inputs))), y
 
 
+@pytest.mark.ordinary("two-python", "pendulum-python", "many_states-c")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", KINDS)
 def test_a_run_from_memory_that_is_no_state_is_one_from_a_reset(name: str, engine: Engine) -> None:
@@ -319,6 +322,7 @@ def test_parts_of_a_step_tell_it_and_say_what_comes_before_a_predict(engine: Eng
     assert "UNINITIALISED" not in made.update(**{first: 0.1}).flags
 
 
+@pytest.mark.ordinary("pendulum-c", "pendulum-python", "bank-c", "two-python")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ["pendulum", "bank", "two"])
 def test_many_records_that_start_from_no_state(name: str, engine: Engine) -> None:

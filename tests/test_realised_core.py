@@ -104,6 +104,7 @@ def test_the_error_moves_as_by_scipys_exponential(name: str, observer: str) -> N
         np.testing.assert_allclose(floats(step.Q) @ v, np.vstack([H, H @ first]), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "observer", "theta"), [("hyperjerk", "filtered", 10), ("hyperjerk", "low_power", 6)])
 def test_it_is_proved_to_nine_tenths_of_where_a_frozen_slope_is_unstable(
     name: str, observer: str, theta: float
@@ -113,6 +114,7 @@ def test_it_is_proved_to_nine_tenths_of_where_a_frozen_slope_is_unstable(
     assert all(steps.certain(Fraction(share * edge)) is not None for share in (0.02, 0.2, 0.5, 0.82, 0.9))
 
 
+@pytest.mark.full
 def test_it_is_said_in_which_arithmetic() -> None:
     gains = load(MODELS / "pendulum.py").module.tuning["high_gain"]
     made = hg.observers.high_gain(hg.forms.triangular(model("pendulum")), **gains)
@@ -248,6 +250,7 @@ def test_nothing_is_proved_where_a_core_moves(method: str) -> None:
     assert "for a linear core that does not move" in str(check.reason)
 
 
+@pytest.mark.ordinary("bilinear")
 @pytest.mark.parametrize("method", ["exponential", "bilinear"])
 def test_a_core_is_realised_with_its_saturations_open(method: str) -> None:
     """The slope of a step of the program in its fields, each saturation open, is that of the proof with its slopes at

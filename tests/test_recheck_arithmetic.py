@@ -67,6 +67,7 @@ def test_an_angle_lies_in_its_quadrant(y: Fraction, x: Fraction, width: Fraction
 SIDES = st.tuples(st.fractions(-3, 3), st.fractions(-3, 3)).map(sorted)
 
 
+@pytest.mark.full
 @settings(deadline=None, max_examples=200)
 @given(SIDES, SIDES)
 def test_a_product_is_the_narrowest_that_holds_all_products(a: list[Fraction], b: list[Fraction]) -> None:

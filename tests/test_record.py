@@ -139,6 +139,7 @@ def cpu(function: Callable[[], Any]) -> float:
     return min(spent)
 
 
+@pytest.mark.ordinary("10-50000")
 @pytest.mark.parametrize("rows", [50_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("missing", [0, 10])
 def test_many_rows_are_read_in_the_time_of_a_split(tmp_path: Path, rows: int, missing: int):

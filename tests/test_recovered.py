@@ -72,6 +72,7 @@ def test_the_slope_at_a_clamped_state_is_the_models() -> None:
     assert slopes[1] == pytest.approx(slopes[0], abs=1e-15)
 
 
+@pytest.mark.ordinary("bilinear")
 @pytest.mark.parametrize("make", [bilinear, bioreactor])
 def test_it_is_that_of_the_map_on_the_whole_box_of_z(make: Callable[[], hg.Form]) -> None:
     """60 points of the box and beyond it; where no state is clamped it is the slope of the flow itself. Against 30
@@ -93,6 +94,7 @@ def test_it_is_that_of_the_map_on_the_whole_box_of_z(make: Callable[[], hg.Form]
     assert 20 < clamped < 60
 
 
+@pytest.mark.full
 def test_at_a_pole_of_the_inverse_it_is_that_at_the_end_that_the_pole_is_past() -> None:
     """Where z_1 = z_2 + u z_1, exactly in floats: dPsi/dz has a pole, dPhi/dx has an inverse."""
     form, u = bioreactor(), np.array([0.125, 0.0])

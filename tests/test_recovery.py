@@ -123,7 +123,8 @@ def test_fault_counts_and_limits_follow_the_law(segments: list[tuple[str, int]],
     c, w = {"y": 0.0, "range": 0.0}, {"y": wait, "range": wait}
     for kind, count in segments:
         for k in range(count):
-            estimate = float(memory(step, "z")[0])
+            before = memory(step, "z").copy()
+            estimate = float(before[0])
             y = {
                 "far": -5.0 if estimate > 0 else 5.0,
                 "other": 5.0 if k % 3 else -5.0,
@@ -138,7 +139,8 @@ def test_fault_counts_and_limits_follow_the_law(segments: list[tuple[str, int]],
             if acted:
                 over = [name for name in c if abs(c[name]) + 1 >= w[name]]
                 assert over
-                assert ("y" in over or w["range"] > wait or kind in ("far", "other", "wild")) or acted == {PROJECTED}
+                outside = (abs(before) > 0.5 * widths).any()  # from inside no sample moves it far
+                assert "y" in over or w["range"] > wait or outside or acted == {PROJECTED}
                 for name in over:
                     size, w[name] = min(w[name], most / 2), min(2 * w[name], most)
                     assert abs(now[name]) == size
@@ -415,6 +417,7 @@ def calm(name: str, tuning: str, seeds: int) -> None:
     assert (restarts, share < 1) == (0, True), f"the fault count reaches {share:.2f} of its limit"
 
 
+@pytest.mark.ordinary("cascaded_tanks-riccati")
 @needs_compiler
 @pytest.mark.parametrize(("name", "tuning"), [("pendulum", "high_gain"), ("cascaded_tanks", "riccati")])
 def test_no_shipped_trial_restarts(name: str, tuning: str) -> None:
@@ -428,6 +431,7 @@ def fault(name: str) -> recovery.Fault:
     return next(each for each in recovery.FAULTS if each.name == name)
 
 
+@pytest.mark.full
 @needs_compiler
 @pytest.mark.parametrize(
     ("name", "tuning", "faults"),

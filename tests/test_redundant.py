@@ -57,6 +57,7 @@ def verdicts(checks: Any) -> dict[str, str]:
 # --- the form -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("output8-blocks8-ratios8", "output9-blocks9-ratios9", "output11-blocks11-ratios11")
 @pytest.mark.parametrize(
     ("output", "blocks", "ratios"),
     [
@@ -222,6 +223,7 @@ def bounded(*output: Any, **gains: Any) -> hg.ErrorBound:
     return known
 
 
+@pytest.mark.full
 def test_the_error_is_bounded_as_with_one_sensor() -> None:
     """A disturbance shows in both samples at the end of a call, the line between two of each is beside the plant."""
     pytest.importorskip("clarabel")

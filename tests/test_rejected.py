@@ -55,6 +55,7 @@ CAUSES = {
 }
 
 
+@pytest.mark.ordinary("degrees", "Celsius", "kelvin", "milli", "sign", "offset")
 @pytest.mark.parametrize("cause", CAUSES)
 @pytest.mark.usefixtures("undrawn")
 def test_the_cause_is_named_and_its_map_mends_it(cause: str, tmp_path: Path) -> None:
@@ -72,6 +73,7 @@ def test_the_cause_is_named_and_its_map_mends_it(cause: str, tmp_path: Path) -> 
     assert answer["rejected"] == []
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_a_map_of_an_expression_or_of_a_name_in_brackets_stands_in_one(tmp_path: Path) -> None:
     words = written(tmp_path, "rad", -1, 1, 180 / np.pi, 0, "angle #1")

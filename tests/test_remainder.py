@@ -291,6 +291,15 @@ def row(content: Content) -> Any:
     return one
 
 
+@pytest.mark.ordinary(
+    "rk4-line-swing-what the method leaves as u moves at up to 5 move",
+    "heun-line-swing-as u moves at up to 5 move",
+    "euler-hold-swing-as u moves at up to 0 move",
+    "rk4-line-round-as u moves at up to 5 move",
+    "rk4-line-line-as u moves at up to 5 move",
+    "rk4-line-curve-as u moves at up to 5 move",
+    "euler-hold-map-as u moves at up to 0 move",
+)
 @pytest.mark.parametrize(
     ("method", "between", "shape", "said"),
     [

@@ -68,6 +68,7 @@ def ulps(e: sp.Expr, real: str, points: np.ndarray, of: hg.Signal = W) -> float:
     return max(errors)
 
 
+@pytest.mark.ordinary("signed root-float")
 @pytest.mark.parametrize("real", ["float", pytest.param("double", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in QUOTIENTS]
@@ -81,6 +82,7 @@ def test_a_quotient_is_near_its_limit_form_over_its_range(name: str, real: str) 
     assert ulps(QUOTIENTS[name], real, points) <= ULPS
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_x_log_x_is_near_its_limit_form(real: str) -> None:
     draw = np.random.default_rng()
@@ -91,6 +93,7 @@ def test_x_log_x_is_near_its_limit_form(real: str) -> None:
     assert np.abs(least).max() < 1e-36
 
 
+@pytest.mark.ordinary("sinc", "versine")
 @pytest.mark.parametrize("name", ["sinc", "versine", "third", "exponential"])
 def test_the_derivative_is_that_of_the_limit_form(name: str) -> None:
     """By the program's own derivative, to 64 units of rounding of the size of the function's derivatives."""
@@ -108,6 +111,7 @@ def test_the_derivative_is_that_of_the_limit_form(name: str) -> None:
     assert float(slope(1e-12)) == pytest.approx(limit, abs=1e-11)
 
 
+@pytest.mark.ordinary("e11", "e13", "e26")
 @pytest.mark.parametrize(
     "e",
     [
@@ -131,6 +135,7 @@ def test_a_row_with_a_limit_everywhere_is_refused_to_nobody(e: sp.Expr) -> None:
     hg.observers.riccati(hg.forms.original(plant), Q=[1], R=1)
 
 
+@pytest.mark.ordinary("e0", "e1", "e2")
 @pytest.mark.parametrize(
     "e",
     [
@@ -193,6 +198,7 @@ def test_an_endless_slope_is_named_of_those_that_linearise() -> None:
         assert [check.id for check in undefined_slopes(plant)] == ["singular.x"]
 
 
+@pytest.mark.full
 def test_a_slope_that_the_program_takes_at_an_end_is_met_at_the_door() -> None:
     """sqrt(max(h, 0)) is flat at 0; sqrt(h), of which the program knows no less, is not."""
     for low in (0, -1):
@@ -222,6 +228,7 @@ MULTIPLES = {
 }
 
 
+@pytest.mark.ordinary("square of itself-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("name", MULTIPLES)
 def test_the_logarithm_of_a_multiple_or_a_square_is_near_its_limit_form(name: str, real: str) -> None:
@@ -264,6 +271,7 @@ def test_a_root_of_a_ramp_is_flat_where_the_ramp_is() -> None:
     assert [float(slope(x)[1]) for x in (-1, 0, 4)] == [0, 0, 2]
 
 
+@pytest.mark.full
 @given(
     h=st.sampled_from(
         [sp.sin(_X), 1 - sp.cos(_X), sp.exp(_X) - 1, sp.atan(_X), sp.tan(_X), sp.log(1 + _X), sp.asin(_X)]

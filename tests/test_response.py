@@ -136,6 +136,15 @@ OBSERVERS: dict[str, Any] = {
 }
 
 
+@pytest.mark.ordinary(
+    "filtered-heun",
+    "high_gain-heun",
+    "low_power-heun",
+    "peaking_free-heun",
+    "cascade-euler",
+    "cascade-heun",
+    "cascade-rk4",
+)
 @pytest.mark.parametrize("method", ["euler", "heun", "rk4"])
 @pytest.mark.parametrize("name", OBSERVERS)
 def test_a_steps_response_is_what_the_step_does(name: str, method: str) -> None:
@@ -183,6 +192,7 @@ def test_the_observers_of_three_models_have_a_response_or_are_refused() -> None:
 # --- the command --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_the_command(tmp_path: Path) -> None:
     answer = as_json("response", HYPERJERK, "--omega", "50,100,300", "-o", str(tmp_path))
     assert (answer["observer"], answer["coordinates"], answer["dt"]) == ("filtered", "plant", 1e-3)

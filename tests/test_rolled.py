@@ -135,6 +135,7 @@ def run(lines: Sequence[str], folder: Path, arrays: Sequence[np.ndarray]) -> Non
 shifts, numbers = st.integers(-2, 2), st.sampled_from([0.5, -1.25, 0.0])
 
 
+@pytest.mark.ordinary("shifted", "turned round", "with its own number")
 @compiled
 @pytest.mark.parametrize("kind", ROWS)
 @given(st.sampled_from(sorted(ROWS)), st.tuples(shifts, shifts), st.tuples(numbers, numbers), st.integers(0, 1000))
@@ -252,6 +253,7 @@ def test_a_loop_counts_up_to_its_last_element() -> None:
     assert statements.uses.widest == N
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
 @pytest.mark.parametrize("prefer", ["speed", "flash"])
 def test_few_lines_come_with_a_state(prefer: str) -> None:
@@ -264,6 +266,7 @@ def test_few_lines_come_with_a_state(prefer: str) -> None:
     assert difference <= 8 * {"speed": 11, "flash": 8}[prefer]
 
 
+@pytest.mark.full
 def test_for_flash_triangles_are_gone_through() -> None:
     """What is alike in four elements is a loop for flash, and for speed in eight, of no triangle."""
     speed, flash = (hg.targets.c99(emitted.coupled(5, prefer=p), check=False)["coupled.c"] for p in ("speed", "flash"))

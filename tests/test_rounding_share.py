@@ -334,6 +334,7 @@ def test_a_fields_own_error_is_that_of_the_proof(observer: str) -> None:
 # --- the share
 
 
+@pytest.mark.ordinary("0.001-5-3.0", "0.02-60-3.0")
 @pytest.mark.parametrize(("dt", "seconds", "swing"), [(1e-3, 5, 0.0), (1e-3, 5, 3.0), (0.02, 60, 3.0)])
 def test_no_run_in_floats_is_further_from_one_in_doubles(dt: float, seconds: float, swing: float) -> None:
     """Of samples that rest, where roundings go on in one direction, the worst is within 6 times of the bound."""
@@ -356,6 +357,7 @@ def test_no_run_in_floats_is_further_from_one_in_doubles(dt: float, seconds: flo
     assert swing or worst[1] > bounds[1] / 6
 
 
+@pytest.mark.ordinary("high_gain-0.02", "filtered-0.01")
 @pytest.mark.parametrize(("observer", "dt"), [("high_gain", 1e-3), ("high_gain", 0.02), ("filtered", 0.01)])
 def test_errors_that_push_one_way_come_close_to_the_share(observer: str, dt: float) -> None:
     """Added to the fields of a run in doubles after each call, by the sign of the response to one."""
@@ -385,6 +387,7 @@ def test_errors_that_push_one_way_come_close_to_the_share(observer: str, dt: flo
         assert bound / 4 < worst <= bound
 
 
+@pytest.mark.full
 def test_rounding_is_a_share_of_its_own_that_grows_with_the_unit_and_with_short_steps() -> None:
     plain, single, double = (bounded(noise=1e-3, real=real) for real in (None, *REALS))
     short = bounded(dt=1e-6, noise=1e-3)
@@ -401,6 +404,7 @@ def test_rounding_is_a_share_of_its_own_that_grows_with_the_unit_and_with_short_
     assert single.settles > plain.settles
 
 
+@pytest.mark.full
 def test_a_plant_that_its_observer_repeats_exactly_errs_by_rounding_alone() -> None:
     x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2)]
     plant = hg.System("double", states=x, outputs=(hg.Signal("y"),), flow=[x[1], 0], output=[x[0]])
@@ -424,6 +428,7 @@ def test_a_plant_and_its_mirror_image_round_alike() -> None:
     assert share(-30, -10) == pytest.approx(share(10, 30), rel=1e-3)
 
 
+@pytest.mark.full
 def test_rounding_leaves_less_room_for_first_errors() -> None:
     """Beside what inputs do, what is rounded while the first error decays moves the estimate towards its limits."""
     exact, single = (
@@ -458,6 +463,7 @@ def near_zero(low: float) -> hg.Step:
     return hg.sample(made, hg.methods.rk4, dt=1e-3)
 
 
+@pytest.mark.full
 def test_a_division_near_zero_rounds_more_and_one_by_what_rounding_may_reach_is_not_known() -> None:
     far, close = (hg.error_bound(near_zero(low), real="float") for low in (0.0, 0.9))
     assert close.shares["rounding"]["x2"] > far.shares["rounding"]["x2"]
@@ -495,6 +501,7 @@ def test_samples_are_those_of_the_piece_in_which_the_plant_is(monkeypatch: pytes
         assert float(y.mid()) == pytest.approx(float(z.mid()), abs=1e-6)
 
 
+@pytest.mark.full
 def test_an_injection_that_is_small_rounds_little() -> None:
     """A filter would round as much as the state is large, were samples anywhere in their range."""
     known = bounded("filtered")
@@ -564,6 +571,7 @@ FORGED: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("observer", ["high_gain", "filtered"])
 def test_the_share_is_verified_again(observer: str) -> None:
     content = certified(observer)
@@ -654,6 +662,7 @@ OTHER_PROGRAMS: dict[str, Callable[[dict[str, Any]], None]] = {
 }
 
 
+@pytest.mark.ordinary("inputs that move and are held", "a statement of nothing")
 @pytest.mark.parametrize("program", [None, *OTHER_PROGRAMS])
 def test_another_program_fails_however_much_it_may_round(program: str | None) -> None:
     content = copy.deepcopy(certified("high_gain"))
@@ -682,18 +691,21 @@ def verdict_of(states: Sequence[hg.Signal], flow: Sequence[Any], output: Any, ob
     return verdict(hg.certificate(form, (*made.checks, known.check), made.name))
 
 
+@pytest.mark.full
 def test_a_cube_of_a_wide_range_may_be_divided_by() -> None:
     x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
     flow = [v, -v - x + 1 / (sp.Rational(33, 10) + x) ** 3]
     assert verdict_of((x, v), flow, x, "high_gain", poles=(-1.37, -0.61)) == "verified"
 
 
+@pytest.mark.full
 def test_a_number_of_the_plant_is_listed_as_it_stands_there() -> None:
     """x/1.3, whose 0.7692307692307692 is also almost 10/13."""
     x, v = hg.Signal("x", low=-2, high=2), hg.Signal("v", low=-2, high=2)
     assert verdict_of((x, v), [v, -sp.sin(x / 1.3)], x, "high_gain", poles=(-1.37, -0.61)) == "verified"
 
 
+@pytest.mark.full
 def test_of_two_numbers_that_are_all_but_the_same_the_nearest_is_listed() -> None:
     """The ends of the ranges are 1 and 0.9999999999999998 in the units of the fields."""
     x, v = hg.Signal("x", low=-0.7, high=0.7), hg.Signal("v", low=-2.0999999999999996, high=2.0999999999999996)

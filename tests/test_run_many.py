@@ -72,6 +72,7 @@ def is_run(many: Batch, k: int, alone: Run) -> bool:
     return all(one.tobytes() == other.tobytes() for one, other in pairs)
 
 
+@pytest.mark.ordinary("bank-double", "many_states-double", "pendulum-double", "sin-float", "window_held-double")
 @lanes
 @pytest.mark.parametrize(
     ("name", "real"),
@@ -93,6 +94,7 @@ def test_lanes_have_the_bits_of_the_scalar_step(name: str, real: Real) -> None:
         assert is_run(many, k, made.run(u[k], y[k], "c")), k
 
 
+@pytest.mark.ordinary("bank", "window_held")
 @lanes
 @pytest.mark.parametrize(
     "name", ["bank", "delayed", "fitzhugh_nagumo", "integrated", "many_states", "two_injections", "window_held"]
@@ -150,6 +152,7 @@ def test_threads_chunks_and_lanes_without_a_record_change_no_byte() -> None:
         assert alone.x.shape == (1, 100, 3)
 
 
+@pytest.mark.ordinary("float-c", "double-python", "double-c")
 @pytest.mark.parametrize("engine", ["python", pytest.param("c", marks=lanes)])
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_records_differ_by_parameters_and_starts(engine: Engine, real: Real) -> None:
@@ -213,6 +216,7 @@ def test_a_callback_is_told_how_many_are_done() -> None:
     assert calls == [(64, 130), (128, 130), (130, 130)]
 
 
+@pytest.mark.full
 @lanes
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_narrower_registers_have_the_same_bits(real: Real, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,6 +248,7 @@ def test_a_compiler_without_vectors_runs_one_by_one_and_says_so(monkeypatch: pyt
         assert is_run(many, k, made.run(u[k], y[k]))
 
 
+@pytest.mark.full
 @lanes
 def test_a_step_with_a_kernel_that_has_no_lanes_runs_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     made = step("many_states").made_again()

@@ -28,7 +28,8 @@ from tests.sweep import by_turns
 NAMES = list(emitted.STEPS)
 REALS = ("float", "double")
 MODELS = sorted(path for path in plants.MODELS.glob("*.*") if path.is_file())
-TUNED = [(path.stem, name) for path in MODELS for name in load(path).tuning.tables]
+OWN = [path for path in MODELS if plants.loaded(path).has("step")]
+TUNED = [(path.stem, name) for path in MODELS for name in plants.loaded(path).tuning.tables]
 LINK = ("-C", "prefer-dynamic", "-C", "rpath")  # to link the standard library as it lies there takes half the time
 KINDS = {"float": ("f32", np.float32), "double": ("f64", np.float64)}
 
@@ -69,6 +70,7 @@ def passed(made: hg.Step) -> str:
 # --- bits ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("integrated-float", "exponential-double", "tunable-float")
 @pytest.mark.parametrize(("name", "real"), by_turns(NAMES, REALS))
 def test_it_has_no_warning_and_every_bit_is_as_recorded(name: str, real: str, tmp_path: Path) -> None:
     """Not optimised: sums and products of counters that overflow, and indices beyond their array, then panic."""
@@ -84,7 +86,7 @@ def test_optimised_it_has_the_same_bits(name: str, real: str, tmp_path: Path) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("real", REALS)
-@pytest.mark.parametrize("path", [path for path in MODELS if load(path).has("step")], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", OWN, ids=lambda path: path.stem)
 def test_every_model_s_own_step_has_the_bits(path: Path, real: str, tmp_path: Path) -> None:
     made = load(path).step()
     assert check(made, real, tmp_path, "-O") == passed(made)
@@ -98,6 +100,7 @@ def test_a_seventh_of_the_tunings_has_the_bits(model: str, name: str, real: str,
     assert check(made, real, tmp_path, "-O") == passed(made)
 
 
+@pytest.mark.ordinary("bank")
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank"])
 def test_another_compiler_computes_the_same(name: str, tmp_path: Path) -> None:
     assert check(step(name), "float", tmp_path, compiler=1) == passed(step(name))
@@ -143,6 +146,7 @@ def driver(made: CallableStep, u: np.ndarray, y: np.ndarray, spoiled: str = "") 
     )
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "no_input")
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank", "many_states", "no_input", "delayed"])
 def test_no_number_harms_it_and_python_agrees(name: str, tmp_path: Path) -> None:
     """NaN, infinite, huge and tiny samples among good ones; a sum that overflows would end the program."""
@@ -161,6 +165,7 @@ def test_no_number_harms_it_and_python_agrees(name: str, tmp_path: Path) -> None
     assert (printed[:, 1:] == np.ascontiguousarray(done.x).view(np.uint64)).all()
 
 
+@pytest.mark.ordinary("bank", "window_held")
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank", "window_held", "delayed"])
 def test_no_counter_harms_it(name: str, tmp_path: Path) -> None:
     """Whatever the state was restored from, no index is beyond its array, which would end the program."""
@@ -183,6 +188,7 @@ SEEDED = [
 ]
 
 
+@pytest.mark.ordinary("s.L[1] = l31-s.L[1] = l21", "|= status::REUSED_U-|= status::CLAMPED_U")
 @pytest.mark.parametrize(("right", "wrong"), SEEDED)
 def test_the_self_check_catches_what_is_mistyped(right: str, wrong: str, tmp_path: Path) -> None:
     texts = hg.targets.rust(step("fitzhugh_nagumo"))
@@ -193,6 +199,7 @@ def test_the_self_check_catches_what_is_mistyped(right: str, wrong: str, tmp_pat
     assert subprocess.run([program], check=False, capture_output=True).returncode == 1
 
 
+@pytest.mark.full
 def test_its_recipe_is_run_by_the_compiler_that_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RUSTC", rustc())
     assert native.run_recipe(hg.targets.rust(step("pendulum"))) == passed(step("pendulum"))
@@ -201,6 +208,7 @@ def test_its_recipe_is_run_by_the_compiler_that_is_named(monkeypatch: pytest.Mon
         native.run_recipe(hg.targets.rust(step("pendulum")))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank"])
 def test_its_manual_has_no_warning(name: str, tmp_path: Path) -> None:
     """A unit in brackets is no link to an item, what clippy finds better is the order of the C, and nothing public is
@@ -212,6 +220,7 @@ def test_its_manual_has_no_warning(name: str, tmp_path: Path) -> None:
             run([path, "--edition", "2021", "--crate-type", "lib", *lints, f"{name}.rs"], tmp_path)
 
 
+@pytest.mark.full
 def test_the_page_s_lines_compile_and_its_commands_run(tmp_path: Path) -> None:
     page = pages.text("firmware")
     (snippet,), (commands,) = pages.blocks("rust", page), (b for b in pages.blocks("sh", page) if "rustc" in b)
@@ -231,6 +240,7 @@ def test_the_page_s_lines_compile_and_its_commands_run(tmp_path: Path) -> None:
 # --- text ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo-double", "pendulum-float", "no_input-double")
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("name", NAMES)
 def test_it_is_plain_and_safe(name: str, real: Real) -> None:
@@ -244,6 +254,7 @@ def test_it_is_plain_and_safe(name: str, real: Real) -> None:
         assert len(line) <= COLUMNS, line
 
 
+@pytest.mark.ordinary("pendulum", "bent", "chained_in_x")
 @pytest.mark.parametrize("name", NAMES)
 def test_an_empty_line_stands_between_functions_and_none_at_the_end(name: str) -> None:
     text = emitted.crate(name)
@@ -252,6 +263,7 @@ def test_an_empty_line_stands_between_functions_and_none_at_the_end(name: str) -
     assert text.endswith("}\n")
 
 
+@pytest.mark.full
 def test_the_same_memory_as_in_c() -> None:
     """The fields of the state, in order, by name and size; the C has the mark of a state before them."""
     for name in NAMES:
@@ -282,6 +294,7 @@ def test_keywords_get_an_underscore_and_it_is_said(tmp_path: Path) -> None:
     assert check(made, "float", tmp_path) == passed(made)
 
 
+@pytest.mark.full
 def test_keywords_are_those_of_the_compiler(tmp_path: Path) -> None:
     """No other word that a signal may be called is refused."""
     words = {word for name in NAMES for s in (*step(name).states, *step(name).outputs) for word in (s.name,)}
@@ -297,6 +310,7 @@ def test_keywords_are_those_of_the_compiler(tmp_path: Path) -> None:
         assert subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode, word
 
 
+@pytest.mark.ordinary("State", "main")
 @pytest.mark.parametrize("name", ["f32", "usize", "State", "Parameters", "Some", "status", "main"])
 def test_a_model_may_have_the_name_of_a_type(name: str, tmp_path: Path) -> None:
     """The self-check says that it means the crate."""
@@ -314,6 +328,7 @@ def test_names_that_rust_cannot_carry_are_refused() -> None:
             hg.targets.rust(keyworded(name, "a", "b"))
 
 
+@pytest.mark.full
 def test_words_of_the_user_stay_in_their_comments(tmp_path: Path) -> None:
     a = hg.Signal("a", "*/ int i; /*", "a */ b /* c\nfn d() {\r```", low=-1, high=1)
     y = hg.Signal("y", "V \\", "\\")

@@ -106,6 +106,7 @@ def taken(step: CallableStep, act: tuple[Any, ...]) -> Any:
         return str(error)
 
 
+@pytest.mark.ordinary("high_gain", "held")
 @needs_compiler
 @pytest.mark.parametrize("name", STEPS)
 @given(data=st.data())
@@ -122,6 +123,7 @@ def test_both_engines_give_the_same_bits(name: str, data: st.DataObject) -> None
         assert steps[0].save() == steps[1].save()
 
 
+@pytest.mark.ordinary("high_gain", "held")
 @needs_compiler
 @pytest.mark.parametrize("name", STEPS)
 def test_engines_take_turns_on_one_memory(name: str) -> None:

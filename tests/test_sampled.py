@@ -114,6 +114,9 @@ def test_the_resolvent(values: list[float]) -> None:
 # --- the linear core ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary(
+    "0.001-filtered-bilinear", "0.001-high_gain-exponential", "0.001-low_power-bilinear", "3.0-high_gain-bilinear"
+)
 @methods
 @pytest.mark.parametrize("name", OBSERVERS)
 @pytest.mark.parametrize("dt", [1e-3, 3.0])
@@ -131,6 +134,7 @@ def test_the_core_is_the_formulas_at_any_step_length(name: str, method: str, dt:
     assert run.x == pytest.approx(shown, abs=1e-10 * np.abs(expected).max())
 
 
+@pytest.mark.ordinary("filtered-bilinear", "high_gain-exponential", "low_power-exponential")
 @methods
 @pytest.mark.parametrize("name", OBSERVERS)
 def test_without_a_sample_the_core_is_the_blind_one(name: str, method: str) -> None:
@@ -149,6 +153,7 @@ def test_without_a_sample_the_core_is_the_blind_one(name: str, method: str) -> N
     assert run.x[-1] == pytest.approx(x[[0, 3, 4, 5] if name == "low_power" else [0, 1, 2, 3]], abs=1e-11)
 
 
+@pytest.mark.ordinary("filtered-bilinear", "high_gain-exponential", "high_gain-bilinear", "low_power-bilinear")
 @methods
 @pytest.mark.parametrize("name", OBSERVERS)
 def test_far_beyond_the_limit_of_runge_kutta_it_is_stable(name: str, method: str) -> None:
@@ -163,6 +168,7 @@ def test_far_beyond_the_limit_of_runge_kutta_it_is_stable(name: str, method: str
     assert run.x[-100:] == pytest.approx(expected[-100:], abs=1e-9)
 
 
+@pytest.mark.full
 @methods
 def test_a_tuned_gain_has_its_own_matrices(method: str) -> None:
     y = np.random.default_rng(4).normal(size=50)
@@ -195,6 +201,7 @@ def test_the_response_is_the_formulas(name: str) -> None:
 # --- the nonlinear rest -------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @methods
 @pytest.mark.parametrize("between", ["line", pytest.param("hold", marks=pytest.mark.slow)])
 def test_the_rest_has_order_2(method: str, between: str) -> None:
@@ -234,6 +241,7 @@ def test_it_converges_at_ten_times_the_step_that_a_model_has(name: str, method: 
     assert (np.abs(done.error[-300:]).max(axis=0) < [1e-3, 1e-2, 0.05, 0.1]).all()
 
 
+@pytest.mark.ordinary("bilinear")
 @methods
 def test_several_outputs_have_matrices_for_each_pattern_of_samples(method: str) -> None:
     """Two chains: either output may be missing, or both. What Runge-Kutta does, but for (h |lambda|)^2 = 1e-4."""
@@ -254,6 +262,7 @@ def test_several_outputs_have_matrices_for_each_pattern_of_samples(method: str) 
 # --- C ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @compiled
 @pytest.mark.parametrize(("method", "name"), [("exponential", "filtered"), ("bilinear", "low_power")])
 def test_c_is_python(name: str, method: str) -> None:
@@ -267,6 +276,7 @@ def test_c_is_python(name: str, method: str) -> None:
     assert np.array_equal(c.status, python.status)
 
 
+@pytest.mark.ordinary("exponential-float", "bilinear-double")
 @compiled
 @pytest.mark.parametrize(("method", "real"), [("exponential", "float"), ("bilinear", "float"), ("bilinear", "double")])
 def test_c_checks_itself(method: str, real: Any) -> None:

@@ -54,6 +54,7 @@ def built() -> Any:
 # --- Python -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("guards", "gain")
 @pytest.mark.parametrize("what", VARIANTS)
 def test_a_state_of_another_program_is_refused_and_the_state_stays(what: str) -> None:
     """Of the same size, too: the checksum is right, and the digest differs."""
@@ -147,6 +148,7 @@ CONSTANTS: dict[str, Callable[[], tuple[hg.Step, hg.Step]]] = {
 }
 
 
+@pytest.mark.ordinary("poles", "filter")
 @pytest.mark.parametrize("what", CONSTANTS)
 def test_the_digest_is_of_constants_that_no_field_holds(what: str) -> None:
     """The same fields of the same size: what the code computes with is folded into it."""
@@ -240,6 +242,7 @@ def program(made: Any, folder: Path, compiler: str = "gcc") -> Path:
     return compiled(tool(compiler), {**texts, "main.c": _C.substitute(real=made.real)}, folder, *SANITIZE)
 
 
+@pytest.mark.ordinary("gcc")
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_what_c_saves_it_restores_as_python_does(compiler: str, tmp_path: Path) -> None:
     """The same bytes; every bit and every length of it decides, and constant parameters have the bits of init's."""
@@ -254,6 +257,7 @@ def test_what_c_saves_it_restores_as_python_does(compiler: str, tmp_path: Path) 
     assert (refused, [float(each) for each in x]) == ("0", after.x.tolist())
 
 
+@pytest.mark.full
 def test_what_c_saves_no_other_program_restores(tmp_path: Path) -> None:
     made = built()
     run([str(program(made, tmp_path / "own")), "s", "saved"], tmp_path)
@@ -265,6 +269,9 @@ def test_what_c_saves_no_other_program_restores(tmp_path: Path) -> None:
         assert (name, refused, [float(each) for each in x]) == (name, "1", after.x.tolist())
 
 
+@pytest.mark.ordinary(
+    "float-tunable", "double-tunable", "double-bank", "double-delayed", "double-two", "double-one_state"
+)
 @needs_compiler
 @pytest.mark.parametrize("name", ["tunable", "bank", "delayed", "two", "one_state"])
 @pytest.mark.parametrize("real", ["float", "double"])
@@ -304,6 +311,7 @@ fn main() {
 """)
 
 
+@pytest.mark.ordinary("two-float", "bank-double")
 @pytest.mark.parametrize(("name", "real"), [("two", "float"), ("bank", "double"), ("delayed", "float")])
 def test_rust_restores_what_it_saves_and_nothing_else(name: str, real: str, tmp_path: Path) -> None:
     made = step(name)

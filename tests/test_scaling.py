@@ -59,6 +59,7 @@ def test_at_constant_theta_both_scalings_are_one_observer(method: str) -> None:
     assert np.abs(neuron(hg.theta.constant(3.0, scaled="process"), P0, method) - paper).max() > 1e-3
 
 
+@pytest.mark.full
 def test_while_theta_decays_they_are_two() -> None:
     """S' of the paper's has rate (theta - 1)/theta S more: a difference that vanishes with the rate, not before."""
 
@@ -144,6 +145,7 @@ def record(dt: float, duration: float) -> dict[str, np.ndarray]:
     return {"u": 0.5 * np.sin(t), "y": np.column_stack([np.cos(0.7 * t), np.sin(0.4 * t)])}
 
 
+@pytest.mark.ordinary("False-both-end", "False-process-top", "True-process-end")
 @pytest.mark.parametrize("align", ["top", "end"])
 @pytest.mark.parametrize("scaled", SCALED)
 @pytest.mark.parametrize("decays", [False, True])
@@ -169,6 +171,7 @@ def test_blocks_are_the_oracles(align: str, scaled: str, decays: bool) -> None:
     assert run.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("align", [pytest.param("top", marks=pytest.mark.slow), "end"])
 def test_every_view_of_blocks_follows_the_same_equation(align: str) -> None:
@@ -185,6 +188,7 @@ def test_every_view_of_blocks_follows_the_same_equation(align: str) -> None:
     assert max(fine for _, fine in errors.values()) < 0.02
 
 
+@pytest.mark.ordinary("end")
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_many_states_by_loops_are_the_few_unrolled(align: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same equation with the same operations but for their order."""
@@ -202,6 +206,7 @@ def test_many_states_by_loops_are_the_few_unrolled(align: str, monkeypatch: pyte
 chains = st.lists(st.integers(1, 3), min_size=1, max_size=3)
 
 
+@pytest.mark.full
 @given(chains, st.sampled_from(["top", "end"]), st.sampled_from([0, 1]), st.floats(1.5, 6.0), st.integers(0, 1000))
 @settings(deadline=None, max_examples=15)
 def test_theta_multiplies_the_poles_of_integrators(
@@ -271,6 +276,7 @@ def test_the_slides_theorem_knows_no_delta(align: str, standing: str) -> None:
     assert standings["R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"] == standing
 
 
+@pytest.mark.full
 def test_the_motors_load_is_found_sooner_where_theta_adapts() -> None:
     """Nor is the error larger by more than a tenth, once the load is found."""
     (trial,) = MOTOR.trials()
@@ -301,6 +307,7 @@ def resting(innovation: Any, y: np.ndarray) -> np.ndarray:
     return hg.sample(observer, dt=0.1).run(y=y, engine="python").traces["innovation"]
 
 
+@pytest.mark.ordinary("<lambda>")
 @pytest.mark.parametrize("make", [hg.innovation.window, lambda d, **more: hg.innovation.staggered(d, 2, **more)])
 def test_outputs_add_up_by_their_weights(make: Callable[..., Any]) -> None:
     """Over 1 s: 1^2 + 2^2, or 10 * 1^2 + 0.5 * 2^2."""

@@ -48,12 +48,14 @@ def test_a_fifth_is_of_every_family_and_kind() -> None:
     assert {one.kind for one in every() if in_fifth(one)} == {one.kind for one in every()}
 
 
+@pytest.mark.full
 def test_nothing_failed_and_nothing_was_late(answers: Answers) -> None:
     complaints = {name: [a.get(key) for key in ("error", "partial", "notes")] for name, a in answers.items()}
     wrong = {name: said for name, said in complaints.items() if any(said)}
     assert not wrong
 
 
+@pytest.mark.ordinary("a fifth-triangular_uy", "a fifth-uof_structure")
 @pytest.mark.parametrize("field", [*FORMS, *SEVERAL])
 def test_verdicts(answers: Answers, field: str, capsys: pytest.CaptureFixture[str]) -> None:
     score: Counter[str] = Counter()

@@ -27,6 +27,7 @@ def evaluated() -> dict[str, Sampled]:
     return {one.name: Sampled(one.model) for one in singles() + several()}
 
 
+@pytest.mark.full
 def test_there_are_enough_and_they_are_the_same_again() -> None:
     every = singles() + several() + queries()
     assert len(every) >= 300
@@ -38,6 +39,7 @@ def test_there_are_enough_and_they_are_the_same_again() -> None:
         assert {True, False} <= {one.truth.get(field) for one in several()}
 
 
+@pytest.mark.full
 def test_structure_by_every_order() -> None:
     for one in (one for one in singles() if len(one.model["states"]) <= 5):
         labels = structure(evaluated()[one.name])
@@ -52,6 +54,7 @@ def test_structure_by_every_order() -> None:
                 assert not labels[field] or any(low <= 0 for low, _ in truth["a_ranges"]), (one.name, field)
 
 
+@pytest.mark.full
 def test_structure_by_every_split() -> None:
     for one in several():
         labels = structure(evaluated()[one.name])
@@ -130,6 +133,7 @@ def test_scrambled_queries_keep_their_range() -> None:
             assert low - SLACK * (1 + abs(low)) <= value <= high + SLACK * (1 + abs(high)), one.name
 
 
+@pytest.mark.full
 def test_scaled_gains_stay_in_their_range() -> None:
     """The slope of each row in the next state, in the model's own coordinates."""
     for one in (one for one in singles() if "a_ranges" in one.truth):
@@ -205,6 +209,7 @@ def rank(rows: list[list[sp.Expr]], at: Mapping[sp.Symbol, sp.Expr]) -> int:
         return sum(abs(v) > mpmath.mpf(10) ** -30 for v in values)
 
 
+@pytest.mark.full
 def test_gauthier_bornard_by_lie_derivatives() -> None:
     for one in (one for one in small("gb_uniform") if one.truth["gb_uniform"] in (True, False)):
         x, u, flow, rows = lie(one)
@@ -221,6 +226,7 @@ def test_gauthier_bornard_by_lie_derivatives() -> None:
         assert good == one.truth["gb_uniform"], one.name
 
 
+@pytest.mark.full
 def test_singular_set_by_lie_derivatives() -> None:
     for one in small("singular"):
         x, _, _, rows = lie(one)

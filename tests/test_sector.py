@@ -163,6 +163,7 @@ def test_what_stands_in_the_way_is_told() -> None:
     assert str(nothing.missing) == "the linear core is not shown to decay"
 
 
+@pytest.mark.ordinary("stubborn-1.01", "stubborn-100.0", "dead_zone-100.0")
 @pytest.mark.parametrize("factor", [1.01, 100.0])
 @pytest.mark.parametrize("kind", ["stubborn", "dead_zone"])
 def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: str, factor: float) -> None:

@@ -67,6 +67,7 @@ def record(made: Any, samples: int = 100) -> tuple[np.ndarray, np.ndarray]:
 # --- a record and its sections ------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("build", [lambda: two(y2=0.05), adaptive], ids=["two", "adaptive"])
 def test_a_record_with_gaps_is_the_sections_by_hand(build: Any) -> None:
     made = build()
@@ -131,6 +132,7 @@ def test_c_by_its_sections_has_the_bits_of_the_record_and_of_python(real: Any) -
         assert np.array_equal(native.estimate, whole.x[k])
 
 
+@pytest.mark.full
 def test_the_recorded_self_check_holds() -> None:
     for real in ("float", "double"):
         assert "as recorded" in run_check(hg.targets.c99(two(y2=0.05), real=real))
@@ -386,6 +388,7 @@ def test_who_integrates_with_the_measurement_refuses(build: Any) -> None:
             call()
 
 
+@pytest.mark.full
 def test_the_c_of_who_cannot_update_has_no_such_function() -> None:
     """Its sections are there, for the step alone."""
     made = emitted.integrated()

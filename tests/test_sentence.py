@@ -110,6 +110,7 @@ def test_a_bound_is_written_as_it_is_rounded(value: float, digits: int) -> None:
     )
 
 
+@pytest.mark.full
 @example(-(10**14) - 1, 20, 0)  # 15 digits and a sign
 @given(st.integers(-(10**16), 10**16), st.integers(0, 30), st.integers(0, 300))
 def test_the_tables_shorten_whole_numbers_of_many_zeros(number: int, zeros: int, more: int) -> None:
@@ -168,6 +169,7 @@ def of_forms(plant: hg.System) -> tuple[tuple[Form, ...], tuple[Sentence, ...]]:
     return tuple(row.form for row in survey.rows if row.form), tuple(row.why for row in survey.rows)
 
 
+@pytest.mark.ordinary("pmsm", "sir")
 @pytest.mark.parametrize("name", NAMES)
 def test_no_number_is_written_into_the_pattern_of_a_reason(name: str) -> None:
     loaded = load(name)

@@ -32,6 +32,7 @@ def test_every_command_that_makes_a_step_takes_them(name: str) -> None:
     assert re.search(r"--observer\b", stdout)
 
 
+@pytest.mark.ordinary("pendulum.py")
 @pytest.mark.parametrize("name", ["pendulum.py", "fitzhugh_nagumo.py"])
 def test_a_models_own_step_is_made_again(name: str) -> None:
     """Of what is not set it keeps all: the observer with its gains, what the input does between samples."""
@@ -90,6 +91,7 @@ def test_a_case_that_there_is_not(setting: Setting, said: str) -> None:
     assert str(refused.value).startswith(said)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_the_command_in_the_banner_makes_the_same_c_again(tmp_path: Path) -> None:
     for place in ("one", "two"):
@@ -103,6 +105,7 @@ def test_the_command_in_the_banner_makes_the_same_c_again(tmp_path: Path) -> Non
     assert header.read_bytes() == again.read_bytes()
 
 
+@pytest.mark.full
 def test_check_asks_the_form_that_is_set_and_takes_the_observers_as_they_are_tuned() -> None:
     status, stdout, _ = command("check", model("pendulum.py"), "--form", "phase", "--json")
     answer = json.loads(stdout)
@@ -128,6 +131,7 @@ def test_a_setting_is_not_for_a_library(tmp_path: Path) -> None:
     assert "--form" in said
 
 
+@pytest.mark.full
 def test_window_asks_the_tuning_that_is_named() -> None:
     status, stdout, said = command("window", model("fitzhugh_nagumo.py"), "--observer", "riccati", "--json")
     assert status == 0, said

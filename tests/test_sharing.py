@@ -35,6 +35,7 @@ def source(name: str) -> str:
     return texts[f"{made(name).name}.c"]
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "delayed")
 @pytest.mark.parametrize("name", NAMES)
 def test_no_list_of_first_values_stands_twice(name: str) -> None:
     """But that of the estimate, with which the compiler folds what comes after it."""
@@ -47,6 +48,7 @@ def test_no_list_of_first_values_stands_twice(name: str) -> None:
     assert [run for run, times in Counter(runs).items() if times > 1] == []
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks")
 @pytest.mark.parametrize("name", NAMES)
 def test_each_box_of_several_numbers_stands_once(name: str) -> None:
     """Each text of what keeps a field in its box, which differs where it is another box."""

@@ -94,6 +94,7 @@ def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch:
     assert (slight.shift, slight.error < slight.present) == (1, True)
 
 
+@pytest.mark.full
 def test_an_estimate_that_settles_does_not_blame_a_signal() -> None:
     """Of a record that its own plant made: while the estimate settles, another sign of u may predict better by chance,
     and the first eighth has most of the squared error."""
@@ -105,6 +106,7 @@ def test_an_estimate_that_settles_does_not_blame_a_signal() -> None:
     assert better(one, truth.u, y, 0, native.engine()) is None
 
 
+@pytest.mark.full
 def test_an_input_that_stands_still_has_no_other_sign() -> None:
     """Of an estimate that settles too slowly its negative, an offset, makes up for what is wrong of hidden states."""
     model = load("hindmarsh_rose")
@@ -151,6 +153,7 @@ def test_a_bad_shift_is_a_sentence(texts: tuple[str, ...], said: str) -> None:
     assert said in str(caught.value)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_run_takes_a_shift_and_says_which_is_better(tmp_path: Path) -> None:
     rows = "\n".join(f"{k * DT:.4f},{a:.9f},{b:.9f}" for k, (a, b) in enumerate(np.hstack(driven(2))))

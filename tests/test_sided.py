@@ -49,6 +49,7 @@ def graph(form: hg.Form) -> ca.Function:
     return ca.Function("x", [z, u], [x, ca.vertcat(*dynamics.beyond(z, u))])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sign", [1, -1])
 def test_on_the_image_of_the_ranges_it_is_the_inverse(sign: int) -> None:
     """Corners and 50 points. Where m - w = m^2/(m + s) is m/21, its rounding is 21 times that of m, and again in s."""
@@ -61,6 +62,7 @@ def test_on_the_image_of_the_ranges_it_is_the_inverse(sign: int) -> None:
         assert np.array(x)[:, 0] == pytest.approx([m, s], rel=1e-12, abs=1e-15)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sign", [1, -1])
 def test_past_the_pole_the_hidden_state_is_at_the_near_end(sign: int) -> None:
     """s rises with m' up to its range's end, before, at and past the pole m' = m, and is said to be beyond it."""
@@ -87,12 +89,14 @@ def test_a_denominator_keeps_at_most_half_of_what_it_is_on_the_image() -> None:
     assert 0.1 * 1e-4 / 0.21 < float(least) <= 0.5 * 1e-4 / 0.21
 
 
+@pytest.mark.full
 def test_a_side_that_is_not_proved_is_not_kept() -> None:
     """With m from 0 on the denominator is 0 on the image's edge: the plant keeps its coordinates, or Psi as it is."""
     form = growth(low=0)
     assert sided(form).rows == form.from_form
 
 
+@pytest.mark.full
 def test_the_status_tells_of_a_clamped_state() -> None:
     """OUTSIDE_BOX if and only if z, or Psi(z) before its clamp, is outside: y steps, and m' overshoots."""
     form = growth()
@@ -113,6 +117,7 @@ def test_the_status_tells_of_a_clamped_state() -> None:
     assert seen == {False, True}
 
 
+@pytest.mark.full
 def test_no_correction_is_divided_by_a_determinant_of_0() -> None:
     """At x2 = x3 = 0, x1 = 0 dPhi/dx has no inverse: the push is 0, and no step of it was a division by 0."""
     dynamics = Dynamics(full())

@@ -165,6 +165,7 @@ def test_what_is_not_proved_is_said_not_to_be(sizes: dict[str, Any]) -> None:
     assert promised(hg.signed(step_of(guards="none"), rates={"tau": 5}, **sizes)) == [UNPROVED]
 
 
+@pytest.mark.full
 def test_digits_that_a_solver_leaves_open_are_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Weights that are off by a millionth are as good to it."""
     before, solved, random = header(hg.signed(step_of(), **INPUTS)), under_inputs.settled, np.random.default_rng(1)
@@ -200,6 +201,7 @@ def generated(tmp_path: Path, bounds: str, *more: str) -> str:
     return header.read_text()
 
 
+@pytest.mark.full
 def test_generate_states_what_a_model_asks_for(tmp_path: Path) -> None:
     assert "As it runs" not in generated(tmp_path, "")
     text = generated(tmp_path, BOUNDS)

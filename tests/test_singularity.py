@@ -109,6 +109,7 @@ ROUGH = [
 ]
 
 
+@pytest.mark.ordinary("2-rough0", "2-rough1", "3-rough1")
 @pytest.mark.parametrize("rough", ROUGH)
 @pytest.mark.parametrize("n", [2, 3])
 def test_what_jumps_or_bends_is_not_known(rough: sp.Expr, n: int) -> None:
@@ -130,6 +131,7 @@ def test_roots_that_depend_on_each_other_have_no_answer() -> None:
     assert singular_set([Y * sp.sqrt(2 - X), -X], [X], (X, Y)) == (X - 2,)
 
 
+@pytest.mark.full
 def test_long_sums_are_shown_short_and_kept_whole() -> None:
     analysis = singularity(load("induction_motor").plant)
     (check,) = analysis.checks
@@ -194,6 +196,7 @@ PLANTS = [
 ]
 
 
+@pytest.mark.ordinary("flow5-output5", "flow6-output6")
 @pytest.mark.parametrize(("flow", "output"), PLANTS)
 def test_the_elimination_is_the_determinant(flow: list[sp.Expr], output: sp.Expr) -> None:
     """Of the Lie derivatives written out: another way to the same factors."""
@@ -225,6 +228,12 @@ def test_kinks_have_no_answer() -> None:
 POINT = {X: sp.Rational(5, 7), Y: sp.Rational(3, 8), Z: sp.Rational(11, 9)}
 
 
+@pytest.mark.ordinary(
+    "X - X, X, Y, sin(Z), X/(1 + Y**2), 0.5-1",
+    "X - X, X, Y, sin(Z), X/(1 + Y**2), 0.5-2",
+    "X - X, X, Y, sin(Z), X/(1 + Y**2), 0.5-3",
+    "X - X, X, Y, sin(Z), X/(1 + Y**2), 0.5-4",
+)
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 @pytest.mark.parametrize(
     "entries", ["X - X, X, Y, sin(Z), X/(1 + Y**2), 0.5", "X, sqrt(X + 1), exp(Y), cos(X)*Z, 1, 2"]
@@ -292,6 +301,7 @@ def test_rows_that_depend_on_others_are_left_out() -> None:
     assert independent(rows, 2) == ("a", "d")
 
 
+@pytest.mark.full
 def test_twenty_states_are_left_alone_in_time() -> None:
     """Few different nodes, but half a million as they are written out; 1.5 s of processor time. Of a chain,
     whose output reads one state, the determinant is known without them."""
@@ -306,6 +316,7 @@ def test_twenty_states_are_left_alone_in_time() -> None:
     assert "too large" in str(check.reason)
 
 
+@pytest.mark.full
 def test_a_long_factor_is_not_asked_about_on_all_of_space() -> None:
     """Boxes without ends cost seconds a factor, and tell nothing of hundreds of terms."""
     draw, p = random.Random(4), sp.symbols("p1:25", real=True)

@@ -29,6 +29,7 @@ def run(log: Path, *options: str) -> tuple[dict[str, Any], str]:
     return json.loads(hgogen(*arguments, "--json")[0]), " ".join(hgogen(*arguments)[0].split())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("observer", ["high_gain", "riccati"])
 @pytest.mark.usefixtures("undrawn")
 def test_a_missing_sample_loses_a_step_without_guards(log: Path, observer: str) -> None:
@@ -45,6 +46,7 @@ def test_a_missing_sample_loses_a_step_without_guards(log: Path, observer: str) 
     assert all(0 <= one["largest"] < 0.01 for one in answer["from_double"])
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("undrawn")
 def test_what_it_names_mends_it(log: Path) -> None:
     """Both: the guards leave the sample out, and a filled log loses nothing."""
@@ -57,6 +59,7 @@ def test_what_it_names_mends_it(log: Path) -> None:
     assert answer["predictions"][0]["count"] == 999
 
 
+@pytest.mark.full
 def test_a_first_sample_that_is_missing_loses_all(log: Path) -> None:
     log.write_text(log.read_text().replace("0.000,0,0.001,0", "0.000,0,,0"))
     answer, _ = run(log, "--guards", "none", "--real", "float")
@@ -70,6 +73,7 @@ def test_several_signals_have_no_number(log: Path) -> None:
     assert run(log, "--guards", "none")[0]["notes"][0].startswith("tau, y have no number at 0.4 s")
 
 
+@pytest.mark.full
 def test_nothing_is_clamped_without_guards(log: Path) -> None:
     log.write_text(log.read_text().replace(",0,0.001,", ",2,0.001,").replace(",0,-0.001,", ",2,-0.001,"))
     for guards, said in (("all", "and clamped there"), ("none", "and taken as it is, by a step without guards")):

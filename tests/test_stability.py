@@ -166,6 +166,13 @@ CASES = [
 ]
 
 
+@pytest.mark.ordinary(
+    "fitzhugh_nagumo-tableau2-covariance-100.0-thetas2",
+    "fitzhugh_nagumo-tableau4-information-1.0-thetas4",
+    "pendulum-tableau5-information-0.1-thetas5",
+    "pendulum-tableau9-covariance-1.0-thetas9",
+    "chain-tableau12-covariance-1.0-thetas12",
+)
 @pytest.mark.parametrize(("make", "tableau", "view", "p0", "thetas"), CASES)
 def test_the_limit_parts_survival_from_failure(make, tableau, view, p0, thetas):
     """At .9 of the limit every start in the box survives; at 1.15 the start that the limit names fails."""
@@ -189,6 +196,7 @@ def largest(model, view, grid):
 DTS = (0.005, 0.01, 0.02, 0.05, 0.1)
 
 
+@pytest.mark.full
 def test_table_of_information():
     """Largest theta that survives RK4 on (z, S), FitzHugh-Nagumo, S(0) = I, whatever the Jacobian."""
     assert largest(fitzhugh_nagumo(), "information", (8, 10, 12, 14, 16, 18)) == [16, 14, 12, 10, 8]
@@ -263,6 +271,7 @@ def rise(theta_1, time):
     return flow
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("view", ["information", "covariance"])
 def test_a_rise_admits_more_than_a_jump_and_less_than_rest(view):
     model = fitzhugh_nagumo()

@@ -36,6 +36,7 @@ def test_a_started_step_estimates_what_it_was_told(name: str | None) -> None:
     assert [sample[key] for key in TRIAL.estimate] == pytest.approx([*TRIAL.estimate.values()], rel=1e-12)
 
 
+@pytest.mark.ordinary("None")
 @pytest.mark.parametrize("name", [None, "riccati"])
 def test_a_trial_starts_at_its_estimate(name: str | None) -> None:
     """The model's own step, and a tuning of it, as a comparison starts the same observer."""
@@ -47,6 +48,7 @@ def test_a_trial_starts_at_its_estimate(name: str | None) -> None:
     assert not np.array_equal(own.x[0], elsewhere.x[0])
 
 
+@pytest.mark.full
 def test_simulate_says_what_compare_says(tmp_path: Path) -> None:
     """When it has settled, after each event."""
     model = tmp_path / "away.py"

@@ -162,6 +162,7 @@ def test_a_plant_in_no_form_is_refused_for_the_first_reason(observer: str) -> No
     assert none.reason == "original.connected is refuted: no output ever shows R"
 
 
+@pytest.mark.full
 def test_a_model_without_a_tuning_takes_them(tmp_path: Path) -> None:
     path = tmp_path / "oscillator.toml"
     path.write_text(BARE)
@@ -190,6 +191,7 @@ def test_they_have_the_period_of_the_models_own_step(tmp_path: Path) -> None:
     assert load(path).tuned("high_gain").tables["high_gain"]["theta"] == 1.0
 
 
+@pytest.mark.ordinary("words0")
 @pytest.mark.parametrize(
     "words", [("simulate", "--observer", "high_gain"), ("compare", "--observers", "high_gain,filtered")]
 )

@@ -42,6 +42,7 @@ def test_what_is_too_wide_is_refused_before_anything_is_made(monkeypatch: pytest
     assert not hg.sample(wide, dt=0.01, guards="none").bits
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("made", [lambda: observer(30), lambda: hg.delayed(observer(13, 1), y0=2, y1=3)])
 def test_what_shows_when_it_is_made_is_refused_with_the_same_words(made) -> None:
     with pytest.raises(BadStep, match=r"more than 64: MISSING for .* for the whole step; drop outputs"):
@@ -57,6 +58,7 @@ def test_what_is_counted_at_the_door_is_raised(name: str) -> None:
     assert set(wanted) <= {bit.place.name for bit in made.bits}
 
 
+@pytest.mark.full
 @needs_compiler
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_the_highest_bits_are_told_by_every_reader(real: str) -> None:
@@ -82,6 +84,7 @@ def test_the_highest_bits_are_told_by_every_reader(real: str) -> None:
         assert known.flags(status) == ("CLAMPED_W",)
 
 
+@pytest.mark.full
 @needs_compiler
 def test_late_samples_have_bits_beyond_32() -> None:
     made = hg.sample(hg.delayed(observer(9, 1), y8=2), dt=0.01)

@@ -99,6 +99,7 @@ def test_a_point_is_of_the_plant_as_declared() -> None:
 # --- as a constant gain -------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_it_is_proved_as_it_runs_and_verified() -> None:
     """With an a that moves by an input and a parameter, of two outputs."""
     form, theta = hg.forms.block_triangular(pair()), 4.0

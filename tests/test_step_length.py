@@ -125,6 +125,7 @@ def test_the_certified_length_comes_first(known: tuple[Any, ...], said: str) -> 
     assert str(Admitted(0.01, "s", *known).sentence) == f"dt = 0.01 s: {said}"
 
 
+@pytest.mark.full
 def test_a_check_names_the_lengths_of_its_step() -> None:
     dt = checked(load(MODELS / "pendulum.py")).dt
     assert dt is not None
@@ -255,6 +256,7 @@ COUPLED = [[0, 1, 0, 0], [-4, -0.1, 1, 0], [0, 0, 0, 1], [1, 0, -9, -0.1]]
 TWELVE = (np.eye(12, k=1) - np.eye(12, k=-1) - 0.1 * np.eye(12)).tolist()
 
 
+@pytest.mark.ordinary("0.02-4.0", "0.3-1.0")
 @pytest.mark.parametrize("theta", [1.0, 4.0])
 @pytest.mark.parametrize("h", [0.02, 0.3])
 def test_the_closed_loop_is_that_of_the_step(theta: float, h: float) -> None:
@@ -433,6 +435,7 @@ def said(observer: hg.Observer, dt: float) -> str:
     return "".join(str(warning.message) for warning in caught)
 
 
+@pytest.mark.ordinary("riccati", "hamilton_jacobi")
 @pytest.mark.parametrize("make", [kalman_like, riccati, hamilton_jacobi])
 def test_one_step_length_is_advised_whatever_is_asked(make: Callable[[], hg.Observer]) -> None:
     """From just beyond it to where it is refused, with a warning, and beyond."""
@@ -452,6 +455,7 @@ def test_gains_are_those_declared_and_it_is_said() -> None:
 # --- trials -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("pendulum-high_gain")
 @pytest.mark.parametrize(("model", "name"), [("pendulum", "high_gain"), ("hyperjerk", "low_power")])
 def test_at_what_is_advised_the_trial_settles(model: str, name: str) -> None:
     """Where it did not at the step that was named before, the limit of the core's spectrum."""

@@ -108,6 +108,7 @@ def test_a_bad_declaration_names_the_file(tmp_path: Path) -> None:
         checked(load(plain(tmp_path, mu="0")))
 
 
+@pytest.mark.full
 def test_check_prints_it_and_recheck_verifies_it(tmp_path: Path) -> None:
     file = tmp_path / "decay.json"
     run = CliRunner().invoke(cli.app, ["check", str(plain(tmp_path)), "--certificate", str(file)])
@@ -118,6 +119,7 @@ def test_check_prints_it_and_recheck_verifies_it(tmp_path: Path) -> None:
     assert {row["found"] for row in answer["claims"] if row["id"].startswith("dissipation")} == {"verified"}
 
 
+@pytest.mark.ordinary("not_iss")
 @pytest.mark.parametrize("name", ["not_iss", "disturbed_pendulum"])
 def test_the_shipped_declarations_are_proved(name: str) -> None:
     dissipation = load(ROOT / "models" / f"{name}.py").dissipation

@@ -65,6 +65,7 @@ def test_the_core_and_the_models_slope_limit_the_step() -> None:
     assert hg.sample(observer(decay=8), hg.methods.rk4, dt=1e-3).limit == pytest.approx(2.785 / 160, rel=1e-3)
 
 
+@pytest.mark.ordinary("line-rk4-0.6666666666666666", "line-euler-1", "hold-heun-1", "hold-euler-1")
 @pytest.mark.parametrize(("method", "share"), [("rk4", 2 / 3), ("heun", 1), ("euler", 1)])
 @pytest.mark.parametrize("between", ["line", "hold"])
 def test_what_one_sample_adds_to_the_level(method: str, share: float, between: Any) -> None:
@@ -99,6 +100,7 @@ def test_r_that_is_too_small_is_not() -> None:
     assert not proved(observer(r=0.1))
 
 
+@pytest.mark.full
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 2.0), st.floats(3.0, 50.0))
 @settings(deadline=None, max_examples=8)
 def test_what_is_proved_decays(seed: int, decay: float, r: float) -> None:

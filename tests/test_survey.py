@@ -112,6 +112,7 @@ def test_every_form_of_the_folder_is_asked_or_says_why_not() -> None:
         survey["no form"]
 
 
+@pytest.mark.full
 def test_twenty_states_take_seconds() -> None:
     """Limits count boxes; 1.2 s of processor time."""
     n = 20

@@ -96,6 +96,7 @@ def definite(state: np.ndarray, floors: dict[str, tuple[float, ...]]) -> bool:
     return bool(np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))[0] > 0)
 
 
+@pytest.mark.ordinary("continuous-discrete, S S'-0.1")
 @rows((INFORMATION, 0.01), (COVARIANCE, 0.05), (FACTORED, 0.1), (ROOT, 0.1))
 def test_survival(monkeypatch: pytest.MonkeyPatch, how: Any, dt: float, largest: float, beyond: float | None) -> None:
     """Finite and positive definite over the first 30 time units of the trial."""

@@ -182,6 +182,7 @@ def test_a_table_is_a_value_of_sympy() -> None:
 # --- ranges -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("True-linear", "True-monotone", "False-monotone")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("held", [True, False])
 def test_ranges_hold_every_value(kind: str, held: bool) -> None:
@@ -306,6 +307,7 @@ def test_values_at_points_are_balls_around_the_exact_ones(kind: str) -> None:
                     assert Fraction(str(ball.lower().fmpq())) <= exact <= Fraction(str(ball.upper().fmpq()))
 
 
+@pytest.mark.ordinary("linear")
 @pytest.mark.parametrize("kind", KINDS)
 def test_lipschitz_bounds_hold_the_steepest_chord(kind: str) -> None:
     """On the box, a bound that chords approach: within its 2 percent, and of lines exactly."""
@@ -396,6 +398,7 @@ def numbers(cells: Cells, real: str) -> np.ndarray:
     return np.concatenate([around, infinite, np.linspace(-7, 7, 101, dtype=kind)])
 
 
+@pytest.mark.ordinary("linear-float", "linear-double", "monotone-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_c_and_python_and_casadi_have_the_same_bits(kind: str, real: str, tmp_path: Path) -> None:
@@ -431,6 +434,7 @@ def same(a: np.ndarray, b: np.ndarray) -> bool:
     return bool(((a.view(f"u{a.itemsize}") == b.view(f"u{b.itemsize}")) | (np.isnan(a) & np.isnan(b))).all())
 
 
+@pytest.mark.full
 def test_a_long_table_costs_what_a_short_one_does() -> None:
     """One operation of a program, and a search whose steps grow with the logarithm."""
     steps = []
@@ -515,6 +519,7 @@ def cart(kind: str) -> hg.System:
     return hg.System("cart", states=(x, v), inputs=(u,), outputs=(y,), flow=[v, u - friction - spring], output=[x])
 
 
+@pytest.mark.ordinary("linear")
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_proved_of_a_table_is_verified_again(kind: str) -> None:
     form = hg.forms.triangular(cart(kind))
@@ -527,6 +532,7 @@ def test_what_is_proved_of_a_table_is_verified_again(kind: str) -> None:
     )
 
 
+@pytest.mark.full
 def test_a_certificate_holds_the_longest_table() -> None:
     """Of numbers with all their digits."""
     x, y, draw = hg.Signal("x", low=0, high=1), hg.Signal("y"), Random(11)
@@ -686,6 +692,7 @@ def test_where_a_table_ends_with_the_ranges_what_is_computed_keeps_to_the_proved
         assert rise <= bound.high * math.dist(inner, outer)
 
 
+@pytest.mark.ordinary("1-0.97-float", "1-0.97-double", "0.3-1.0-double", "0.7-0.7-double", "1.1-0.33-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize(("gain", "end"), [("1", 0.97), ("0.3", 1.0), ("0.7", 0.7), ("1.1", 0.33)])
 def test_a_range_that_is_rounded_outward_past_a_table_has_its_slope_at_the_end(
@@ -707,6 +714,7 @@ def test_a_range_that_is_rounded_outward_past_a_table_has_its_slope_at_the_end(
         assert beyond == pytest.approx(within, abs=0.01)
 
 
+@pytest.mark.ordinary("xs0-v/3", "xs1-v", "xs2-v")
 @pytest.mark.parametrize("argument", ["v", "-v", "v/3"])
 @pytest.mark.parametrize("xs", [[-1, 1], [-1, 0.25, 1, 3], [-1, 1, 3]])
 def test_where_a_point_of_a_table_ends_the_ranges_the_slope_beyond_counts(argument: str, xs: list[Any]) -> None:
@@ -743,6 +751,15 @@ def _beside(end: float, real: str, count: int = 60) -> Iterator[Any]:
             place = np.nextafter(place, DTYPE[real](way))
 
 
+@pytest.mark.ordinary(
+    "v-ends0-xs0-bounds0-float",
+    "v-ends0-xs0-bounds0-double",
+    "v + 8-ends2-xs2-bounds2-double",
+    "Min(v, 0)-ends3-xs3-bounds3-double",
+    "v*4**9 + 8-ends5-xs5-bounds5-double",
+    "v + 27315/100-ends6-xs6-bounds6-double",
+    "I(v)-ends9-xs9-bounds9-double",
+)
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize(
     ("argument", "ends", "xs", "bounds"),

@@ -50,6 +50,7 @@ def step() -> CallableStep:
     return load("pendulum").step("riccati").made_again(dt=0.01)
 
 
+@pytest.mark.ordinary("csv", "mat")
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat"])
 @pytest.mark.usefixtures("undrawn")
 def test_every_kind_of_file_gives_one_record(kind: str, tmp_path: Path, step: CallableStep) -> None:
@@ -112,6 +113,7 @@ def test_columns_of_every_kind_are_numbers_or_none() -> None:
     assert (mixed.empty, mixed.not_numbers, mixed.example) == (1, 2, "1,5")
 
 
+@pytest.mark.full
 def test_dates_are_times(tmp_path: Path) -> None:
     dates = pandas.date_range("2026-01-01", periods=5, freq="250ms")
     for zone in (None, "Europe/Paris"):
@@ -139,6 +141,7 @@ def test_a_mat_file_has_vectors_matrices_and_structs(tmp_path: Path) -> None:
     assert column(log, "2*[X(:,2)] + [S.a]").values.tolist() == [2, 7, 12, 17]
 
 
+@pytest.mark.full
 def test_a_bad_file_is_a_sentence(tmp_path: Path) -> None:
     contents = {
         "new.mat": (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n", "save.*'-v7'"),
@@ -183,6 +186,10 @@ def test_what_is_not_installed_is_named_with_its_extra(
         asked[name]()
 
 
+@pytest.mark.ordinary(
+    "os.kill(os.getpid(), signal.SIGSEGV)-that read it ended \\\\(SIGSEGV\\\\), so that the file may be damaged",
+    "os._exit(7)-the process that read it ended \\\\(status 7\\\\)",
+)
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize(
     ("body", "said"),

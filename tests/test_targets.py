@@ -31,6 +31,16 @@ def files(target: str, name: str, real: str = "float", check: bool = True) -> So
 # --- every target
 
 
+@pytest.mark.ordinary(
+    "pendulum-c99",
+    "pendulum-casadi",
+    "pendulum-lanes",
+    "pendulum-markdown",
+    "pendulum-record",
+    "pendulum-rust",
+    "bank-markdown",
+    "no_input-markdown",
+)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", ["pendulum", "bank", "no_input"])
 def test_a_target_is_a_pure_function_of_a_step_to_texts(target: str, name: str) -> None:
@@ -77,6 +87,7 @@ def test_a_target_that_takes_a_command_is_a_language() -> None:
     assert takes == set(LANGUAGES)
 
 
+@pytest.mark.ordinary("pendulum-c99", "pendulum-rust", "bank-rust")
 @each
 @pytest.mark.parametrize("name", ["pendulum", "bank"])
 def test_a_language_is_pure_and_says_what_made_it(target: str, name: str) -> None:
@@ -98,6 +109,7 @@ def test_the_self_check_is_a_file_of_its_own(target: str, real: str) -> None:
     assert not bare.recipe
 
 
+@pytest.mark.ordinary("pendulum-c99")
 @each
 @pytest.mark.parametrize("name", EVERY_KIND)
 def test_it_is_run_where_its_tools_are(target: str, name: str) -> None:
@@ -123,6 +135,7 @@ def checked(target: str, name: str, real: str) -> str:
         pytest.skip(str(error))
 
 
+@pytest.mark.ordinary("a tool")
 @pytest.mark.parametrize(
     ("recipe", "message"),
     [

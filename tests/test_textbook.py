@@ -54,6 +54,7 @@ def test_it_says_what_it_is(path: Path) -> None:
     assert "reference = " in path.read_text()
 
 
+@pytest.mark.ordinary("duffing", "sir", "van_der_pol")
 @every
 def test_its_known_answers(path: Path) -> None:
     model = read(path)
@@ -177,6 +178,7 @@ WHERE: dict[str, tuple[tuple[Verdict, str], ...]] = {
 }
 
 
+@pytest.mark.ordinary("battery", "duffing", "lotka_volterra")
 @each
 def test_its_verdicts_and_why_not(path: Path) -> None:
     rows = {row.name: row for row in hg.survey(read(path).plant).rows}

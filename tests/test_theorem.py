@@ -220,6 +220,7 @@ def contois(low: float, high: float) -> hg.System:
     return hg.System("contois", states=(m, s), outputs=(hg.Signal("y"),), flow=flow, output=[m])
 
 
+@pytest.mark.ordinary("riccati")
 @pytest.mark.parametrize("observer", ["high_gain", "riccati"])
 def test_b_is_lipschitz_where_it_is_evaluated_or_not_proved(observer: str) -> None:
     """On the image of a wide box phi is Lipschitz, but in the box of z it has a pole; on a narrow one it has none."""

@@ -126,6 +126,7 @@ def test_the_likelihood_is_that_of_another_filter(missing: int) -> None:
     assert own == pytest.approx(expected, abs=1e-10)
 
 
+@pytest.mark.full
 def test_known_noise_is_found() -> None:
     """Of 12 records the means lie within 4 standard errors of what made them; from the three starts that differ most,
     since all nine end at one maximum (which the next test asks of one record)."""
@@ -137,6 +138,7 @@ def test_known_noise_is_found() -> None:
     assert all(one.settled for one in ends)
 
 
+@pytest.mark.full
 def test_the_maximum_is_one() -> None:
     """No neighbour is more likely, and the innovations are as large as the filter says."""
     record = demanded(log(3)[0])
@@ -156,6 +158,7 @@ def test_the_maximum_is_one() -> None:
     assert np.mean(e**2 / s) == pytest.approx(1, abs=4 * np.sqrt(2 / N))
 
 
+@pytest.mark.full
 def test_a_rate_by_definition_has_no_noise() -> None:
     best = maxima(likelihood(log(4, 300)[0]), *range(len(STARTS)))[0]
     assert best.process["x"] == pytest.approx(1e-10 * SCALE.units["x"])
@@ -271,6 +274,7 @@ def spring() -> Calibration:
     return hg.tune(PLANT, log(5)[0], observers=["riccati", "high_gain", "bank"])
 
 
+@pytest.mark.full
 def test_the_filter_is_taken_where_its_noise_is_that_of_the_record() -> None:
     assert spring().best.name == "riccati"
     assert spring().best.rank < spring()["adaptive"].rank
@@ -282,6 +286,7 @@ def test_the_filter_is_taken_where_its_noise_is_that_of_the_record() -> None:
     assert gains["R"] == pytest.approx(SIGMA**2 * DT, rel=0.3)
 
 
+@pytest.mark.full
 def test_gains_may_be_chosen_by_a_truth() -> None:
     """Of a sensor whose noise is slow, predictions want the noise to be followed, the truth does not: on other rows the
     rate is then clearly better. 1 is the error of the mean."""
@@ -329,6 +334,7 @@ def test_float_is_part_of_a_tuning(tmp_path: Path) -> None:
     assert model.set(Setting(tuning=tmp_path / "tuned.json", real="double")).step().real == "double"
 
 
+@pytest.mark.full
 def test_shapes_of_poles_are_tried_where_a_rule_reads_them() -> None:
     """Beside the best theta of poles that are equal, and no faster than a step of this period takes."""
     tried = {name: [numbers for numbers, _ in spring()[name].tried] for name in ("high_gain", "riccati")}
@@ -341,6 +347,7 @@ def test_shapes_of_poles_are_tried_where_a_rule_reads_them() -> None:
     assert list(row.table["poles"]) == list(row.numbers.poles)
 
 
+@pytest.mark.full
 def test_corners_of_filters_are_tried() -> None:
     made = hg.tune(PLANT, log(5, 300, sigma=1.0)[0], observers=["filtered_injection"])
     assert {numbers.corner for numbers, _ in made.best.tried} == {1.5, 3, 6}
@@ -376,6 +383,7 @@ def test_a_jump_raises_theta() -> None:
     assert run.traces["theta"][:1000].max() < 1.001 < 2 < run.traces["theta"][1000:1100].max()
 
 
+@pytest.mark.full
 def test_the_tables_make_the_same_steps(tmp_path: Path) -> None:
     """Through a file, on a model that says nothing of them, and the row to take without its name."""
     (tmp_path / "spring.toml").write_text(MODEL)
@@ -484,6 +492,7 @@ def test_missing_inputs_and_samples_leave_a_number_or_none() -> None:
     assert "nan" not in " ".join(verdicts(spring(), rows))
 
 
+@pytest.mark.full
 def test_a_sample_that_a_step_rejects_does_not_tune() -> None:
     """999 is beyond what the sensor of the spring can give; a filter that takes it finds noise of such a size."""
     record, _ = log(5, 400)
@@ -495,6 +504,7 @@ def test_a_sample_that_a_step_rejects_does_not_tune() -> None:
     assert ends[0].best.error == ends[1].best.error
 
 
+@pytest.mark.full
 def test_a_rate_of_the_other_sign_is_differenced_as_well() -> None:
     fall = hg.System("fall", states=(X, V), outputs=(Y,), flow=[-V, -X], output=[X])
     tuned = hg.tune(fall, hg.Log(np.zeros((60, 0)), np.cos(np.arange(60) * DT), DT), observers=["high_gain"])
@@ -527,6 +537,7 @@ def test_colour_is_counted_by_correlations() -> None:
     assert coloured(np.zeros(100)) == 0
 
 
+@pytest.mark.full
 def test_a_tone_that_the_model_lacks_is_said() -> None:
     """Of 9 rad/s beside the plant's 2; without it the innovations are white."""
     record, _ = log(9, 1500)
@@ -681,6 +692,7 @@ def test_a_record_in_another_unit_is_not_too_short() -> None:
         hg.tune(PLANT, hg.Log(record.u, np.array(record.y) + 273.15, DT), observers=["riccati"])
 
 
+@pytest.mark.full
 def test_periods_of_one_grid_may_differ_by_rounding() -> None:
     """As typical times between the rows of two logs do."""
     first, second = log(8, 100)[0], log(9, 100)[0]
@@ -688,6 +700,7 @@ def test_periods_of_one_grid_may_differ_by_rounding() -> None:
     assert tuned.best.table["dt"] == DT
 
 
+@pytest.mark.full
 def test_processes_choose_the_same_gains() -> None:
     """The same bits, and as many trials; a search for the noise that two observers ask for is made once."""
     record, tried = log(8, 200)[0], {1: [], 2: []}
@@ -698,6 +711,7 @@ def test_processes_choose_the_same_gains() -> None:
     assert first == second
 
 
+@pytest.mark.full
 def test_adaptive_can_be_asked_by_its_name() -> None:
     assert {row.name for row in hg.tune(PLANT, log(8, 200)[0], observers=["adaptive"]).rows} == {"riccati", "adaptive"}
 

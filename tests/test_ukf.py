@@ -70,6 +70,9 @@ def made(make: Any, plant: hg.System = BENT, method: Any = hg.methods.cholesky, 
 # --- the unscented filter -------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary(
+    "1.0-2.0-0.0-method0", "1.0-2.0-0.0-method1", "0.5-2.0-1.0-method0", "1.2-1.44-3.0-method0", "1.0-0.0-0.0-method0"
+)
 @pytest.mark.parametrize("method", PREDICT_CORRECT)
 @pytest.mark.parametrize(
     ("alpha", "beta", "kappa"),
@@ -88,6 +91,7 @@ def test_it_is_the_textbooks_filter(method: Any, alpha: float, beta: float, kapp
     assert np.abs(run.x - plain.x).max() > 1e-3  # the bends matter
 
 
+@pytest.mark.full
 def test_the_middle_point_may_weigh_less_than_nothing() -> None:
     """alpha = 0.01: W_0c is -2e4, and the textbook's P is what is left of large sums; here nothing is taken away. By
     the limit of close points it is the same filter as with alpha = 0.02, but for terms of fourth order."""
@@ -128,6 +132,7 @@ def inputs_of(step: Any, count: int) -> dict[str, np.ndarray]:
     return {"u": np.zeros((count, len(step.inputs)))} if step.inputs else {}
 
 
+@pytest.mark.ordinary("iterated_ekf")
 @pytest.mark.parametrize("make", COMPARATORS)
 def test_a_run_tells_what_the_filter_takes_its_errors_to_be(make: Any) -> None:
     """On a linear plant, what the extended Kalman filter by the same factors says."""
@@ -149,6 +154,7 @@ def test_a_method_that_integrates_is_refused(make: Any, method: Any) -> None:
         made(make, method=method)
 
 
+@pytest.mark.ordinary("ukf")
 @pytest.mark.parametrize("make", COMPARATORS)
 def test_it_is_no_differential_equation(make: Any) -> None:
     functions = hg.targets.casadi(made(make))
@@ -191,6 +197,7 @@ def test_more_than_seven_states_are_refused(make: Any) -> None:
         make(hg.forms.original(chain(8)), Q=(1,) * 8, R=1)
 
 
+@pytest.mark.ordinary("float-ukf", "double-ukf", "double-iterated_ekf")
 @pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("make", COMPARATORS)
 @pytest.mark.parametrize("real", ["float", "double"])
@@ -241,6 +248,7 @@ def exponential(q: Any, w: Any) -> Any:
     return sp.exp(q / 2) + w / 4
 
 
+@pytest.mark.full
 def test_no_pass_makes_the_estimate_worse() -> None:
     """h = atan(5 q): from afar the full Gauss-Newton step overshoots to where the slope is none."""
     costs = []
@@ -258,6 +266,7 @@ def test_one_pass_is_the_extended_kalman_filters_correction() -> None:
     assert x == pytest.approx(plain.run(u=np.zeros(1), y=np.array([[0.3]]), engine="python").x[0], abs=1e-12)
 
 
+@pytest.mark.full
 def test_it_takes_a_distance_for_what_it_is_where_one_pass_does_not() -> None:
     """To a beacon, within .1, of a state that is known in one direction: one linearisation lands a third of the way
     beyond the circle, and P does not know of it."""
@@ -286,6 +295,7 @@ def test_the_iterated_filter_s_covariance_is_that_at_the_corrected_estimate() ->
     assert both == pytest.approx(one + after[1] / (r + after[1, 1]) * (3.0 - one[1]), abs=1e-6)
 
 
+@pytest.mark.ordinary("10.0-6", "400.0-1", "400.0-2", "400.0-3", "400.0-4", "400.0-5", "400.0-6")
 @pytest.mark.parametrize("passes", range(1, 7))
 @pytest.mark.parametrize("y", [10.0, 400.0, -2.0])
 def test_a_pass_that_overshoots_is_halved_and_the_next_that_does_not_is_whole_again(passes: int, y: float) -> None:

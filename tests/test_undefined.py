@@ -133,6 +133,7 @@ def test_of_an_input_without_a_range_only_its_resting_value_is_known_to_occur(ra
     assert "Declare low= and high= for free." in check.fix if verdict == "where" else "Narrow" in check.fix
 
 
+@pytest.mark.full
 @given(centre=st.fractions(-3, 3, max_denominator=50), power=st.integers(1, 3))
 def test_a_pole_is_found_where_it_is(centre: Fraction, power: int) -> None:
     made = said(oscillator(1 / (W - sp.Rational(centre)) ** power))
@@ -162,6 +163,7 @@ def test_a_derivative_without_a_value_is_asked_of_those_who_evaluate_it() -> Non
         assert not raised(step, run, "RESTARTED").any()
 
 
+@pytest.mark.full
 def test_what_a_step_without_guards_asks_can_be_accepted() -> None:
     """The derivative of sqrt(x^2 + v^2) is 0/0 at 0; a form that clamps reads 0 there."""
     system = hg.System("p", states=(X, V), outputs=(Y,), flow=[V, -X - V], output=[sp.sqrt(X**2 + V**2)])
@@ -196,6 +198,7 @@ def observed(
 KALMAN: dict[str, Any] = {"Q": (1, 1), "R": 0.1}
 
 
+@pytest.mark.ordinary("c-iterated_ekf", "python-riccati", "python-ukf", "python-iterated_ekf")
 @pytest.mark.parametrize("name", ["riccati", "ukf", "iterated_ekf"])
 @pytest.mark.parametrize("engine", ["c", "python"])
 def test_an_accepted_pole_holds_the_last_rate_and_says_so(name: str, engine: str) -> None:
@@ -209,6 +212,9 @@ def test_an_accepted_pole_holds_the_last_rate_and_says_so(name: str, engine: str
     assert set(run.status[4:8]) == {run.status[4]}
 
 
+@pytest.mark.ordinary(
+    "c-triangular-refuted1", "python-original-refuted0", "python-triangular-refuted1", "python-state_affine-refuted2"
+)
 @pytest.mark.parametrize(
     ("form", "refuted"),
     [("original", ("original.lipschitz",)), ("triangular", ("triangular.a_2",)), ("state_affine", ())],
@@ -268,6 +274,7 @@ def test_a_bound_is_of_the_plants_state_whatever_the_sign_of_the_coordinate() ->
     assert raised(step, run, "HELD_V").tolist() == [False, False, False, False, True, False]
 
 
+@pytest.mark.ordinary("ukf")
 @pytest.mark.parametrize("name", ["riccati", "ukf", "iterated_ekf"])
 def test_a_sample_is_left_out_where_its_output_has_no_value(name: str) -> None:
     """Range and bearing from the place itself: the bearing is not used there, and nothing else is lost."""

@@ -63,6 +63,7 @@ def record(step: CallableStep) -> tuple[np.ndarray, np.ndarray]:
     return middle + 0.02 * wave * width, rest + 0.01 * wave
 
 
+@pytest.mark.ordinary("pendulum", "tunable", "two")
 @pytest.mark.parametrize("name", NAMES)
 def test_while_no_guard_acts_it_has_the_same_bits(name: str) -> None:
     """Of a sine that is of a bounded angle where the model clamps it, another rounding."""
@@ -75,6 +76,7 @@ def test_while_no_guard_acts_it_has_the_same_bits(name: str) -> None:
     assert not run.status.any()
 
 
+@pytest.mark.ordinary("pendulum", "tunable", "two")
 @pytest.mark.parametrize("name", NAMES)
 def test_it_says_nothing_and_asks_nothing(name: str) -> None:
     _, plain = both(name)
@@ -88,6 +90,7 @@ def test_it_says_nothing_and_asks_nothing(name: str) -> None:
 TUNED = load(plants.MODELS / "bioreactor.py")
 
 
+@pytest.mark.ordinary("cascade")
 @pytest.mark.parametrize("tuning", [name for name in TUNED.tuning.tables if name != "bank"])
 def test_each_observer_reads_only_what_is_remembered_without_guards(tuning: str) -> None:
     """The validity of a sample is a constant then, and no field of the state. A bank demands guards."""
@@ -106,6 +109,7 @@ def test_what_a_part_has_to_say_is_not_said() -> None:
     assert not plain.run([[0.1]] * 9, [[5.0]] * 9).status.any()
 
 
+@pytest.mark.ordinary("double-pendulum")
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "many_states"])
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_c_and_rust_have_the_bits_of_python(name: str, real: str) -> None:
@@ -125,6 +129,7 @@ def test_c_and_rust_have_the_bits_of_python(name: str, real: str) -> None:
         pytest.skip(str(error))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_a_self_check_ends_where_the_estimate_is_lost(real: str) -> None:
     """Where nothing holds the temperature, exp(8750/T) leaves every precision at a T below 0 or near it."""
@@ -247,6 +252,7 @@ def test_nothing_is_proved_of_what_is_not_clamped(name: str) -> None:
         assert "no argument of b is clamped" in str(answer)
 
 
+@pytest.mark.full
 def test_the_commands_take_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     hgogen("generate", str(plants.MODELS / "pendulum.py"), "--guards", "none", "-o", str(tmp_path))

@@ -52,6 +52,7 @@ def checks(form: hg.Form) -> dict[str, Check]:
 # --- by hand ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 def test_the_coordinates_of_the_paper() -> None:
     """xi_2 = F_1, xi_3 = dF_1/dx_2 F_2, in which F_2 reads x_3."""
     system = bent(rates=((-1, 1),))
@@ -95,6 +96,7 @@ def test_what_jumps_or_bends_moves_as_no_derivative_says() -> None:
     }
 
 
+@pytest.mark.full
 def test_of_the_derivatives_of_an_input_only_the_first_enters() -> None:
     """The phase form of the same plant reads u'' as well."""
     system = bent(rates=((-1, 1), (-1, 1), (-1, 1)))
@@ -105,6 +107,7 @@ def test_of_the_derivatives_of_an_input_only_the_first_enters() -> None:
     assert checks(hg.forms.uniform_chain(bent()))["inputs"].verdict is Verdict.UNKNOWN
 
 
+@pytest.mark.full
 def test_all_is_proved_of_it() -> None:
     form = hg.forms.uniform_chain(bent(rates=((-1, 1),)))
     assert {check.verdict for check in form.checks} == {Verdict.PROVED}
@@ -124,6 +127,7 @@ def test_an_output_with_a_gain_and_an_offset() -> None:
 # --- by numbers ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @sweep(3, 30, st.integers(2, 3), st.integers(0, 2**32 - 1))
 def test_the_equations_are_the_plants(n: int, seed: int) -> None:
     """d/dt xi(x, u) by differences along the plant is xi_{i+1} + b_i, and b_i reads no state beyond xi_i."""
@@ -199,6 +203,7 @@ def test_two_outputs_are_refused() -> None:
 TRIAL = Trial("it", 8, start={"x1": 0.3, "x2": -0.2, "x3": 0.1}, inputs={"u": sp.sin(t) / 2})
 
 
+@pytest.mark.ordinary("low_power-True", "switched_gain-True")
 @pytest.mark.parametrize("original", [False, True])
 @pytest.mark.parametrize("name", ["high_gain", "low_power", "switched_gain"])
 def test_observers_converge_on_it(name: str, original: bool) -> None:
@@ -222,6 +227,7 @@ def test_observers_converge_on_it(name: str, original: bool) -> None:
     assert np.abs(run.x[0] - true.x[0]).max() > 0.05
 
 
+@pytest.mark.full
 def test_the_header_says_where_the_derivative_comes_from() -> None:
     form = hg.forms.uniform_chain(bent(rates=((-1, 1),)), original=False)
     step = hg.sample(hg.observers.high_gain(form, theta=5, poles=(-1, -1, -1)), hg.methods.rk4, dt=1e-3)
@@ -229,6 +235,7 @@ def test_the_header_says_where_the_derivative_comes_from() -> None:
     assert "derivative of u; you supply it, from what sets the signal or from a filter of it" in " ".join(text.split())
 
 
+@pytest.mark.full
 def test_the_theorem_knows_the_form() -> None:
     form = hg.forms.uniform_chain(load(MODELS / "glucose_insulin.toml").plant)
     observer = hg.observers.high_gain(form, theta=5, poles=(-1, -1, -1))
@@ -237,6 +244,7 @@ def test_the_theorem_knows_the_form() -> None:
     assert not any("Phi = (y, y', .." in claim for claim in known)
 
 
+@pytest.mark.full
 def test_a_bound_in_these_coordinates_may_be_lower() -> None:
     """Of glucose and insulin 1.31, by the derivatives of y 2.71: there the last row alone holds what stands in two."""
     system = load(MODELS / "glucose_insulin.toml").plant
@@ -256,6 +264,7 @@ def findings(content: dict[str, Any]) -> dict[str, str]:
     return {row.id: row.found for row in recheck(json.dumps({**content, "digest": digest(content)})).rows}
 
 
+@pytest.mark.full
 def test_a_certificate_of_an_observer_on_it() -> None:
     """The structure is shown with the claim, of the equations in the file; of other equations it fails."""
     form = hg.forms.uniform_chain(load(MODELS / "lotka_volterra.toml").plant)

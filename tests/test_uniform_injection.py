@@ -121,6 +121,7 @@ def test_the_known_reach(n: int, ratio: float, proved: bool) -> None:
         assert "no norm is found in which the linear part of the error falls" in str(known["convergence"].reason)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("ratio", "last"), [(2.0, "-3*sin(2*x1) - x2 + u"), (3.0, "x1*x2 - x1**2")])
 def test_the_bound_is_less_than_what_is_declared_and_held_by_trials(ratio: float, last: str) -> None:
     """At a theta above the bound errors fall in |e|_P everywhere, of estimates far outside of the ranges too; a theta
@@ -152,6 +153,7 @@ def test_the_bound_is_less_than_what_is_declared_and_held_by_trials(ratio: float
         assert 2 * e @ P @ moved <= -float(falls.alpha) * (e @ P @ e) + 1e-9
 
 
+@pytest.mark.full
 def test_many_slopes_are_proved_by_multipliers() -> None:
     """Of four states whose last row reads all of them there are too many combinations."""
     pytest.importorskip("clarabel")

@@ -62,6 +62,7 @@ def test_a_map_without_a_closed_inverse_is_one_to_one() -> None:
     assert lipschitz.verdict is Verdict.PROVED
 
 
+@pytest.mark.ordinary("0.5-3.2", "0.0-3.0")
 @pytest.mark.parametrize(("low", "high"), [(-1.0, 1.0), (0.5, 3.2), (-4.0, -1.5), (0.0, 3.0)])
 def test_a_turn_of_less_than_half_is_one_to_one(low: float, high: float) -> None:
     """cos of the angle from the middle is above 0 there, of rows combined as the inverse at the middle does."""
@@ -93,6 +94,7 @@ def dipping(depth: float, place: float = 0.123457, width: float = 4000) -> tuple
     return [x[0] - bump + x[1] / 9, x[1] + sp.sin(x[0]) / 9], x
 
 
+@pytest.mark.full
 def test_minors_that_are_below_zero_between_all_sample_points_are_seen() -> None:
     """The slope is 1 - depth at .123457, and 1 a thousandth beside; F takes a value twice."""
     F, x = dipping(1.2)
@@ -106,6 +108,7 @@ def test_minors_that_are_below_zero_between_all_sample_points_are_seen() -> None
 # --- against maps that are drawn ----------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @sweep(6, 60, st.integers(0, 2**32 - 1), st.floats(0.1, 1.2))
 def test_what_is_shown_takes_no_value_twice(seed: int, size: float) -> None:
     """From pairs of points that Newton's method brings together where it can."""
@@ -223,6 +226,7 @@ def test_a_map_with_kinks_fails() -> None:
     assert findings(content)["phase.inverse"] == "fails"
 
 
+@pytest.mark.full
 def test_an_input_and_its_derivative_are_whatever_they_are() -> None:
     check = one_to_one(driven())
     assert check.verdict is Verdict.PROVED

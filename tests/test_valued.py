@@ -26,6 +26,14 @@ def _of(checks: tuple[hg.Check, ...], fact: str) -> hg.Check:
     return next(check for check in checks if check.id.fact == fact)
 
 
+@pytest.mark.ordinary(
+    "rest0-u != 0-original",
+    "rest0-u != 0-block_triangular",
+    "rest1-has a value-original",
+    "rest1-has a value-uniform",
+    "rest1-has a value-triangular",
+    "rest1-has a value-state_affine",
+)
 @pytest.mark.parametrize("form", ["original", "uniform", "triangular", "state_affine", "block_triangular"])
 @pytest.mark.parametrize(("rest", "condition"), [(LOST, "u != 0"), (CHOICE, "has a value")])
 def test_a_bound_under_a_condition_asks_for_a_value_of_the_plant_too(form: str, rest: sp.Expr, condition: str) -> None:

@@ -45,6 +45,7 @@ def calls(function: Callable[[], Any]) -> set[tuple[str, str]]:
     return {(caller, callee) for caller, callee in pairs if caller != callee}
 
 
+@pytest.mark.ordinary("pendulum.py-True")
 @pytest.mark.parametrize(("name", "check"), [("fitzhugh_nagumo.py", False), ("pendulum.py", True)])
 def test_a_step_becomes_text_without_climbing_back(name: str, check: bool) -> None:
     """But for the reader that a program calls statement by statement, and for functions that the printer joins as they

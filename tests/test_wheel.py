@@ -46,6 +46,7 @@ def test_a_wheel_holds_all_files_of_the_package_and_the_models(unpacked: Path) -
     assert others.pop().endswith(".dist-info")
 
 
+@pytest.mark.full
 def test_the_command_of_a_wheel_knows_the_models(unpacked: Path, tmp_path: Path) -> None:
     listed = hgogen(unpacked, tmp_path, "list")
     names = {path.stem for path in (ROOT / "models").iterdir() if path.suffix in (".py", ".toml")}

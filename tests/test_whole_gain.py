@@ -75,6 +75,7 @@ def block_columns() -> np.ndarray:
 # --- the step -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_block_columns_are_the_gain_chain_by_chain(align: str) -> None:
     each = [hg.observers.high_gain(blocks(align), theta=8, gains=gains) for gains in (OWN, block_columns())]
@@ -113,6 +114,7 @@ def test_the_step_is_the_oracles(align: str) -> None:
     assert step.run(u=u[:, 0], y=y, engine="python").x == pytest.approx(expected, abs=1e-10)
 
 
+@pytest.mark.ordinary("end-float", "end-double")
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("kind", ["top", "end", "driven"])
 def test_the_c_is_the_program(kind: str, real: Any) -> None:
@@ -172,6 +174,7 @@ def test_a_matrix_in_plain_text() -> None:
 # --- what is proved of it -----------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("end")
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_the_bound_on_theta_holds(align: str) -> None:
     """M'P + P M < 0, M = Delta (A - K_theta C + J) Delta^-1, at points of the box, above the bound."""
@@ -191,12 +194,14 @@ def test_the_bound_on_theta_holds(align: str) -> None:
             assert np.linalg.eigvalsh(M.T @ P + P @ M).max() < 0
 
 
+@pytest.mark.full
 def test_it_is_verified_as_it_runs() -> None:
     """With an a that moves by an input and a parameter, and a C that moves by the input."""
     wanted = ("convergence", "theta", "step", "shorter", "tuned", "noise", "start")
     assert findings(certified()) == dict.fromkeys(wanted, "verified")
 
 
+@pytest.mark.full
 def test_two_estimates_come_together_by_the_proved_share() -> None:
     """In floats and doubles' reading of the program, with inputs and parameters anywhere in their ranges."""
     observer, dt = observer_of_pair(), 2e-2
@@ -218,6 +223,7 @@ def test_two_estimates_come_together_by_the_proved_share() -> None:
     assert (V[1:] <= V[:-1] * (1 - float(known.proof.alpha) * dt) * (1 + 1e-9) + 1e-20).all()
 
 
+@pytest.mark.ordinary("20-1", "20-2")
 @pytest.mark.parametrize("at", range(6))
 @pytest.mark.parametrize("more", ["20", "-20"])
 def test_another_entry_is_not_what_was_proved(at: int, more: str) -> None:

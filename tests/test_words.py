@@ -17,6 +17,7 @@ def source(name: str) -> str:
     return code(emitted.files(name)[f"{emitted.step(name).name}.c"], r"/\*.*?\*/")
 
 
+@pytest.mark.ordinary("pendulum", "one_state", "chained_in_x")
 @each
 def test_a_measurement_is_called_so(name: str) -> None:
     """By the output as well, where a function reads several; a section of an update reads one."""
@@ -36,6 +37,7 @@ def test_neither_sample_nor_innovation_is_a_number_of_a_section(name: str) -> No
     assert not re.search(r"\bfloat innovation = 0", text)
 
 
+@pytest.mark.ordinary("pendulum", "bent", "chained_in_x")
 @each
 def test_rust_has_the_same_words(name: str) -> None:
     text, c = code(emitted.crate(name), r"//[^\n]*"), source(name)

@@ -37,6 +37,7 @@ def test_a_high_power_of_a_sum_is_too_large_for_exact_algebra(exponent: int) -> 
     assert len(quotients([(x + z) ** 1000], (x, z), ring)[0][0]) == 1001
 
 
+@pytest.mark.full
 def test_a_slope_of_high_degree_is_left_as_it_is() -> None:
     form = hg.forms.uniform(plant((x**2 + z) ** 100000, -z))
     start = time.process_time()
@@ -44,6 +45,7 @@ def test_a_slope_of_high_degree_is_left_as_it_is() -> None:
     assert time.process_time() - start < SECONDS
 
 
+@pytest.mark.full
 def test_slopes_of_long_derivatives_with_roots_are_left_out_and_it_says_so() -> None:
     """A growth law with a power and a root of the sum of all states, read through that sum, whose fourth derivative
     has 27,000 nodes."""
@@ -59,6 +61,7 @@ def test_slopes_of_long_derivatives_with_roots_are_left_out_and_it_says_so() -> 
     assert "more than 2000, is too large" in str(answer.checks[0].reason)
 
 
+@pytest.mark.full
 def test_a_point_without_a_slope_is_no_traceback() -> None:
     """x**-100000 leaves the doubles next to 0, where step lengths are judged as well."""
     p, q = hg.Signal("p", low=-1, high=1), hg.Signal("q", low=-1, high=1)

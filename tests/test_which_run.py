@@ -1,0 +1,62 @@
+"""Which tests a run takes: representatives, and every K-th."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from conftest import every, stand_for_others
+
+
+class Case:
+    """A case of a test, as pytest collects it."""
+
+    path = Path("test_a.py")
+
+    def __init__(self, test: str, case: str, *representatives: str) -> None:
+        self.originalname, self.name = test, f"{test}[{case}]"
+        self.marker = SimpleNamespace(args=representatives) if representatives else None
+        self.marks: list[str] = []
+
+    def get_closest_marker(self, name: str) -> Any:
+        assert name == "ordinary"
+        return self.marker
+
+    def add_marker(self, name: str) -> None:
+        self.marks.append(name)
+
+
+def cases(test: str, names: str, *representatives: str) -> list[Any]:
+    return [Case(test, name, *representatives) for name in names.split()]
+
+
+def full(items: list[Any]) -> list[str]:
+    return [item.name for item in items if item.marks == ["full"]]
+
+
+def test_the_others_of_a_test_are_full() -> None:
+    items = [*cases("test_a", "x y z"), *cases("test_b", "x y z", "y", "z"), *cases("test_c", "u-x u-y v-x", "u-*")]
+    stand_for_others(items, whole=True)
+    assert full(items) == ["test_b[x]", "test_c[v-x]"]
+
+
+def test_a_representative_that_is_not_there_is_said_where_all_cases_are() -> None:
+    items = cases("test_b", "x y", "y", "renamed")
+    stand_for_others(items, whole=False)
+    assert full(items) == ["test_b[x]"]
+    with pytest.raises(pytest.UsageError, match=r"test_a\.py: test_b has no case renamed"):
+        stand_for_others(cases("test_b", "x y", "y", "renamed"), whole=True)
+
+
+def test_every_third_test_is_one_of_each_file() -> None:
+    """The first, the fourth, .. of each file, and the others are counted as deselected."""
+    tests = [
+        SimpleNamespace(path=file, number=k) for file, count in (("a", 7), ("b", 2), ("c", 3)) for k in range(count)
+    ]
+    items, left = list(tests), list[SimpleNamespace]()
+    hook = SimpleNamespace(pytest_deselected=lambda items: left.extend(items))
+    config = SimpleNamespace(getoption={"every": 3}.get, hook=hook)
+    every(config, items)
+    assert [(one.path, one.number) for one in items] == [("a", 0), ("a", 3), ("a", 6), ("b", 0), ("c", 0)]
+    assert {id(one) for one in (*items, *left)} == set(map(id, tests))
+    assert len(items) + len(left) == len(tests)
