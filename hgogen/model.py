@@ -8,6 +8,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
+from os import fsencode
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
@@ -362,7 +363,7 @@ def _python(path: Path) -> Model:
         raise ModelFails(str(path), error.lineno or 1, f"{error.msg}; correct the syntax") from None
     except ValueError as error:  # a null byte, or a byte that is not in the file's encoding
         raise ModelFails(str(path), 1, f"is no Python text ({error})") from None
-    module = ModuleType(f"hgogen_model_{sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}")
+    module = ModuleType(f"hgogen_model_{sha256(fsencode(path.resolve())).hexdigest()[:12]}_{path.stem}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module
     linecache.checkcache(str(path))

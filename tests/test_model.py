@@ -1,5 +1,6 @@
 """Loading model files, and what is said of those that do not load."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -74,6 +75,14 @@ def test_two_files_of_one_name_are_two_models(tmp_path: Path):
     assert [one.module.plant for one in loaded] == ["a", "b"]
     assert all(sys.modules[one.module.__name__] is one.module for one in loaded)
     assert not list(tmp_path.rglob("__pycache__"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of folders are texts there")
+def test_a_folder_may_have_a_name_that_is_no_text(tmp_path: Path):
+    """As any is with letters beyond ASCII, to a Python that reads names as ASCII."""
+    folder = tmp_path / os.fsdecode(b"\xff")
+    folder.mkdir()
+    assert load(model(folder, "plant = 1\n")).module.plant == 1
 
 
 def test_what_a_model_prints_is_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
