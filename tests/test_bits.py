@@ -27,6 +27,7 @@ def by_case() -> hg.Step:
     return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 3, R=[1] * 3), dt=0.01)
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks", "two", "bank")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_names_are_capitals_and_words_name_the_signal_as_declared(name: str) -> None:
     step = emitted.step(name)

@@ -200,6 +200,7 @@ def test_what_is_said_of_a_function_stands_right_above_it(name: str) -> None:
     assert f"{meaning}static " in text
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks", "two", "bank")
 @pytest.mark.parametrize("name", NAMES)
 def test_the_self_check_s_banner_is_not_wrapped(name: str) -> None:
     """Its lines are broken where they mean to be, and what is to be defined stands in a column."""

@@ -117,6 +117,7 @@ def test_a_part_that_its_method_leaves_to_another_has_the_others_equations() -> 
 # --- tables -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks", "two", "bank")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_every_claim_has_its_verdict_and_its_evidence(name: str) -> None:
     step = emitted.step(name)
@@ -129,6 +130,7 @@ def test_every_claim_has_its_verdict_and_its_evidence(name: str) -> None:
         assert row[3].startswith(str(check.reason))
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks", "two", "bank")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_every_hypothesis_has_its_standing(name: str) -> None:
     """What is open comes first."""

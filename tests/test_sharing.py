@@ -57,6 +57,7 @@ def test_each_box_of_several_numbers_stands_once(name: str) -> None:
     assert len(texts) == len(set(texts))
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks", "two", "bank")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_part_is_called_more_than_once_and_writes_more_than_a_call_does(name: str) -> None:
     text, writer = source(name), SharingWriter(C, made(name), "float")

@@ -49,6 +49,7 @@ def test_what_shows_when_it_is_made_is_refused_with_the_same_words(made) -> None
         hg.sample(made(), dt=0.01)
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks", "two", "bank")
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_what_is_counted_at_the_door_is_raised(name: str) -> None:
     """So nothing is refused there that would have had room."""

@@ -29,6 +29,7 @@ def test_a_measurement_is_called_so(name: str) -> None:
     assert {local for local, _ in named} <= {*wanted, *["y_given"] * bool(step.ages)}  # what a period is given
 
 
+@pytest.mark.ordinary("fitzhugh_nagumo", "pendulum", "cascaded_tanks", "two", "bank")
 @each
 def test_neither_sample_nor_innovation_is_a_number_of_a_section(name: str) -> None:
     """A sample is what comes; an innovation is what theta adapts by."""
