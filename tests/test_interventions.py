@@ -1,11 +1,13 @@
 """Restarts and projections of a run are counted and named with their times; undisturbed, they are a warning."""
 
+import json
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hgogen.commands.command import json_text
 from hgogen.trials.interventions import Interventions, interventions, notes
 
 STEP: Any = SimpleNamespace(
@@ -17,7 +19,7 @@ def test_the_times_are_those_at_which_a_bit_was_raised() -> None:
     status = np.array([0, 2, 4, 1, 6, 0])
     each = interventions(STEP, status, np.arange(6) / 10)
     assert each == Interventions(restarts=(0.2, 0.4), projections=(0.1, 0.4))
-    assert each.as_dict() == {"restarts": [0.2, 0.4], "projections": [0.1, 0.4], "runs": 1}
+    assert json.loads(json_text(each)) == {"restarts": [0.2, 0.4], "projections": [0.1, 0.4], "runs": 1}
     plain: Any = SimpleNamespace(bits=())
     assert not interventions(plain, status, np.arange(6.0))
 

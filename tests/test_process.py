@@ -17,8 +17,10 @@ from typer.testing import CliRunner
 from hgogen import cli
 from hgogen.commands import process, tables
 from hgogen.commands.command import json_text
+from hgogen.identification.whiteness import Whiteness
 from hgogen.reading.content import Unread, content_of
 from hgogen.recheck import verification as recheck
+from hgogen.trials.consistency import OfOutput
 
 COMMAND = [sys.executable, "-c", "from hgogen.cli import main; main()"]
 PENDULUM, NEURON = (
@@ -136,6 +138,15 @@ def test_a_reader_of_the_help_that_stops_early_ends_it_quietly() -> None:
 def test_json_has_no_number_that_is_not_finite() -> None:
     value = {"a": [float("inf"), (-float("inf"), 1.5)], "b": {"c": float("nan")}, "d": np.float64("nan"), "e": "inf"}
     assert json.loads(json_text(value)) == {"a": [None, [None, 1.5]], "b": {"c": None}, "d": None, "e": "inf"}
+
+
+def test_json_of_a_value_is_of_its_fields_or_what_it_says_of_itself() -> None:
+    test = Whiteness(statistic=1.0, limit=2.0, lags=3)
+    rows = [OfOutput("y", 5, 0.1, None, None, float("nan"), test)]
+    (row,) = json.loads(json_text({"rows": rows}))["rows"]
+    assert row["output"] == "y"
+    assert row["outside"] is None
+    assert row["whiteness"] == {"test": "Ljung-Box", "statistic": 1.0, "limit": 2.0, "lags": 3, "white": True}
 
 
 @pytest.mark.full

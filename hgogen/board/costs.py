@@ -2,9 +2,8 @@
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,10 +33,6 @@ class Costs:
     flags: str
     emulator: str
     source: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def measured(step: Step, files: Mapping[str, str], rows: np.ndarray, real: Real) -> Costs:

@@ -1,9 +1,8 @@
 """Up to which dt a step is certified, advised and admitted, the certified first."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 from hgogen.certificates.contraction import Contraction
 from hgogen.intervals.digits import Down
@@ -42,10 +41,6 @@ class Admitted:
             yield Sentence.of("tried without failure up to {most}", most=Down(self.advised, 3))
         if self.refused is not None:
             yield Sentence.of("refused above {most}", most=Down(self.refused, 3))
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def admitted(step: Step, known: Contraction) -> Admitted:

@@ -167,7 +167,7 @@ def build_(
         "compiler": native.compiler(),
         "self_check": self_check,
         "trials": trial_runs.as_dicts(summaries, done),
-        "comparison": [one.as_dict() for one in comparison],
+        "comparison": comparison,
         "files": list(map(str, paths)),
     }
     folder.write({**written, "report.json": json_text(report) + "\n"})
@@ -302,9 +302,9 @@ def simulate_(
     listed_ = [
         {
             **summary,
-            "bounds": [state.as_dict() for state in bounds],
-            "falling": falls_ and falls_.as_dict(),
-            "each": [seed.as_dict() for seed in one.each],
+            "bounds": bounds,
+            "falling": falls_,
+            "each": one.each,
         }
         for (summary, one), bounds, falls_ in zip(pairs, worst, falls, strict=True)
     ]

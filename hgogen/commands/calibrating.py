@@ -163,7 +163,7 @@ def tune_(
     report = {
         "model": loaded.path,
         "equations": equations(plant),
-        "records": [record.report.as_dict() for record in logs.records],
+        "records": [record.report for record in logs.records],
         "take": calibration.best.name,
         "tuning": {row.name: row.table for row in calibration.rows},
         "ahead": ahead,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -113,10 +112,10 @@ def _row(name: str, one: Campaign, tally: Tally, asked: Runs) -> dict[str, Any]:
         "criterion": criterion(one.trial, one.step.time),
         "runs": len(one.draws),
         "failed": tally.failed,
-        "varied": [asdict(varied) for varied in one.draws.varied],
-        "quantiles": [asdict(spread) for spread in tally.spreads()],
+        "varied": one.draws.varied,
+        "quantiles": tally.spreads(),
     }
-    return row if asked.repeat is None or tally.last is None else {**row, "run": tally.last.as_dict()}
+    return row if asked.repeat is None or tally.last is None else {**row, "run": tally.last}
 
 
 def _shown(name: str, one: Campaign, tally: Tally, asked: Runs) -> Iterator[RenderableType]:

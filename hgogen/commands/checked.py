@@ -100,7 +100,7 @@ class Checked:
         refused = [c.id for c in self.open]
         said = {"checks": listed, "refuted": refused, "theorem": theorem, "notes": list(self.notes)}
         gains = {gain.name: by_name(gain) for gain in self.gains}
-        own = {"gains": gains, "dt": self.dt and self.dt.as_dict()}
+        own = {"gains": gains, "dt": self.dt}
         return {"plant": self.plant, "form": self.form.kind, **equations, **own, **said}
 
 

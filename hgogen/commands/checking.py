@@ -186,10 +186,10 @@ def _one(
     if latex:
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex(), file=results())
     elif as_json:
-        shown = {**seen.as_dict(), "least_seen": least and least.as_dict()}
+        shown = {**seen.as_dict(), "least_seen": least}
         known = {"observability": shown, "forms": forms.as_dict(), "bounds": _ranges(ranges)}
         whole = {"model": loaded.path, "headline": first, **known, **claims.as_dict()}
-        whole |= {"undefined": [check.as_dict() for check in gaps]}
+        whole |= {"undefined": gaps}
         whole |= {"singular": singular.as_dict(), **(take.as_dict() if take else {})}
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)

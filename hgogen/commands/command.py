@@ -5,7 +5,7 @@ import math
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from enum import StrEnum
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -283,7 +283,7 @@ class Bar(Progress):
         self.update(self._only, completed=done)
 
 
-def show(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
+def show(as_json: bool, value: Any, *shown: Any) -> None:
     """Print a result: as JSON alone, or as tables."""
     if as_json:
         print(json_text(value), file=results())
@@ -293,15 +293,20 @@ def show(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
 
 
 def json_text(value: Any, indent: int = 2) -> str:
-    """A value as JSON, which has no infinite number and none that is none: they are null."""
-    return json.dumps(_finite(value), indent=indent, allow_nan=False)
+    """A value as JSON: a dataclass by its fields, or by what its `as_dict` gives. JSON has no infinite number and none
+    that is none: they are null."""
+    return json.dumps(_plain(value), indent=indent, allow_nan=False)
 
 
-def _finite(value: Any) -> Any:
+def _plain(value: Any) -> Any:
+    if hasattr(value, "as_dict"):
+        return _plain(value.as_dict())
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
+        return [_plain(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -202,8 +202,8 @@ def _left(plant: System, each: list[Measured]) -> tuple[Left, ...]:
 def _row(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
     row = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
     row |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
-    row |= {"left": [one.as_dict() for one in _left(plant, each)]}
-    return {**row, "observers": [one.as_dict() for one in each]}
+    row |= {"left": _left(plant, each)}
+    return {**row, "observers": each}
 
 
 def _names(model: Model, asked: str | None) -> list[str]:

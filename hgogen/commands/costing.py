@@ -1,7 +1,7 @@
 """The command `cost`: what a model's emitted C costs on a Cortex-M4F, and whether it keeps to limits."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -75,7 +75,7 @@ def cost_(
     made, trial, real = loaded.step(observer), trial_runs.trials(loaded)[0], loaded.setting.real or "float"
     step = prefixed(made, name) if name else made
     costs = measured(step, targets.c99(step, real=real, check=False), rows_given(made, trial), real)
-    report = costs.as_dict()
+    report = asdict(costs)
     folder.write({COSTS: json_text({"model": loaded.name, **report}) + "\n"})
     table = headed(f"{step.name} in {real} on a {costs.machine}", "what", "how much", numbers=1)
     for key, meaning in _MEANINGS.items():

@@ -157,7 +157,7 @@ def fit_(
     report = {
         "model": loaded.path,
         "equations": equations(plant),
-        "records": [record.report.as_dict() for record in records],
+        "records": [record.report for record in records],
         **result.as_dict(),
         "predictions": judged,
         "unjudged": unjudged,
@@ -202,7 +202,7 @@ def _writing(folder: Folder, bar: Bar) -> Iterator[Callable[[Progress], None]]:
             written = monotonic()
 
     def write(progress: Progress) -> None:
-        folder.write({BEGUN: json_text(progress.as_dict(), indent=0) + "\n"})
+        folder.write({BEGUN: json_text(progress, indent=0) + "\n"})
 
     try:
         with interruptible():

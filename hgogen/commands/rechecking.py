@@ -35,7 +35,7 @@ def recheck_(
     except UnicodeDecodeError:
         raise verification.CannotRead(str(file), "is no text in UTF-8") from None
     outcome = verification.recheck(text)
-    show(as_json, outcome.as_dict(), _rechecked(outcome))
+    show(as_json, outcome, _rechecked(outcome))
     outcome.demand()
 
 

@@ -164,18 +164,18 @@ def run_(
     report = {
         "model": loaded.path,
         "engine": engine,
-        "record": record.report.as_dict(),
+        "record": record.report,
         "status": status,
-        "acted": acted.as_dict(),
+        "acted": acted,
         "initial": begins,
-        "predictions": [one.as_dict() for one in errors],
+        "predictions": errors,
         "hidden": hidden,
-        "innovations": [one.as_dict() for one in sure.outputs],
-        "nees": sure.states and sure.states.as_dict(),
+        "innovations": sure.outputs,
+        "nees": sure.states,
         "real": step.real,
-        "better": other and other.as_dict(),
-        "rejected": [one.as_dict() for one in wrong],
-        "from_double": [one.as_dict() for one in single],
+        "better": other,
+        "rejected": wrong,
+        "from_double": single,
         "notes": notes,
         "files": list(map(str, paths)),
     }
@@ -318,7 +318,7 @@ def noise_(
     record = _record(step, data, time, period, map_, step.outputs)
     quiet = noise.quiet(record.t, begin, end, step.time)
     suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs]
-    value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in suggestions]}
+    value = {"model": loaded.path, "record": record.report, "noise": suggestions}
     show(
         as_json,
         value,

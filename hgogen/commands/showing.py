@@ -30,7 +30,7 @@ def window_(
     chosen, *_ = one_or_all(trial_runs.trials(loaded), trial)
     windows = _lengths(lengths) if lengths else _about(innovation_window(loaded, "--d", observer), chosen.duration)
     gramians = hg.gramian(loaded.plant, chosen, windows)
-    value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in gramians]}
+    value = {"model": loaded.path, "trial": chosen.name, "windows": gramians}
     show(as_json, value, tables.windows(chosen.name, gramians, loaded.plant.time))
 
 

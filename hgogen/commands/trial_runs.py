@@ -1,7 +1,7 @@
 """A model's trials over their seeds, and what commands say of them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any
 
@@ -84,10 +84,7 @@ def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
 def as_dicts(summaries: Iterable[Summary], done: Iterable[Tried]) -> list[dict[str, Any]]:
     """The trials for JSON: the summary of each, where the plant leaves its ranges, and when guards acted."""
     pairs = zip(summaries, done, strict=True)
-    return [
-        {**one.as_dict(), "left": [each.as_dict() for each in tried.left], "acted": tried.acted.as_dict()}
-        for one, tried in pairs
-    ]
+    return [{**asdict(one), "left": tried.left, "acted": tried.acted} for one, tried in pairs]
 
 
 def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -87,7 +87,7 @@ class Fit:
             "unfitted": self.unfitted,
             "alike": self.alike,
             "untold": list(self.untold),
-            "joint": self.joint.as_dict() if self.joint else None,
+            "joint": asdict(self.joint) if self.joint else None,
             "confined": list(self.confined),
             "outlying": self.outlying,
             "whiteness": {name: test.as_dict() if test else None for name, test in self.whiteness.items()},

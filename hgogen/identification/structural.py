@@ -11,7 +11,6 @@ is told.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -37,10 +36,6 @@ class Structure:
     doubtful: tuple[str, ...]
     unseen: tuple[str, ...]
     repairs: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
 
 
 def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:

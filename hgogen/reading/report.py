@@ -1,8 +1,7 @@
 """What was found in a log and what was done with it: counts, and a sentence for each."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -43,10 +42,6 @@ class Report:
     shift: float
     unit: str
     notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
     def sentences(self) -> tuple[str, ...]:
         """What was found and what was done with it, a sentence each; only what there is."""

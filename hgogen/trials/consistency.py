@@ -11,8 +11,7 @@ tracking and navigation" (2001), 5.4.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,10 +42,6 @@ class OfOutput:
     outside: float | None
     whiteness: Whiteness | None
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**asdict(self), "whiteness": self.whiteness.as_dict() if self.whiteness else None}
-
 
 @dataclass(frozen=True)
 class OfStates:
@@ -58,10 +53,6 @@ class OfStates:
     alike: float
     nees: float
     band: tuple[float, float]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)

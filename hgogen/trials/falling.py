@@ -9,9 +9,8 @@ fallen to a millionth since an event, rounding and the step's remainder begin to
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -36,10 +35,6 @@ class Falling:
     time: float | None
     calls: int
     eigenvalues: tuple[float, float]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
     def sentence(self, unit: str) -> str:
         """In one line; `unit`: that of the model's time."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -27,10 +26,6 @@ class Interventions:
         """Those of both."""
         restarts, projections = self.restarts + other.restarts, self.projections + other.projections
         return Interventions(restarts, projections, self.runs + other.runs)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"restarts": list(self.restarts), "projections": list(self.projections), "runs": self.runs}
 
     def sentence(self, unit: str) -> str:
         """A clause such as "2 restarts from the sample (t = 1.2, 3 s), 1 projection onto the ranges (t = .4 s)"."""

@@ -1,8 +1,7 @@
 """Whether a trial's own plant leaves the ranges that it declares, for which no observer is made."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,10 +22,6 @@ class Left:
     time: float
     value: float
     farthest: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
     def sentence(self, unit: str) -> str:
         """A sentence such as "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""

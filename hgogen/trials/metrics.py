@@ -8,7 +8,7 @@ declared one, else that of the truth along the trial.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -54,10 +54,6 @@ class Metrics:
     responses: tuple[Response, ...]
     rms: Mapping[str, float]
     clamped: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def metrics(step: Step, trajectory: Trajectory) -> Metrics:
@@ -167,10 +163,6 @@ class Summary:
     alarm_ratio: float | None
     rms: Mapping[str, float]
     clamped: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:

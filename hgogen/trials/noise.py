@@ -10,8 +10,7 @@ ten; it is the foot.
 """
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -83,10 +82,6 @@ class Suggestion:
     gamma_1: float
     R: float
     notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:

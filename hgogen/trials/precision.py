@@ -6,8 +6,7 @@ Samples at which one of them is no number do not count.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,10 +29,6 @@ class Difference:
     scale: float
     of: str
     status: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Difference, ...]:

@@ -7,8 +7,8 @@ the model predicts best, beside copying; of maps as good one of units, and an of
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -65,10 +65,6 @@ class Rejection:
     range: tuple[float, float]
     map: str
     mends: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
     def __str__(self) -> str:
         (low, high), (least, most), y = self.values, self.range, self.output

@@ -7,6 +7,7 @@ values that were drawn for it, and its metrics are those of this trial and of th
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from hgogen.trials.campaign import MOST, BadCampaign, Campaign, Outcome
@@ -20,7 +21,7 @@ def head(each: Campaign) -> str:
 
 def line(one: Outcome) -> str:
     """The line of an outcome; infinite numbers stand as Python's JSON writes them."""
-    return json.dumps(one.as_dict()) + "\n"
+    return json.dumps(asdict(one)) + "\n"
 
 
 def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome | None]:

@@ -12,8 +12,7 @@ offset, may do the same.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,10 +40,6 @@ class Better:
     sign: int
     error: float
     present: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
     def sentence(self, before: int, operand: str) -> str:
         """What to say on the command line, where the signal is shifted by `before` already, and its column in an

@@ -1,8 +1,7 @@
 """The worst that a trial shows of an error, beside the bound that is proved of it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,10 +20,6 @@ class Seen:
     bound: float
     after: float
     worst: float | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def seen(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[Seen, ...]:
