@@ -11,7 +11,23 @@ from string import Formatter
 
 import pages
 import pytest
-from house import CASES, COLUMN, FILES, FOLDERS, INNER, ROOT, alone, below, imports, parsed, tree, within
+from house import (
+    CASES,
+    COLUMN,
+    FILES,
+    FOLDERS,
+    INNER,
+    ROOT,
+    alone,
+    below,
+    doors,
+    imports,
+    measures,
+    parsed,
+    statements,
+    tree,
+    within,
+)
 
 import hgogen as hg
 from hgogen.errors import HgogenError
@@ -538,3 +554,22 @@ def test_nothing_strange_is_said() -> None:
         if STRANGE.search(line)
     ]
     assert not lines
+
+
+# --- measures -----------------------------------------------------------------------------------------------
+
+
+def test_statements_are_counted_without_a_docstring() -> None:
+    function = ast.parse("def f():\n    'It is f.'\n    a = 1\n    def g():\n        return a\n    return g").body[0]
+    assert isinstance(function, ast.FunctionDef)
+    assert statements(function) == 4
+
+
+@pytest.mark.full
+def test_the_table_of_measures_is_there() -> None:
+    rows = dict(measures())
+    assert len(rows) == 11
+    assert rows["modules, folders"] == f"{len(FILES)}, {len(COLUMN)}"
+    assert all(int(number) > 0 for number in rows["climbs: hg.sample, targets.c99"].split(", "))
+    assert {"run", "fit", "tune", "check"} <= doors().keys()
+    assert all(0 < own <= whole for own, whole in doors().values())
