@@ -111,6 +111,29 @@ def test_no_graph_is_further_from_exact_arithmetic(rows: list[tuple[str, int, in
             assert abs(computed - exact[-1]) <= mpmath.mpf(float(known.error)) * (1 + mpmath.mpf(10) ** -9)
 
 
+WIDE: dict[int, tuple[float, float, Callable[[float], float], float]] = {
+    ca.OP_TAN: (-1.2, 1.2, math.tan, 1 + math.tan(1.2) ** 2),
+    ca.OP_ASIN: (-0.8, 0.8, math.asin, 1 / math.sqrt(1 - 0.8**2)),
+    ca.OP_ATAN: (0.5, 9.0, math.atan, 0.8),
+    ca.OP_TANH: (-3.0, 3.0, math.tanh, 1.0),
+    ca.OP_ASINH: (-9.0, 9.0, math.asinh, 1.0),
+    ca.OP_ACOSH: (1.25, 9.0, math.acosh, 1 / math.sqrt(1.25**2 - 1)),
+    ca.OP_ATANH: (-0.8, 0.8, math.atanh, 1 / (1 - 0.8**2)),
+}
+
+
+@pytest.mark.parametrize("op", WIDE)
+def test_a_function_of_a_wide_range_is_bounded_by_its_values_and_steepest_slope(op: int) -> None:
+    low, high, function, steepest = WIDE[op]
+    known = Rounding("double").apply(op, [Computed(ball(low, high), arb(1e-3))])
+    assert float(known.value.lower()) == pytest.approx(function(low), rel=1e-6)
+    assert float(known.value.upper()) == pytest.approx(function(high), rel=1e-6)
+    ends = function(low), function(high)
+    assert known.value.lower() <= min(ends) * (1 + 1e-15)
+    assert known.value.upper() >= max(ends) * (1 - 1e-15)
+    assert steepest * 1e-3 <= float(known.error) <= 1.06 * steepest * 1e-3  # and a little beyond the ends
+
+
 def walked(rounding: Rounding, function: ca.Function, held: list[Computed]) -> list[Computed]:
     """The first output of a graph of the operations alone."""
     slots: dict[int, Computed] = {}
