@@ -125,13 +125,8 @@ def length(path: Path) -> int:
 
 def total(*folders: str) -> int:
     """The lines of the package, or of some of its folders: of code, templates and tables."""
-    names = [str(PACKAGE / folder) for folder in folders] or [str(PACKAGE)]
-    return sum(length(ROOT / line) for line in git("ls-files", *names))
-
-
-def git(*words: str) -> list[str]:
-    """The lines that git answers."""
-    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    paths = (path for folder in folders or ("",) for path in (PACKAGE / folder).rglob("*"))
+    return sum(length(path) for path in paths if path.is_file() and path.suffix != ".pyc")
 
 
 @cache
