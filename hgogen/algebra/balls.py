@@ -228,6 +228,11 @@ def ends(a: Any) -> tuple[Fraction, Fraction]:
     return low, high
 
 
+def rising(function: Callable[[Any], Any], a: Any) -> Any:
+    """A function that rises, of a ball, by its ends: Arb's own of a wide ball may be far wider, or none."""
+    return function(a.lower()).union(function(a.upper()))
+
+
 def rational(value: Fraction) -> Any:
     """The number as flint has it."""
     return flint.fmpq(value.numerator, value.denominator)
@@ -239,9 +244,9 @@ def _hyperbolic(a: Any) -> tuple[Any, Any]:
 
 
 def _tanh(a: Any) -> tuple[Any, Any]:
-    """By its ends and t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
+    """By t' = (1 - t^2) a': of a wide ball a quotient of exponentials holds everything."""
     x = a.coeffs() or [flint.arb(0)]
-    t, fall = [x[0].lower().tanh().union(x[0].upper().tanh())], list[Any]()
+    t, fall = [rising(flint.arb.tanh, x[0])], list[Any]()
     for k in range(1, a.prec):
         fall.append(int(k == 1) - sum(t[i] * t[k - 1 - i] for i in range(k)))
         t.append(sum(j * x[j] * fall[k - j] for j in range(1, min(k, len(x) - 1) + 1)) / flint.arb(k))

@@ -14,11 +14,13 @@ of `emit.elementary`. Source: N. J. Higham, Accuracy and Stability of Numerical 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, Literal
 
 import casadi as ca
 from flint import arb
+
+from hgogen.algebra.balls import rising
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")
@@ -313,13 +315,8 @@ def _angle(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return lambda x: function(x) if abs(x) <= _ANGLE else arb("nan")
 
 
-def _rising(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """One that rises, from its values at the ends of a ball: Arb's own of a wide ball is far wider, or none."""
-    return lambda x: _between(function(x.lower()), function(x.upper()))
-
-
 _ANGLE = 200
-_tanh = _rising(lambda x: x.tanh())
+_TANH, _ASINH, _ACOSH, _ATANH = (partial(rising, each) for each in (arb.tanh, arb.asinh, arb.acosh, arb.atanh))
 _SMOOTH: Mapping[int, tuple[float, Callable[[Any], Any], Callable[[Any], Any]]] = {
     ca.OP_SQRT: (2, lambda x: x.sqrt(), lambda x: x.rsqrt() / 2),
     ca.OP_EXP: (2, lambda x: x.exp(), lambda x: x.exp()),
@@ -332,10 +329,10 @@ _SMOOTH: Mapping[int, tuple[float, Callable[[Any], Any], Callable[[Any], Any]]] 
     ca.OP_ATAN: (2, lambda x: x.atan(), lambda x: 1 / (1 + _squared(x))),
     ca.OP_SINH: (2.5, lambda x: x.sinh(), lambda x: x.cosh()),
     ca.OP_COSH: (2, lambda x: x.cosh(), lambda x: x.sinh()),
-    ca.OP_TANH: (3.5, _tanh, lambda x: 1 - _squared(_tanh(x))),
-    ca.OP_ASINH: (3.5, _rising(lambda x: x.asinh()), lambda x: (1 + _squared(x)).rsqrt()),
-    ca.OP_ACOSH: (3.5, _rising(lambda x: x.acosh()), lambda x: (_squared(x) - 1).rsqrt()),
-    ca.OP_ATANH: (3.5, _rising(lambda x: x.atanh()), lambda x: 1 / (1 - _squared(x))),
+    ca.OP_TANH: (3.5, _TANH, lambda x: 1 - _squared(_TANH(x))),
+    ca.OP_ASINH: (3.5, _ASINH, lambda x: (1 + _squared(x)).rsqrt()),
+    ca.OP_ACOSH: (3.5, _ACOSH, lambda x: (_squared(x) - 1).rsqrt()),
+    ca.OP_ATANH: (3.5, _ATANH, lambda x: 1 / (1 - _squared(x))),
     ca.OP_EXPM1: (2.5, lambda x: x.expm1(), lambda x: x.exp()),
     ca.OP_LOG1P: (2.5, lambda x: x.log1p(), lambda x: 1 / (1 + x)),
 }
