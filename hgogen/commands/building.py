@@ -300,12 +300,7 @@ def simulate_(
     worst = [seen(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]
     listed_ = [
-        {
-            **summary,
-            "bounds": bounds,
-            "falling": falls_,
-            "each": one.each,
-        }
+        {**summary, "bounds": bounds, "falling": falls_, "each": one.each}
         for (summary, one), bounds, falls_ in zip(pairs, worst, falls, strict=True)
     ]
     paths = [] if out is None else Folder(out).write(rendered(drawings.figures(step, done, known)))

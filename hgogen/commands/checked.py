@@ -1,7 +1,7 @@
 """The claims about a model, as commands show them: of its step's observer, or of a form alone."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import hgogen as hg
@@ -100,7 +100,7 @@ class Checked:
         refused = [c.id for c in self.open]
         said = {"checks": listed, "refuted": refused, "theorem": theorem, "notes": list(self.notes)}
         gains = {gain.name: by_name(gain) for gain in self.gains}
-        own = {"gains": gains, "dt": self.dt}
+        own = {"gains": gains, "dt": self.dt and asdict(self.dt)}
         return {"plant": self.plant, "form": self.form.kind, **equations, **own, **said}
 
 

@@ -202,8 +202,7 @@ def _left(plant: System, each: list[Measured]) -> tuple[Left, ...]:
 def _row(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
     row = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
     row |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
-    row |= {"left": _left(plant, each)}
-    return {**row, "observers": each}
+    return {**row, "left": _left(plant, each), "observers": each}
 
 
 def _names(model: Model, asked: str | None) -> list[str]:

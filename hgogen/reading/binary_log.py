@@ -46,10 +46,10 @@ def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
         raise Damaged(f"that took more than {seconds:g} s") from None
     if done.returncode == UNSUPPORTED:
         raise Unsupported
+    said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     if done.returncode == FAILED:
-        raise Damaged(done.stderr.decode(errors="replace").strip().rpartition("\n")[2])
+        raise Damaged(said)
     if done.returncode:
-        said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
         ended = f"{_ending(done.returncode)}{said and f': {said}'}"
         raise Damaged(f"the process that read it ended ({ended}), so that the file may be damaged")
     stream = io.BytesIO(done.stdout)

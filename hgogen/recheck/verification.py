@@ -10,7 +10,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -79,16 +79,6 @@ class Row:
     sentence: str
     boxes: int = 0
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "id": self.id,
-            "verdict": self.verdict,
-            "found": self.found,
-            "sentence": self.sentence,
-            "boxes": self.boxes,
-        }
-
 
 _COUNTED = {"verified": "verified", "open": "open", STATED: STATED, "fails": "failed"}
 
@@ -148,7 +138,7 @@ class Rechecked:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        rows = [row.as_dict() for row in self.rows]
+        rows = [asdict(row) for row in self.rows]
         about = {"plant": self.plant, "form": self.form, "observer": self.observer or None, "model": self.model}
         outcome = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}
         return {**about, **outcome, "unexamined": list(self.unexamined), "points": dict(self.points)}

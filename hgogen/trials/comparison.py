@@ -57,7 +57,7 @@ class Measured:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         values = {key: value for key, value in vars(self).items() if key not in ("states", "first", "cost")}
-        return {**values, "settled": list(self.settled), "acted": self.acted, **asdict(self.cost)}
+        return {**values, "settled": list(self.settled), "acted": asdict(self.acted), **asdict(self.cost)}
 
 
 def measured(
