@@ -294,7 +294,9 @@ def of_tests() -> Iterator[tuple[str, str]]:
             [sys.executable, "-m", "pytest", "-q", *options], cwd=ROOT, capture_output=True, text=True
         )
         took = f"{cpu() - before:.1f} s of CPU, {time.perf_counter() - begun:.0f} s"
-        yield f"ordinary tests, to {what} them", f"{took}: {last.stdout.splitlines()[-1]}"
+        lines = last.stdout.splitlines()
+        yield f"ordinary tests, to {what} them", f"{took}: {lines[-1]}"
+        yield from (("", line) for line in lines if line.startswith(("FAILED ", "ERROR ")))
 
 
 def cpu() -> float:
