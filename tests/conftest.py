@@ -28,6 +28,7 @@ settings.register_profile(
 settings.load_profile("hgogen")
 
 RUN = pytest.StashKey[tuple[str, ...]]()  # the names of the tests that a run takes
+ABSENT = pytest.StashKey[tuple[str, ...]]()  # and of representatives that there are not
 
 # Graphs and expressions are many small objects, most of them alive to the end: a collection for every 700 new ones
 # takes a twelfth of the run.
@@ -94,24 +95,27 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)  # around the one that deselects by marks
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Iterator[None]:
-    stand_for_others(items, whole=not any("::" in arg for arg in config.args))
+    absent = stand_for_others(items)
+    config.stash[ABSENT] = () if any("::" in arg for arg in config.args) else absent  # of tests that are not all there
     yield
     every(config, items)
     config.stash[RUN] = tuple(item.nodeid for item in items)
 
 
-def stand_for_others(items: list[pytest.Item], whole: bool) -> None:
-    """Mark as full the cases of each test that are not `ordinary`. Of a `whole` file each of these must be there."""
+def stand_for_others(items: list[pytest.Item]) -> tuple[str, ...]:
+    """Mark as full the cases of each test that are not `ordinary`, unless none is, as without a compiler. Return the
+    names of those that are not there."""
+    absent = []
     for (path, name), cases in groupby(items, key=lambda item: (item.path, getattr(item, "originalname", item.name))):
         family = list(cases)
         named = family[0].get_closest_marker("ordinary")
         if named is None:
             continue
         chosen = {k: [case for case in family if stands(k, case)] for k in named.args}
-        if whole and not all(chosen.values()):
-            raise pytest.UsageError(f"{path.name}: {name} has no case {next(k for k in chosen if not chosen[k])}")
-        for case in set(family).difference(*chosen.values()):
+        absent += [f"{path.name}::{name}[{k}]" for k in chosen if not chosen[k]]
+        for case in set(family).difference(*chosen.values()) if any(chosen.values()) else ():
             case.add_marker("full")
+    return tuple(absent)
 
 
 def stands(named: str, case: pytest.Item) -> bool:

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from conftest import every, stand_for_others
+from conftest import ABSENT, every, stand_for_others
+
+from hgogen.calling import native
 
 
 class Case:
@@ -36,16 +38,19 @@ def full(items: list[Any]) -> list[str]:
 
 def test_the_others_of_a_test_are_full() -> None:
     items = [*cases("test_a", "x y z"), *cases("test_b", "x y z", "y", "z"), *cases("test_c", "u-x u-y v-x", "u-*")]
-    stand_for_others(items, whole=True)
+    assert not stand_for_others(items)
     assert full(items) == ["test_b[x]", "test_c[v-x]"]
 
 
-def test_a_representative_that_is_not_there_is_said_where_all_cases_are() -> None:
-    items = cases("test_b", "x y", "y", "renamed")
-    stand_for_others(items, whole=False)
-    assert full(items) == ["test_b[x]"]
-    with pytest.raises(pytest.UsageError, match=r"test_a\.py: test_b has no case renamed"):
-        stand_for_others(cases("test_b", "x y", "y", "renamed"), whole=True)
+def test_a_representative_that_is_not_there_is_named_and_another_stands_alone() -> None:
+    items = [*cases("test_b", "x y", "y", "renamed"), *cases("test_c", "x y", "renamed")]
+    assert stand_for_others(items) == ("test_a.py::test_b[renamed]", "test_a.py::test_c[renamed]")
+    assert full(items) == ["test_b[x]"]  # of the other test nobody stands for anybody
+
+
+@pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+def test_every_representative_is_there(pytestconfig: pytest.Config) -> None:
+    assert not pytestconfig.stash[ABSENT]
 
 
 def test_every_third_test_is_one_of_each_file() -> None:
