@@ -194,6 +194,7 @@ def test_in_float_every_reader_has_the_bits_of_the_emitted_c(name: str) -> None:
     assert len(step.save()) == layout.state_type(step, "float").itemsize + ADDED < len(built(name).save())
 
 
+@needs_compiler
 def test_both_engines_leave_the_same_bytes() -> None:
     """A plant without elementary functions: the same operations in the same order."""
     step = fresh("no_input")
