@@ -13,7 +13,9 @@ from .box import NotShown, covered
 from .context import Context, Shown, declared_box, finite, on, only, short
 from .file import Claim, Observer, part
 from .matrix import Matrix, column, entries, scalar
+from .rule import STEEP, STRUCTURE, Keys, Rule, of_observer
 from .slope import Norm, continuous, spectral, steep
+from .structure import CARRIED
 from .text import Expression, expression
 
 Value = TypeVar("Value")
@@ -147,3 +149,13 @@ def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], n
     continuous(rows, context.z, box)
     boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))
     return Shown(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)
+
+
+def clamped(makers: Keys) -> Rule:
+    """The rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which observers clamp the
+    argument of b."""
+    return of_observer(makers, ("lipschitz",), _steep, STEEP, STRUCTURE, kinds=CARRIED)
+
+
+def _steep(context: Context, claim: Claim) -> Shown:
+    return jacobian_bound(context, claim, context.form.b, "db/dz")

@@ -9,17 +9,19 @@ onto = lambda reads', lambda >= 0.
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 from typing import Any
 
 from .box import NotShown
 from .chain import built
-from .context import Context, Shown, is_above, short
-from .file import Claim
+from .context import Context, Shown, is_above, on, short
+from .file import Claim, Observer
 from .interval import point
 from .matrix import (
     Matrix,
+    above_zero,
     column,
     demand_positive,
     matrix,
@@ -32,7 +34,7 @@ from .matrix import (
     unit,
     zeros,
 )
-from .rule import Verify
+from .rule import Keys, Rule, on_chains
 from .slope import definite
 from .stages import Parts
 
@@ -75,24 +77,43 @@ def corners_of(parts: Parts) -> Iterator[Matrix]:
         yield plus(parts.M, times(signed, parts.H)) if d else parts.M
 
 
-def above_least(which: str, falls: Falls, of: Callable[[Mapping[str, Any], str], Fraction] = scalar) -> Verify:
-    """The rule that the observer's theta, of the name `which`, `of` its numbers, is above the least of its claim of
-    convergence; and that V `falls` there by the claim's evidence, where it says at which rate."""
+@dataclass(frozen=True)
+class Decay:
+    """That the error of an observer decays at every gain from a least one on: how it `falls`, the name and the value of
+    the least `gain` that an observer has, and what is `said` of its error at every gain above a bound."""
 
-    def shown(context: Context, claim: Claim) -> Shown:
-        chosen, bound = of(built(context, claim).numbers, which), context.file.claim(f"{claim.maker}.convergence")
+    falls: Falls
+    gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))
+    said: Callable[[Observer], str] = lambda observer: "the error converges exponentially for every theta above {}"
+
+    def converges(self, context: Context, claim: Claim) -> Shown:
+        """The bound above which every gain converges, by a V of the claim; the structure of the form is another."""
+        observer, least = built(context, claim), above_zero(claim.evidence, "least")
+        boxes = self.falls(context, claim, claim.evidence, least, Fraction(0))
+        said = self.said(observer).format(short(least, 1))
+        return Shown(f"in continuous time, without noise, {said}{on(context.form.box)}", boxes)
+
+    def chosen(self, context: Context, claim: Claim) -> Shown:
+        """The observer's gain is above that bound; V falls there, where the claim says at which rate."""
+        (name, chosen), bound = self.gain(built(context, claim)), context.file.claim(f"{claim.maker}.convergence")
         if bound is None or not chosen > scalar(bound.evidence, "least"):
-            raise NotShown(f"{which} = {short(chosen)} is not above the bound")
-        known = f"{which} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
+            raise NotShown(f"{name} = {short(chosen)} is not above the bound")
+        known = f"{name} = {is_above(chosen, scalar(bound.evidence, 'least'))}"
         if not claim.evidence:
             return Shown(known)
         alpha = scalar(claim.evidence, "alpha")
         if alpha < 0:
             raise NotShown("its alpha is negative")
-        boxes = falls(context, claim, bound.evidence, chosen, alpha)
+        boxes = self.falls(context, claim, bound.evidence, chosen, alpha)
         return Shown(f"{known}, where V' <= -{short(alpha, -1)} V", boxes)
 
-    return shown
+
+def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, Rule]:
+    """The rules that observers on a form in chains decay: the evidence of their `slopes`, and of a V, its `norm`."""
+    return (
+        on_chains(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
+        on_chains(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
+    )
 
 
 def _at_once(P: Matrix, S: list[Fraction], M: Matrix, G: Matrix, H: Matrix) -> None:

@@ -1,19 +1,17 @@
-"""The structure of a form in chains, and the rules of observers on it.
+"""The structure of a form in chains.
 
 z' = A(u) z + b(z, u),   y_i = a_1 z_1 + c of its chain:   A has a superdiagonal within each chain only
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from .box import NotShown, covered, ranged
-from .chain import jacobian_bound
 from .context import Context, Shown, narrowed, only
 from .file import Claim, FormFile
-from .rule import STEEP, Keys, Rule, Verify, of_observer
 
 CHAINS = ("triangular", "block_triangular")
-_CARRIED = ("phase", "uniform_chain")  # of one output, whose states are maps of the plant's
+CARRIED = ("phase", "uniform_chain")  # of one output, whose states are maps of the plant's
+ON_CHAINS = (*CHAINS, *CARRIED)
 
 
 def structure(context: Context, claim: Claim) -> Shown:
@@ -95,34 +93,3 @@ def ranges_kept(context: Context) -> int:
             continue
         boxes += covered(narrowed(context.plant.box, row.names), ".", ranged(row, *context.form.box[name]))
     return boxes
-
-
-def on_chains(
-    maker: str, fact: str, verify: Verify, keys: Keys = (), rests: tuple[str, ...] = ("{kind}.structure",)
-) -> tuple[Rule, Rule]:
-    """The rules of a claim about an observer on a form in chains; those that are carried to other coordinates have no
-    verified claim of their structure, which is shown with it."""
-    rule = replace(of_observer(maker, fact, verify, keys), kinds=CHAINS, rests=rests)
-    own = tuple(id for id in rests if "{kind}" not in id)
-    return rule, replace(rule, kinds=_CARRIED, verify=_with_structure(verify), rests=own)
-
-
-def clamped(maker: str) -> Rule:
-    """The rule of |db/dz| <= bound on the whole box of z of a form in other coordinates, to which an observer clamps
-    the argument of b."""
-    return replace(of_observer(maker, "lipschitz", _with_structure(_steep), STEEP), kinds=_CARRIED)
-
-
-def _steep(context: Context, claim: Claim) -> Shown:
-    return jacobian_bound(context, claim, context.form.b, "db/dz")
-
-
-def _with_structure(verify: Verify) -> Verify:
-    def shown(context: Context, claim: Claim) -> Shown:
-        observer = context.file.observer
-        if observer is None or observer.name != claim.maker:
-            raise NotShown("the file's observer is another")
-        structure(context, claim)
-        return verify(context, claim)
-
-    return shown

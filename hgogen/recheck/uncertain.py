@@ -121,7 +121,10 @@ def error_inclusion(context: Context, observer: Observer, evidence: Mapping[str,
 def with_endless(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:
     """The same, where slopes may have one end alone. Raises: `NotShown`."""
     _ = context.equations
-    return (_of_core if observer.name in CORES else _of_gain)(context, observer, evidence)
+    made, strange = (_of_core, ("core", "ranges")) if observer.name in CORES else (_of_gain, ("units",))
+    if unread := sorted(evidence.keys() & set(strange)):
+        raise NotShown(f"its evidence has a part {unread[0]}, which its observer has not")
+    return made(context, observer, evidence)
 
 
 def _of_core(context: Context, observer: Observer, evidence: Mapping[str, Any]) -> ErrorInclusion:

@@ -272,8 +272,8 @@ def _shown(context: Context, claim: Claim) -> Shown:
     if rule is None:
         raise NotShown(f"no rule verifies that it is {_plain(claim.verdict)}")
     _read_only(claim, rule.keys)
-    shown = rule.verify(context, claim)
-    return replace(shown, sentence=f"{rule.named(rule.about, kind)}: {shown.sentence}")
+    shown = rule.show(context, claim)
+    return replace(shown, sentence=f"{rule.named(rule.about, kind, claim)}: {shown.sentence}")
 
 
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:

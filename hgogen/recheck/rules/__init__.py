@@ -27,7 +27,7 @@ def rule_of(kind: str, claim: Claim) -> Rule | None:
 def rests(certificate: Certificate, claim: Claim) -> tuple[str, ...]:
     """The ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
     kind, rule = certificate.form.kind, rule_of(certificate.form.kind, claim)
-    own = tuple(rule.named(id, kind) for id in rule.rests) if rule else ()
+    own = rule.needs(kind, claim) if rule else ()
     coordinates = (other.id for other in certificate.claims if other.maker == "recast")
     return (*own, *(() if claim.maker == "recast" else coordinates))
 

@@ -1,4 +1,4 @@
-"""A form that is affine in the states: A and b read only states that an output shows alone, and the slope of the rates.
+"""A form that is affine in the states: A and b read only states that an output shows alone.
 
 z' = A(s, u) z + b(s, u),   y = C(u) z + d(u),   s the states that outputs show alone
 """
@@ -6,10 +6,9 @@ z' = A(s, u) z + b(s, u),   y = C(u) z + d(u),   s the states that outputs show 
 from fractions import Fraction
 
 from ..box import NotShown
-from ..chain import jacobian_bound
 from ..context import Context, Shown, only, value_of
 from ..file import Claim
-from ..rule import STEEP, Needed, Rule
+from ..rule import Needed, Rule
 from ..structure import ranges_kept
 
 
@@ -35,14 +34,5 @@ def _structure(context: Context, claim: Claim) -> Shown:
     return Shown(f"A and b read {', '.join(measured) or 'no state'}, and the form's equations are the plant's")
 
 
-def _lipschitz(context: Context, claim: Claim) -> Shown:
-    """|d(A z + b)/dz| <= bound in the spectral norm, on the box."""
-    return jacobian_bound(context, claim, context.rates, "d(A z + b)/dz")
-
-
-_AFFINE = ("state_affine",)
 NEEDED = {"state_affine": Needed("state_affine.structure", lambda form: ("state_affine.lipschitz",))}
-RULES = (
-    Rule("state_affine", "structure", _structure, kinds=_AFFINE),
-    Rule("state_affine", "lipschitz", _lipschitz, STEEP, _AFFINE),
-)
+RULES = (Rule((), ("structure",), _structure, kinds=("state_affine",)),)

@@ -30,8 +30,8 @@ from ..matrix import (
     times,
     transposed,
 )
+from ..rule import on_chains
 from ..stages import corner, ends, form_of, method_of, place, within
-from ..structure import on_chains
 from ..uncertain import ErrorInclusion, error_inclusion
 
 _PIECES = 24  # of a range of step lengths
@@ -177,16 +177,11 @@ def _bernstein(degree: int) -> list[list[Fraction]]:
     return inverse([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
 
 
-_OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
-RULES = tuple(
-    rule
-    for name, own in (*((name, _OF_GAIN) for name in OF_A_GAIN), *((name, _OF_CORE) for name in CONSTANT))
-    for keys in [("scale", "slopes", "method", *own)]
-    for rule in (
-        *on_chains(name, "step", step, (*keys, "dt", "alpha", "P", "S")),
-        *on_chains(name, "shorter", throughout, (*keys, "theta", "pieces")),
-        *on_chains(name, "tuned", throughout, (*keys, "theta", "pieces")),
-        *on_chains(name, "noise", noise, (*keys, "dt", "bounds")),
-        *on_chains(name, "start", start, (*keys, "dt", "first", "clear", "peaks")),
-    )
+_ERROR = ("scale", "slopes", "core", "ranges", "units", "method")
+_STEPPED = (*OF_A_GAIN, *CONSTANT)
+RULES = (
+    on_chains(_STEPPED, ("step",), step, (*_ERROR, "dt", "alpha", "P", "S")),
+    on_chains(_STEPPED, ("shorter", "tuned"), throughout, (*_ERROR, "theta", "pieces")),
+    on_chains(_STEPPED, ("noise",), noise, (*_ERROR, "dt", "bounds")),
+    on_chains(_STEPPED, ("start",), start, (*_ERROR, "dt", "first", "clear", "peaks")),
 )

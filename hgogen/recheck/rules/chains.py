@@ -1,4 +1,4 @@
-"""A form in chains: its structure, 0 < a_m <= a_i <= a_M, known offsets, and the slope of b.
+"""A form in chains: its structure, 0 < a_m <= a_i <= a_M, and known offsets.
 
     z' = A(u) z + b(z, u),   y_i = a_1 z_1 + c of its chain
 
@@ -6,10 +6,10 @@ Source: N. Boizot, E. Busvelle, J.-P. Gauthier, Automatica 46 (2010), form (3).
 """
 
 from ..box import NotShown, witnessed
-from ..chain import jacobian_bound, place_of, wanted_gain
+from ..chain import place_of, wanted_gain
 from ..context import RANGE, Context, Shown, enclosed, only, witness
 from ..file import Claim, FormFile, part
-from ..rule import POINT, STEEP, Needed, Rule
+from ..rule import POINT, Needed, Rule
 from ..structure import structure
 from ..text import expression
 
@@ -46,11 +46,6 @@ def _offset(context: Context, claim: Claim) -> Shown:
     return enclosed(context, claim, rest, text)[2]
 
 
-def _lipschitz(context: Context, claim: Claim) -> Shown:
-    """|db/dz| <= bound in the spectral norm, on the box; b with the terms of A z whose factor reads a state."""
-    return jacobian_bound(context, claim, context.nonlinear, "db/dz")
-
-
 def _rows(form: FormFile) -> tuple[str, ...]:
     rows = [f"a_{i}" for i in range(1, len(form.states) + 1)]
     return (*(f"triangular.{row}" for row in rows), "triangular.lipschitz")
@@ -61,19 +56,15 @@ def _rows_of_chains(form: FormFile) -> tuple[str, ...]:
     return (*(f"block_triangular.{row}" for row in rows), "block_triangular.lipschitz")
 
 
+_KINDS = ("triangular", "block_triangular")
+_OF_A, _OF_OFFSET = {"triangular": 1, "block_triangular": 2}, {"block_triangular": 1}
 NEEDED = {
     "triangular": Needed("triangular.structure", _rows),
     "block_triangular": Needed("block_triangular.structure", _rows_of_chains),
 }
-RULES = tuple(
-    rule
-    for kind, rows, offset_rows in (("triangular", 1, 0), ("block_triangular", 2, 1))
-    for kinds in [(kind,)]
-    for rule in (
-        Rule(kind, "structure", structure, kinds=kinds),
-        Rule(kind, "a", _gain, RANGE, kinds, rows),
-        Rule(kind, "a", _no_gain, POINT, kinds, rows, verdict="refuted"),
-        Rule(kind, "offset", _offset, RANGE, kinds, offset_rows),
-        Rule(kind, "lipschitz", _lipschitz, STEEP, kinds),
-    )
+RULES = (
+    Rule((), ("structure",), structure, kinds=_KINDS),
+    Rule((), ("a",), _gain, RANGE, _KINDS, _OF_A),
+    Rule((), ("a",), _no_gain, POINT, _KINDS, _OF_A, verdict="refuted"),
+    Rule((), ("offset",), _offset, RANGE, _KINDS, _OF_OFFSET),
 )

@@ -33,4 +33,7 @@ def _range(context: Context, claim: Claim) -> Shown:
 
 
 _ABOUT = "the form's coordinates"
-RULES = (Rule("recast", "inverse", _inverse, about=_ABOUT), Rule("recast", "range", _range, about=_ABOUT))
+RULES = (
+    Rule(("recast",), ("inverse",), _inverse, about=_ABOUT),
+    Rule(("recast",), ("range",), _range, about=_ABOUT),
+)

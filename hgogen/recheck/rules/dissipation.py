@@ -364,7 +364,7 @@ def _second_order(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
 _SECOND = ("system", "share", "basis", "slabs")
 _ABOUT = "the plant"
 RULES = (
-    Rule("dissipation", "positive", is_positive, _SECOND, about=_ABOUT),
-    Rule("dissipation", "inequality", inequality, (*_SECOND, "left"), about=_ABOUT),
-    Rule("dissipation", "level", level, ("system", "floor"), about=_ABOUT),
+    Rule(("dissipation",), ("positive",), is_positive, _SECOND, about=_ABOUT),
+    Rule(("dissipation",), ("inequality",), inequality, (*_SECOND, "left"), about=_ABOUT),
+    Rule(("dissipation",), ("level",), level, ("system", "floor"), about=_ABOUT),
 )

@@ -24,8 +24,8 @@ from ..left_by_core import demand_left_by_core
 from ..matrix import above_zero, column, entries, inverse, matrix, plus, scalar, unit
 from ..remainder import demand_remainder
 from ..rounding import demand_rounding, equation_of
+from ..rule import on_chains
 from ..stages import Input, Method, corner, ends, form_of, method_of, place, tableau_of, within
-from ..structure import on_chains
 from ..text import number
 from ..uncertain import ErrorInclusion, error_inclusion
 
@@ -177,9 +177,5 @@ def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
     return sizes
 
 
-_OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
-RULES = tuple(
-    rule
-    for name, own in (*((name, _OF_GAIN) for name in OF_A_GAIN), *((name, _OF_CORE) for name in CONSTANT))
-    for rule in on_chains(name, "error", error, ("scale", "slopes", "method", *own, "dt", "shares"))
-)
+_ERROR = ("scale", "slopes", "core", "ranges", "units", "method")
+RULES = (on_chains((*OF_A_GAIN, *CONSTANT), ("error",), error, (*_ERROR, "dt", "shares")),)

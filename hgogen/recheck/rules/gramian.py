@@ -158,8 +158,8 @@ def _demand(window: Moved, bound: Fraction) -> None:
 
 RULES = (
     Rule(
-        "kalman_like",
-        "gramian",
+        ("kalman_like",),
+        ("gramian",),
         least,
         ("inputs", "period", "piece", "level", "starts", "R", "weights", "bound"),
         ("state_affine", *CHAINS),

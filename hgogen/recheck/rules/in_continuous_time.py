@@ -30,26 +30,30 @@ from fractions import Fraction
 from typing import Any
 
 from ..box import NotShown
-from ..chain import built
-from ..context import Context, Shown, on, short
-from ..falling import above_least, demand_falls
-from ..file import Built, Claim
+from ..chain import built, clamped
+from ..context import Context, Shown, short
+from ..falling import Decay, decays, demand_falls
+from ..file import Built, Claim, Observer
 from ..interval import intervals, point
 from ..matrix import above_zero, demand_nonnegative, matrix, minus, scalar, scaled
-from ..structure import clamped, on_chains
+from ..rule import on_chains
 from ..uncertain import error_inclusion, with_endless
 
 
-def convergence(context: Context, claim: Claim) -> Shown:
-    """Every theta above the least converges; the structure of the form is another claim."""
-    observer, least = built(context, claim), above_zero(claim.evidence, "least")
-    boxes = _falls(context, claim, claim.evidence, least, Fraction(0))
-    outcome = (
-        "decays exponentially between switches, in" if "hold" in observer.numbers else "converges exponentially for"
-    )
-    every = "every gain" if "hold" in observer.numbers else "every theta"
-    above = f"the error {outcome} {every} above {short(least, 1)}"
-    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
+def _least(observer: Observer) -> tuple[str, Fraction]:
+    """The lower one of two theta is not above the other. Raises: `NotShown`."""
+    name = "theta_low" if "theta_low" in observer.numbers else "theta"
+    least = scalar(observer.numbers, name)
+    if least > scalar(observer.numbers, "theta"):
+        raise NotShown("theta_low is above theta")
+    return name, least
+
+
+def _said(observer: Observer) -> str:
+    """Of what holds above the bound."""
+    if "hold" in observer.numbers:
+        return "the error decays exponentially between switches, in every gain above {}"
+    return "the error converges exponentially for every theta above {}"
 
 
 def held(context: Context, claim: Claim) -> Shown:
@@ -77,14 +81,6 @@ def held(context: Context, claim: Claim) -> Shown:
     return Shown(f"in continuous time, hold = {short(hold)} is long enough: switching keeps the error's decay")
 
 
-def _lower(context: Context, claim: Claim) -> Shown:
-    """That the lower one of two theta is above the bound, and below the other."""
-    numbers = built(context, claim).numbers
-    if scalar(numbers, "theta_low") > scalar(numbers, "theta"):
-        raise NotShown("theta_low is above theta")
-    return _LOWER(context, claim)
-
-
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
     error = with_endless(context, built(context, claim), slopes)
@@ -92,35 +88,18 @@ def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fra
     return error.boxes
 
 
-_ABOVE, _LOWER = (above_least(which, _falls) for which in ("theta", "theta_low"))
-_OF_GAIN, _OF_CORE = ("core", "ranges"), ("units",)
-_SWITCHED = Built(("theta", "theta_low", "hold"), ("gains",), ("weights",))
-_CORES = {
+OBSERVERS = {
+    "high_gain": Built(("theta",), ("gains",), ("weights",)),
+    "circle_criterion": Built(("theta",), ("gains", "argument"), ("weights",)),
+    "switched_gain": Built(("theta", "theta_low", "hold"), ("gains",), ("weights",)),
     "filtered": Built(("theta", "alpha", "beta", "gains")),
     "filtered_injection": Built(("theta", "F", "G", "NH")),
     "low_power": Built(("theta", "gains")),
     "peaking_free": Built(("theta", "gains", "last")),
 }
-_OF_GAINS = {
-    "high_gain": Built(("theta",), ("gains",), ("weights",)),
-    "circle_criterion": Built(("theta",), ("gains", "argument"), ("weights",)),
-}
-OBSERVERS = {**_OF_GAINS, "switched_gain": _SWITCHED, **_CORES}
 _NORM = ("P", "S")
-_EACH = (
-    *((name, _OF_GAIN, _ABOVE) for name in _OF_GAINS),
-    ("switched_gain", _OF_GAIN, _lower),
-    *((name, _OF_CORE, _ABOVE) for name in _CORES),
-)
 RULES = (
-    *(
-        rule
-        for name, own, above in _EACH
-        for rule in (
-            *on_chains(name, "convergence", convergence, ("scale", "slopes", *own, "least", *_NORM)),
-            *on_chains(name, "theta", above, ("alpha", *_NORM), rests=(f"{name}.convergence",)),
-            clamped(name),
-        )
-    ),
-    *on_chains("switched_gain", "hold", held, ("alpha", *_NORM, "up", "down"), rests=("switched_gain.theta",)),
+    *decays((*OBSERVERS,), Decay(_falls, _least, _said), ("scale", "slopes", "core", "ranges", "units"), _NORM),
+    on_chains(("switched_gain",), ("hold",), held, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
+    clamped((*OBSERVERS,)),
 )

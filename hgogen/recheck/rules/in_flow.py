@@ -17,8 +17,8 @@ from ..cores import CONSTANT, OF_A_GAIN
 from ..falling import demand_negative, driven
 from ..file import Claim, part
 from ..matrix import Matrix, above_zero, column, entries, matrix, scalar, transposed
+from ..rule import on_chains
 from ..stages import Parts, within
-from ..structure import on_chains
 from ..uncertain import ErrorInclusion, error_inclusion
 
 
@@ -88,12 +88,8 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     return error, parts, scales, (transposed(columns), transposed(read)), ", ".join(said)
 
 
-_OF_GAIN, _OF_CORE, _INPUTS = ("core", "ranges"), ("units",), ("scale", "slopes", "noise", "beside")
-RULES = tuple(
-    rule
-    for name, own in (*((name, _OF_GAIN) for name in OF_A_GAIN), *((name, _OF_CORE) for name in CONSTANT))
-    for rule in (
-        *on_chains(name, "l2_gain", l2_gain, (*_INPUTS, *own, "counts", "mu", "P", "S")),
-        *on_chains(name, "iss_gain", iss_gain, (*_INPUTS, *own, "bounds")),
-    )
+_INPUTS = ("scale", "slopes", "core", "ranges", "units", "noise", "beside")
+RULES = (
+    on_chains((*OF_A_GAIN, *CONSTANT), ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
+    on_chains((*OF_A_GAIN, *CONSTANT), ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
 )

@@ -24,9 +24,9 @@ from itertools import product
 from typing import Any
 
 from ..box import NotShown
-from ..chain import built
-from ..context import Context, Shown, on, short
-from ..falling import WORK, above_least, demand_negative
+from ..chain import built, clamped
+from ..context import Context, Shown
+from ..falling import WORK, Decay, decays, demand_negative
 from ..file import Built, Claim, Observer
 from ..matrix import (
     Matrix,
@@ -43,7 +43,6 @@ from ..matrix import (
     twice,
 )
 from ..rule import of_observer
-from ..structure import clamped, on_chains
 from ..uncertain import error_inclusion
 
 Form = Callable[[Matrix], Matrix]  # of N, in which it is affine
@@ -57,14 +56,6 @@ def core(context: Context, claim: Claim) -> Shown:
     for form in _forms(observer, units, claim.evidence, Fraction(0)):
         demand_negative("form", form(N))
     return Shown("the linear error core decays, by a quadratic form")
-
-
-def convergence(context: Context, claim: Claim) -> Shown:
-    """Every theta above the least converges; the structure of the form is another claim."""
-    least = above_zero(claim.evidence, "least")
-    boxes = _falls(context, claim, claim.evidence, least, Fraction(0))
-    above = f"the error converges exponentially for every theta above {short(least, 1)}"
-    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
@@ -145,13 +136,8 @@ def _forms(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any
 
 OBSERVERS = dict.fromkeys(("stubborn", "dead_zone"), Built(("theta", "decay", "r", "gains")))
 _V = ("P", "mu", "tau", "S")
-RULES = tuple(
-    rule
-    for name in OBSERVERS
-    for rule in (
-        of_observer(name, "core", core, ("units", "P", "mu", "tau")),
-        *on_chains(name, "convergence", convergence, ("scale", "slopes", "units", "least", *_V)),
-        *on_chains(name, "theta", above_least("theta", _falls), ("alpha", *_V), rests=(f"{name}.convergence",)),
-        clamped(name),
-    )
+RULES = (
+    of_observer((*OBSERVERS,), ("core",), core, ("units", "P", "mu", "tau")),
+    *decays((*OBSERVERS,), Decay(_falls), ("scale", "slopes", "units"), _V),
+    clamped((*OBSERVERS,)),
 )

@@ -65,4 +65,4 @@ def _gramian(A: Matrix, start: Matrix) -> Matrix:
 
 
 OBSERVERS = {_NAME: Built(("theta", "Q", "R"))}
-RULES = (Rule(_NAME, "convergence", convergence, ("A", "C"), about="the filter of a linear plant"),)
+RULES = (Rule((_NAME,), ("convergence",), convergence, ("A", "C"), about="the filter of a linear plant"),)

@@ -35,9 +35,9 @@ from itertools import product
 from typing import Any
 
 from ..box import NotShown
-from ..chain import built, integrators, slope
+from ..chain import built, clamped, integrators, slope
 from ..context import Context, Shown, on, short
-from ..falling import above_least, demand_falls, demand_negative, driven
+from ..falling import Decay, decays, demand_falls, demand_negative, driven
 from ..file import Built, Claim, Observer, part
 from ..matrix import (
     Matrix,
@@ -58,32 +58,26 @@ from ..matrix import (
     unit,
     zeros,
 )
-from ..rule import STEEP, of_observer
+from ..rule import STEEP, of_observer, on_chains
 from ..slope import frobenius
-from ..structure import clamped, on_chains
 from ..uncertain import error_inclusion
 
 # --- adaptive_lmi
 
 
-def definite(context: Context, claim: Claim) -> Shown:
-    """P > 0."""
-    built(context, claim)
-    demand_positive({"P": _P(context, claim)})
-    return Shown("P is positive definite")
-
-
-def shrink(context: Context, claim: Claim) -> Shown:
-    """D P + P D >= 0."""
-    built(context, claim)
-    demand_nonnegative({"D P + P D": _spread(_P(context, claim), Fraction(1))})
-    return Shown("D P + P D is positive semidefinite")
-
-
-def decay(context: Context, claim: Claim) -> Shown:
-    """N'P + P N + sigma (D P + P D) < 0."""
-    demand_positive({"-N'P - P N - sigma (D P + P D)": _rate(built(context, claim), _P(context, claim))})
-    return Shown("N'P + P N + sigma (D P + P D) is negative definite")
+def inequality(context: Context, claim: Claim) -> Shown:
+    """P > 0, D P + P D >= 0, N'P + P N + sigma (D P + P D) < 0: the one that the claim's fact names."""
+    observer, P = built(context, claim), _P(context, claim)
+    match claim.fact:
+        case "definite":
+            demand_positive({"P": P})
+            return Shown("P is positive definite")
+        case "shrink":
+            demand_nonnegative({"D P + P D": _spread(P, Fraction(1))})
+            return Shown("D P + P D is positive semidefinite")
+        case _:
+            demand_positive({"-N'P - P N - sigma (D P + P D)": _rate(observer, P)})
+            return Shown("N'P + P N + sigma (D P + P D) is negative definite")
 
 
 def attenuation(context: Context, claim: Claim) -> Shown:
@@ -267,15 +261,6 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
 # --- both: one norm for every gain and rate
 
 
-def convergence(context: Context, claim: Claim) -> Shown:
-    """Every least gain above the bound converges."""
-    least = above_zero(claim.evidence, "least")
-    boxes = _by_norm(context, claim, claim.evidence, least, Fraction(0))
-    above = f"the error converges exponentially for every {_LEAST[claim.maker][0]} above {short(least, 1)}"
-    rates = "at every rate of the gain that its law permits"
-    return Shown(f"in continuous time, without noise, {above}, {rates}{on(context.form.box)}", boxes)
-
-
 def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """V' <= -alpha V at every gain from a level on, by the claim's P; with how many boxes the slopes are shown."""
     observer, n = built(context, claim), len(context.z)
@@ -308,42 +293,34 @@ def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
     return _sigma(observer), False
 
 
-def _first(numbers: Mapping[str, Any], which: str) -> Fraction:
-    """gamma_inf."""
-    return column(numbers, "gamma", 2)[0]
+def _gain(observer: Observer) -> tuple[str, Fraction]:
+    """The least value of the gain."""
+    if observer.name == "updated_gain":
+        return "p_2", scalar(observer.numbers, "p_2")
+    return "gamma_inf", column(observer.numbers, "gamma", 2)[0]
+
+
+def _said(observer: Observer) -> str:
+    every = f"the error converges exponentially for every {_gain(observer)[0]} above {{}}"
+    return f"{every}, at every rate of the gain that its law permits"
 
 
 _FALL = {"updated_gain": _updated, "adaptive_lmi": _adaptive}
-_LEAST = {"updated_gain": ("p_2", scalar), "adaptive_lmi": ("gamma_inf", _first)}
 _OWN = ("convergence", "theta")
 _OF_V = ("slopes", "V", "S")
-_NORM = ("P", "S")
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")
 OBSERVERS = {
     "updated_gain": Built(("p_1", "p_2", "p_3", "cap", "gains")),
     "adaptive_lmi": Built(("gamma", "sigma", "gains")),
 }
 RULES = (
-    of_observer("updated_gain", "p_1", falls, ("P", "b")),
-    of_observer("updated_gain", "p_3", rises, ("P", "b", "peak")),
-    *on_chains("updated_gain", "cap", stays, (*STEEP, "units", "scale")),
-    of_observer("adaptive_lmi", "definite", definite, ("P",)),
-    of_observer("adaptive_lmi", "shrink", shrink, ("P",)),
-    of_observer("adaptive_lmi", "decay", decay, ("P",)),
-    *on_chains("adaptive_lmi", "attenuation", attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")),
-    *(
-        rule
-        for name, (which, of) in _LEAST.items()
-        for rule in (
-            *on_chains(name, "convergence", convergence, ("scale", "slopes", "units", "b", "least", *_NORM)),
-            *on_chains(
-                name,
-                "theta",
-                above_least(which, _by_norm, of),
-                ("alpha", *_NORM),
-                rests=(f"{name}.convergence",),
-            ),
-        )
+    of_observer(("updated_gain",), ("p_1",), falls, ("P", "b")),
+    of_observer(("updated_gain",), ("p_3",), rises, ("P", "b", "peak")),
+    on_chains(("updated_gain",), ("cap",), stays, (*STEEP, "units", "scale")),
+    of_observer(("adaptive_lmi",), ("definite", "shrink", "decay"), inequality, ("P",)),
+    on_chains(
+        ("adaptive_lmi",), ("attenuation",), attenuation, (*_SLOPED, *_OF_V, "G_1", "G_2", "delta_1", "share", "mu")
     ),
-    *map(clamped, OBSERVERS),
+    *decays((*OBSERVERS,), Decay(_by_norm, _gain, _said), ("scale", "slopes", "units", "b"), ("P", "S")),
+    clamped((*OBSERVERS,)),
 )

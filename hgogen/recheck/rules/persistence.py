@@ -232,8 +232,8 @@ def _determinant(rows: list[list[Any]]) -> Any:
 
 RULES = (
     Rule(
-        "kalman_like",
-        "persistence",
+        ("kalman_like",),
+        ("persistence",),
         persistent,
         ("inputs", "period", "at"),
         ("state_affine", *CHAINS),

@@ -219,7 +219,7 @@ def _determinant(rows: list[list[Quotient]], algebra: Algebra) -> Quotient:
 _ABOUT = "the plant"
 NEEDED = dict.fromkeys(("phase", "phase.recovered", "phase, original coordinates"), Needed("phase.chain"))
 RULES = (
-    Rule("phase", "chain", phases, ("chain",), about=_ABOUT),
-    Rule("phase", "rank", rank, RANGE, rests=("phase.chain",), about=_ABOUT),
-    Rule("phase", "inverse", one_to_one, ("weights", "minors"), rests=("phase.chain",), about=_ABOUT),
+    Rule(("phase",), ("chain",), phases, ("chain",), about=_ABOUT),
+    Rule(("phase",), ("rank",), rank, RANGE, rests=("phase.chain",), about=_ABOUT),
+    Rule(("phase",), ("inverse",), one_to_one, ("weights", "minors"), rests=("phase.chain",), about=_ABOUT),
 )

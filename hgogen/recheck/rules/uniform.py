@@ -7,10 +7,9 @@ and of the plant's own coordinates the slope alone.
 
 from ..algebra import Quotient
 from ..box import NotShown, witnessed
-from ..chain import jacobian_bound
 from ..context import RANGE, Context, Shown, enclosed, finite, only, witness
 from ..file import Claim, FormFile, part
-from ..rule import POINT, STEEP, Needed, Rule
+from ..rule import POINT, Needed, Rule
 from ..slope import at_kinks, continuous, differentiable
 from ..structure import ranges_kept
 from ..tables import jumps
@@ -68,21 +67,14 @@ def _no_slope(context: Context, claim: Claim) -> Shown:
     return Shown(f"{text.text} changes its sign", boxes)
 
 
-def _lipschitz(context: Context, claim: Claim) -> Shown:
-    """|d(F, h)/dz| <= bound in the spectral norm, on the box."""
-    return jacobian_bound(context, claim, (*context.rates, *context.form.output), "d(F, h)/dz")
-
-
 def _rows(form: FormFile) -> tuple[str, ...]:
     return (*(f"uniform.slope_{i}" for i in range(1, len(form.states) + 1)), "uniform.lipschitz")
 
 
-_UNIFORM = ("uniform",)
+_UNIFORM, _OF_SLOPE = ("uniform",), {"uniform": 1}
 NEEDED = {"uniform": Needed("uniform.structure", _rows)}
 RULES = (
-    Rule("uniform", "structure", _structure, kinds=_UNIFORM),
-    Rule("uniform", "slope", _slope, RANGE, _UNIFORM, 1),
-    Rule("uniform", "slope", _no_slope, (*POINT, "other"), _UNIFORM, 1, verdict="refuted"),
-    Rule("uniform", "lipschitz", _lipschitz, STEEP, _UNIFORM),
-    Rule("original", "lipschitz", _lipschitz, STEEP, ("original",)),
+    Rule((), ("structure",), _structure, kinds=_UNIFORM),
+    Rule((), ("slope",), _slope, RANGE, _UNIFORM, _OF_SLOPE),
+    Rule((), ("slope",), _no_slope, (*POINT, "other"), _UNIFORM, _OF_SLOPE, verdict="refuted"),
 )

@@ -21,11 +21,10 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built, constants
-from ..context import RANGE, Context, Shown, enclosed, on, only, short
-from ..falling import above_least, corners_of, demand_falls
+from ..context import RANGE, Context, enclosed, only
+from ..falling import Decay, corners_of, decays, demand_falls
 from ..file import Built, Claim
-from ..matrix import above_zero, column, entries, zeros
-from ..rule import Rule, of_observer
+from ..matrix import column, entries, zeros
 from ..slope import at_kinks, continuous
 from ..stages import Parts
 from ..text import Expression
@@ -33,14 +32,6 @@ from ..uncertain import ErrorInclusion, Slope, bounded_slopes, of_field
 
 _CORNERS = 1024  # of slopes and shares
 Shares = list[tuple[Fraction, Fraction]]
-
-
-def convergence(context: Context, claim: Claim) -> Shown:
-    """Every theta above the least converges; the structure of the form is another claim."""
-    least = above_zero(claim.evidence, "least")
-    boxes = _falls(context, claim, claim.evidence, least, Fraction(0))
-    above = f"the error against the plant converges exponentially for every theta above {short(least, 1)}"
-    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
 def _falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
@@ -141,18 +132,15 @@ def _corners(parts: Parts, K: list[Fraction], shares: Shares, theta: Fraction) -
             yield replace(parts, M=whole, G=[[] for _ in whole], H=[])
 
 
-def _rule(rule: Rule, *rests: str) -> Rule:
-    return replace(rule, kinds=("uniform",), rests=rests)
-
-
 _NAME = "uniform_injection"
-_NORM = ("P", "S")
+_DECAY = Decay(_falls, said=lambda _: "the error against the plant converges exponentially for every theta above {}")
+_SLOPES, _NORM = ("scale", "slopes", "shares"), ("P", "S")
 OBSERVERS = {_NAME: Built(("theta", "gains"))}
-RULES = (
-    _rule(
-        of_observer(_NAME, "convergence", convergence, ("scale", "slopes", "shares", "least", *_NORM)),
-        "uniform.structure",
-        "uniform.slope_1",
-    ),
-    _rule(of_observer(_NAME, "theta", above_least("theta", _falls), ("alpha", *_NORM)), f"{_NAME}.convergence"),
+RULES = tuple(
+    replace(rule, kinds=("uniform",), rests=rests)
+    for rule, rests in zip(
+        decays((_NAME,), _DECAY, _SLOPES, _NORM),
+        (("uniform.structure", "uniform.slope_1"), (f"{_NAME}.convergence",)),
+        strict=True,
+    )
 )
