@@ -25,9 +25,9 @@ from hgogen.guarantees import gain_search
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.model import load
 from hgogen.reading.given import BadGain
-from hgogen.recheck.argument import argument_of
 from hgogen.recheck.context import Context
 from hgogen.recheck.text import expression
+from hgogen.recheck.uncertain import argument_of
 from hgogen.recheck.verification import read, recheck
 from hgogen.stepping.machine import Machine
 from hgogen.trial import try_out

@@ -21,11 +21,11 @@ from hgogen.guarantees import lipschitz_step
 from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.plant_step import PlantStep
 from hgogen.recheck.box import NotShown
+from hgogen.recheck.inequality import Tableau as Rechecked
+from hgogen.recheck.inequality import tableau_of
 from hgogen.recheck.left_by_core import _LEAVES, _by_steepness
 from hgogen.recheck.lipschitz_step import left_by_lipschitz
 from hgogen.recheck.remainder import _degree, _orders
-from hgogen.recheck.stages import Tableau as Rechecked
-from hgogen.recheck.stages import tableau_of
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck
 

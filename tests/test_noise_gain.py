@@ -16,8 +16,8 @@ import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
+from hgogen.recheck.inequality import Parts, method_of
 from hgogen.recheck.matrix import unit
-from hgogen.recheck.stages import Parts, method_of
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
 

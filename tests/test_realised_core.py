@@ -27,7 +27,7 @@ from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import BALLS, floats, rational
 from hgogen.model import load
 from hgogen.program import Place
-from hgogen.recheck import stages
+from hgogen.recheck import inequality
 from hgogen.recheck.transition import weight
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
@@ -218,7 +218,7 @@ def test_forged_numbers_and_a_polynomial_that_may_be_further_fail(monkeypatch: p
         (one,) = (each["evidence"] for each in forged["claims"] if each["id"].endswith(f".{fact}"))
         forge(one)
         assert findings(forged)[fact] == "fails", fact
-    monkeypatch.setattr(stages, "TAKEN", Fraction(1, 100))
+    monkeypatch.setattr(inequality, "TAKEN", Fraction(1, 100))
     assert findings(content) == {"step": "fails", "noise": "fails"}
 
 
@@ -232,7 +232,7 @@ def _smaller(one: dict[str, Any]) -> None:
 
 def test_a_core_too_fast_for_its_dt_is_not_rebuilt() -> None:
     limit = sys.float_info.max
-    with pytest.raises(stages.NotShown, match="too fast"):
+    with pytest.raises(inequality.NotShown, match="too fast"):
         weight([[Fraction(limit)]])
 
 
@@ -292,16 +292,16 @@ def test_a_core_is_realised_with_its_saturations_open(method: str) -> None:
 # --- what the verifier allows for a polynomial beside phi_2 ---------------------------------------------------------
 
 
-def one_state(rest: int, read: int) -> stages.Parts:
+def one_state(rest: int, read: int) -> inequality.Parts:
     """M = 1 + rest, L = 1, G = 1, H = read, of a sample that enters by 1 as L takes it."""
     M, L, G, H, B, none = ([[Fraction(value)]] for value in (1 + rest, 1, 1, read, 1, 0))
-    return stages.Parts(M, G, H, L, False, B, none, none)
+    return inequality.Parts(M, G, H, L, False, B, none, none)
 
 
 def within_width(width: Fraction, by: int = 0) -> Any:
     """phi_2 = 1/2 + by width and phi_1 = 1 + X phi_2, which are known to the width where they are not moved."""
 
-    def weights(X: stages.Matrix) -> stages.Weights:
+    def weights(X: inequality.Matrix) -> inequality.Weights:
         phi_2 = Fraction(1, 2) + by * width
         return [[1 + X[0][0] * phi_2]], [[phi_2]], Fraction(0) if by else width
 
@@ -311,13 +311,14 @@ def within_width(width: Fraction, by: int = 0) -> Any:
 @pytest.mark.parametrize("width", [Fraction(1, 100), Fraction(1), Fraction(1000)])
 def test_what_a_polynomial_may_be_beside_moves_a_step_by_no_more_and_no_less(width: Fraction) -> None:
     """Of one state all that is added has one sign, so that the width is met at its end: D, and the last X."""
-    parts, (e, p_0, p_1, v_0, v_1) = one_state(3, 2), ([row] for row in stages.unit(5))
+    parts, (e, p_0, p_1, v_0, v_1) = one_state(3, 2), ([row] for row in inequality.unit(5))
     known, moved = (
-        stages._realised(within_width(width, by), parts, Fraction(1, 10), e, [p_0, p_1], [v_0, v_1]) for by in (0, 1)
+        inequality._realised(within_width(width, by), parts, Fraction(1, 10), e, [p_0, p_1], [v_0, v_1])
+        for by in (0, 1)
     )
     off_D, off_X = known.off
     beside_D, beside_X = (
-        stages.sizes(stages.minus(a, b)) for a, b in ((moved.D, known.D), (moved.stages[1], known.stages[1]))
+        inequality.sizes(inequality.minus(a, b)) for a, b in ((moved.D, known.D), (moved.stages[1], known.stages[1]))
     )
     assert all(x <= most for x, most in zip(beside_D[0], off_D[0], strict=True))
     assert all(x <= most for x, most in zip(beside_X[0], off_X[0], strict=True))
@@ -335,7 +336,9 @@ def test_the_inequality_holds_whatever_a_polynomial_is_within_its_width(
     parts, nodes, h = one_state(-3, read), [Fraction(0), Fraction(1)], Fraction(1, 10)
     evidence = {"P": [[P]], "S": [S, S]}
     allowed, moved = (
-        stages.form_of(parts, stages.Method(nodes, 0, partial(stages._realised, within_width(width, k))), h, evidence)
+        inequality.form_of(
+            parts, inequality.Method(nodes, 0, partial(inequality._realised, within_width(width, k))), h, evidence
+        )
         for k in (0, by)
     )
-    stages.demand_nonnegative({"what is allowed beside it": stages.minus(allowed, moved)})
+    inequality.demand_nonnegative({"what is allowed beside it": inequality.minus(allowed, moved)})

@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from hgogen.recheck.file import Built
-from hgogen.recheck.gathering import BadRules, merged, rules_of
-from hgogen.recheck.rules import OBSERVERS, RULES
+from hgogen.recheck.rules import OBSERVERS, RULES, BadRules, merged, rules_of
 from hgogen.recheck.rules import in_continuous_time as rules
 
 

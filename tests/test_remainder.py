@@ -21,9 +21,9 @@ from hgogen.discretisation.runge_kutta import RK4
 from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.plant_step import PlantStep
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
+from hgogen.recheck.inequality import Tableau, tableau_of
 from hgogen.recheck.interval import Interval, between, point
 from hgogen.recheck.plant_series import PlantSeries
-from hgogen.recheck.stages import Tableau, tableau_of
 from hgogen.recheck.taylor import Taylor, taylor
 from hgogen.recheck.text import expression
 from hgogen.recheck.verification import recheck

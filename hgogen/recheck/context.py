@@ -8,7 +8,7 @@ as rational functions, X = from_form, Z = to_form, where every expression has a 
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from decimal import Context as Digits
@@ -186,10 +186,7 @@ class Context:
 
     def slope(self, text: Expression, name: str) -> Quotient:
         """The partial derivative of an expression in a name, in closed form."""
-        one, zero = self.algebra.number(Fraction(1)), self.algebra.number(Fraction(0))
-        values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in self.letters.items()}
-        derivative: Quotient = evaluate(text, values, dual(self.algebra.arithmetic)).slopes.get(0, zero)
-        return derivative
+        return slope_of(text, name, self.letters, self.algebra)
 
 
 def algebra_of(box: Box) -> Algebra:
@@ -209,6 +206,27 @@ def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra)
     """An expression's value in the algebra, its names replaced by `values`."""
     quotient: Quotient = evaluate(text, values, algebra.arithmetic)
     return quotient
+
+
+def slope_of(text: Expression, name: str, letters: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
+    """The partial derivative of an expression of these letters in a name, in closed form."""
+    one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
+    values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in letters.items()}
+    derivative: Quotient = evaluate(text, values, dual(algebra.arithmetic)).slopes.get(0, zero)
+    return derivative
+
+
+def applied(algebra: Algebra, M: Iterable[Sequence[Fraction]], x: Sequence[Quotient]) -> list[Quotient]:
+    """M x of numbers M."""
+    return [inner(algebra, [algebra.number(a) for a in row], x) for row in M]
+
+
+def inner(algebra: Algebra, a: Sequence[Quotient], x: Sequence[Quotient]) -> Quotient:
+    """The sum of products."""
+    total = algebra.number(Fraction(0))
+    for share, each in zip(a, x, strict=True):
+        total = total + share * each if share.top else total
+    return total
 
 
 # --- pieces of rules
@@ -238,27 +256,26 @@ def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) ->
     """The model's box of these names. The claim's own must be the same. Raises: `NotShown`."""
     wanted = narrowed(box, names)
     pairs = part(evidence, "box", dict)
-    claimed = {name: ends(*_pair(pair), name) for name, pair in sorted(pairs.items())}
-    if claimed != wanted:
+    if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
+        raise NotShown("a range of its box has not two ends")
+    if {name: ends(low, high, name) for name, (low, high) in sorted(pairs.items())} != wanted:
         raise NotShown("its box is not the model's ranges of the names it reads")
     return wanted
 
 
-def _pair(value: object) -> tuple[object, object]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise NotShown("a range of its box has not two ends")
-    return value[0], value[1]
-
-
 def enclosed(
     context: Context,
-    claim: Claim,
+    evidence: object,
     wanted: Quotient,
     source: Expression,
     read: Callable[[Expression], Expression] = lambda text: text,
 ) -> tuple[Fraction, Fraction, Shown]:
-    """The claim's enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is."""
-    evidence = claim.evidence
+    """An enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is.
+
+    Raises: `NotShown`.
+    """
+    if not isinstance(evidence, Mapping) or evidence.keys() != set(RANGE):
+        raise NotShown(f"a range is no object of {', '.join(RANGE)}")
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     low, high = scalar(evidence, "low"), scalar(evidence, "high")

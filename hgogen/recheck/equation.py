@@ -15,7 +15,7 @@ from functools import cached_property
 
 from .algebra import Algebra, Quotient
 from .box import End
-from .context import Context, value_of
+from .context import Context, applied, inner, value_of
 from .uncertain import ErrorInclusion
 
 Row = Sequence[Quotient]
@@ -60,9 +60,9 @@ class Equation:
         form, there = self.context.form, {**names, **dict(zip(self.context.z, z, strict=True))}
         v = self._missed(algebra, there, y)
         A = [[value_of(entry, names, algebra) for entry in row] for row in form.A]
-        injected, taken = (_times(algebra, M, v) for M in (self.error.measured, self.error.takes))
+        injected, taken = (applied(algebra, M, v) for M in (self.error.measured, self.error.takes))
         each = zip(A, injected, self.scales, strict=True)
-        rates = [_dot(algebra, row, z) + algebra.number(self.theta / s) * more for row, more, s in each]
+        rates = [inner(algebra, row, z) + algebra.number(self.theta / s) * more for row, more, s in each]
         return rates, [a + algebra.number(1 / s) * b for a, b, s in zip(z, taken, self.scales, strict=True)]
 
     def _of_core(self, algebra: Algebra, names: Mapping[str, Quotient], x: Row, y: Row) -> tuple[Row, Row]:
@@ -70,7 +70,7 @@ class Equation:
         error, number, nothing = self.error, algebra.number, dict.fromkeys(self.context.z, algebra.number(_NONE))
         e = [number(r) * each for r, each in zip(self.units, x, strict=True)]
         v = self._missed(algebra, {**names, **nothing}, y)
-        rates = [a + b for a, b in zip(_times(algebra, error.N, e), _times(algebra, error.measured, v), strict=True)]
+        rates = [a + b for a, b in zip(applied(algebra, error.N, e), applied(algebra, error.measured, v), strict=True)]
         for of, onto in self._saturations:
             taken = number(self.units[of]) * (x[of] - self._saturated(algebra, x[of], of))
             rates = [rate + number(share) * taken for rate, share in zip(rates, onto, strict=True)]
@@ -96,18 +96,6 @@ class Equation:
         share, box = self.scales[k] / self.units[k], self.context.form.box[self.context.z[self.error.index[k]]]
         low, high = (end * share if isinstance(end, Fraction) else end for end in box)
         return _clamp(algebra, x, *((low, high) if share > 0 else (high, low)))
-
-
-def _times(algebra: Algebra, M: Sequence[Sequence[Fraction]], x: Row) -> list[Quotient]:
-    """M x of numbers M."""
-    return [_dot(algebra, [algebra.number(a) for a in row], x) for row in M]
-
-
-def _dot(algebra: Algebra, a: Row, x: Row) -> Quotient:
-    total = algebra.number(_NONE)
-    for share, each in zip(a, x, strict=True):
-        total = total + share * each if share.top else total
-    return total
 
 
 def _clamp(algebra: Algebra, x: Quotient, low: End, high: End) -> Quotient:

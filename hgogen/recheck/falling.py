@@ -1,10 +1,7 @@
 """That a norm falls whatever the slopes of an inclusion: V = e'P e, V' <= -alpha V for e' = (M + G diag(d) H) e.
 
-M is affine in each |d_j| <= 1, so that the corners stand for all; with multipliers S >= 0 one form stands for them:
-
-    [M'P + P M + alpha P + H'S H, P G; G'P, -S] < 0
-
-A slope without an end enters M by that which it has; what is beyond, -onto d reads e, d >= 0, takes from V' where P
+M is affine in each |d_j| <= 1, so that the corners stand for all, where there are no multipliers (`inequality`). A
+slope without an end enters M by that which it has; what is beyond, -onto d reads e, d >= 0, takes from V' where P
 onto = lambda reads', lambda >= 0.
 """
 
@@ -18,42 +15,35 @@ from .box import NotShown
 from .chain import built
 from .context import Context, Shown, is_above, on, short
 from .file import Claim, Observer
-from .interval import point
+from .inequality import FLOW, Parts, demand_falls, demand_negative
 from .matrix import (
     Matrix,
     above_zero,
-    column,
     demand_positive,
     matrix,
     plus,
     scalar,
     scaled,
     times,
-    transposed,
     twice,
-    unit,
-    zeros,
 )
 from .rule import Keys, Rule, on_chains
-from .slope import definite
-from .stages import Parts
 
 # V' <= -alpha V at a theta, by the claim's V, whatever the slopes that the second evidence bounds; in how many boxes
 Falls = Callable[[Context, Claim, Mapping[str, Any], Fraction, Fraction], int]
 WORK = 2**16  # corners times fields^3
-_ROWS = 100  # of one form
 
 
-def demand_falls(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
+def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) -> None:
     """V' <= -alpha V by the evidence's P, and its S where it has one. Raises: `NotShown`."""
-    M, G, H, n, m = parts.M, parts.G, parts.H, len(parts.M), len(parts.H)
+    n, m = len(parts.M), len(parts.H)
     P = matrix(evidence, "P", n, n)
-    demand_positive({"P": P})
     for onto, reads in parts.endless:
         _along([row[0] for row in times(P, [[x] for x in onto])], reads)
     if "S" in evidence:
-        _at_once(P, column(evidence, "S", m), plus(M, scaled(alpha / 2, unit(n))), G, H)
+        demand_falls(parts, FLOW, Fraction(0), alpha, evidence)
         return
+    demand_positive({"P": P})
     if 2**m * n**3 > WORK:
         raise NotShown("it has no S, and more corners of its slopes than are tried one by one")
     for corner in corners_of(parts):
@@ -114,61 +104,3 @@ def decays(makers: Keys, decay: Decay, slopes: Keys, norm: Keys) -> tuple[Rule, 
         on_chains(makers, ("convergence",), decay.converges, (*slopes, "least", *norm)),
         on_chains(makers, ("theta",), decay.chosen, ("alpha", *norm), "{maker}.convergence"),
     )
-
-
-def _at_once(P: Matrix, S: list[Fraction], M: Matrix, G: Matrix, H: Matrix) -> None:
-    """The one form, M with alpha/2 beside it."""
-    n, m = len(M), len(S)
-    if n + m > _ROWS:
-        raise NotShown(f"its inequality has more than {_ROWS} rows")
-    if any(value < 0 for value in S):
-        raise NotShown("its S has a negative number")
-    form = zeros(n + m, n + m)
-    top, side = twice(P, M), times(P, G) if m else []
-    if m:
-        top = plus(top, times(transposed(H), [[value * x for x in row] for value, row in zip(S, H, strict=True)]))
-    for i, row in enumerate(top):
-        form[i][:n] = row
-        for j in range(m):
-            form[i][n + j] = form[n + j][i] = side[i][j]
-    for j, value in enumerate(S):
-        form[n + j][n + j] = -value
-    demand_negative("its inequality", form)
-
-
-def driven(parts: Parts, B: Matrix, E: Matrix, evidence: Mapping[str, Any]) -> tuple[Matrix, list[Fraction]]:
-    """[M'P + P M, P G, P B; G'P, -S, 0; B'P, 0, -diag(lambda)] + [H, 0, E]'S [H, 0, E] of the columns B (N, q) and E
-    (m, q) of inputs, and the lambda, the last q of the evidence's S, which are not negative, of a P > 0.
-
-    Raises: `NotShown`."""
-    n, m, q = len(parts.M), len(parts.H), len(B[0])
-    if n + m + q > _ROWS:
-        raise NotShown(f"its inequality has more than {_ROWS} rows")
-    P, S = matrix(evidence, "P", n, n), column(evidence, "S", m + q)
-    demand_positive({"P": P})
-    if any(value < 0 for value in S):
-        raise NotShown("its S has a negative number")
-    form, beside = zeros(n + m + q, n + m + q), [[*g, *b] for g, b in zip(parts.G, B, strict=True)]
-    for i, row in enumerate(twice(P, parts.M)):
-        form[i][:n] = row
-    for i, row in enumerate(times(P, beside)):
-        for k, value in enumerate(row):
-            form[i][n + k] = form[n + k][i] = value
-    for k, value in enumerate(S):
-        form[n + k][n + k] = -value
-    reads = [[*h, *zeros(1, m)[0], *e] for h, e in zip(parts.H, E, strict=True)]
-    weighed = [[value * x for x in row] for value, row in zip(S, reads, strict=False)]
-    return plus(form, times(transposed(reads), weighed)) if m else form, S[m:]
-
-
-def demand_negative(what: str, form: Matrix) -> None:
-    """That a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
-
-    Raises: `NotShown`.
-    """
-    negated = scaled(Fraction(-1), form)
-    known = definite([[point(value) for value in row] for row in negated]) if transposed(negated) == negated else 0
-    if known < 0:
-        raise NotShown(f"{what} is not negative")
-    if not known:
-        demand_positive({f"{what}, negated,": negated})

@@ -13,8 +13,8 @@ from fractions import Fraction
 from itertools import pairwise
 
 from .box import NotShown
+from .inequality import ONE, Tableau
 from .matrix import Matrix
-from .stages import ONE, Tableau
 
 _HALF, _ZERO = Fraction(1, 2), Fraction(0)
 _TWELFTH = Fraction(1, 12)

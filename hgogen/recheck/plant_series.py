@@ -12,8 +12,8 @@ from fractions import Fraction
 
 from .arithmetic import evaluate
 from .box import Box, sides
+from .inequality import Tableau
 from .interval import Interval, between, intersection, point
-from .stages import Tableau
 from .taylor import Taylor, taylor
 from .text import Expression
 

@@ -22,13 +22,13 @@ from .arithmetic import Undefined
 from .box import Box, NotShown, Try, covered
 from .context import Context, narrowed
 from .file import part
+from .inequality import Tableau
 from .interval import Interval, point
 from .lipschitz_step import left_by_lipschitz
 from .matrix import Matrix, column, entries, matrix
 from .plant_motion import PlantMotion, demand_keys, motion_of
 from .plant_series import PlantSeries
 from .slope import no_steeper
-from .stages import Tableau
 from .text import Expression
 
 _KEYS = ("rates", "speeds", "slopes", "lines", "orders", "flow", "step", "steepness", "tree")

@@ -18,11 +18,11 @@ from .computed import POWER, PRECISIONS, UNITS, Computed, constant, precision
 from .context import Context, short
 from .equation import Equation
 from .file import part
+from .inequality import Tableau
 from .interval import Interval, between, intervals, point
 from .listed import Walk, listed
 from .matrix import column
 from .plant_motion import demand_speeds
-from .stages import Tableau
 from .step_program import StepProgram
 from .uncertain import ErrorInclusion
 

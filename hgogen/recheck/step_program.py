@@ -16,9 +16,9 @@ from .arithmetic import Undefined
 from .box import NotShown
 from .computed import Computed
 from .equation import Equation
+from .inequality import Tableau
 from .interval import Interval, intervals
 from .listed import Listed, Walk, is_statement
-from .stages import Tableau
 
 _ONE = Fraction(1)
 

@@ -6,20 +6,25 @@ d in [low, high], each by itself; e holds the errors of fields over their units 
 over theta^late, `late` the powers of the first states of the outputs' chains. A slope of b_i in z_j, in these
 coordinates, has 0 in its range, as a clamp lets a share of the error pass, and the degree power(i) - power(j); an a_i
 that moves, and a saturation in the core, have the degree -1. The cores are those of `cores` and of a constant gain.
+
+An observer may put the output error into the argument of b, z + N_theta (y - C z). There b reads of z_j the error e_j -
+sum_k N_jk (a_(k,1) e_k - v_k), e_k that of the first state of chain k, v_k that of its sample; N_theta has N_jk times
+theta^(p(j) - p(k)), p the powers that scale states, so that the coordinates S z over theta^p are free of theta: e_j -
+sum_k (S_j/S_k) N_jk a_(k,1) e_k + S_j N_jk v_k theta^-p(k).
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
-from .argument import Argument, argument_of
 from .box import NotShown, covered
 from .chain import constants, core_of, gain_of, integrators, invertible, steady, wanted_gain
-from .context import RANGE, Context, enclosed, narrowed
+from .context import Context, enclosed, narrowed
 from .cores import CORES
-from .file import Claim, Observer, part
+from .file import Observer, part
+from .inequality import Parts
 from .matrix import (
     Matrix,
     column,
@@ -36,7 +41,6 @@ from .matrix import (
     zeros,
 )
 from .slope import continuous, in_ranges
-from .stages import Parts
 from .text import Expression
 
 End = Fraction | float
@@ -57,6 +61,20 @@ class Slope:
     takes: list[Fraction] = field(default_factory=list)
     endless: int = 0
     realised: bool = True
+
+
+@dataclass(frozen=True)
+class Argument:
+    """What b reads in the place of z_j: `reads` (n) of the errors, and `takes` (p) of those of the samples, over their
+    powers of theta; these empty where they are no numbers."""
+
+    reads: list[list[Fraction]]
+    takes: list[list[Fraction]]
+
+    @property
+    def heard(self) -> bool:
+        """Whether it is known what b takes of the samples."""
+        return all(self.takes)
 
 
 @dataclass(frozen=True)
@@ -183,6 +201,27 @@ def _argument(context: Context, observer: Observer, scale: list[Expression]) -> 
     return Argument(unit(n), zeros(n, len(context.heads)))
 
 
+def argument_of(context: Context, entries: Sequence[Expression], scale: Sequence[Expression]) -> Argument:
+    """By the entries of N, for each z_j, in the coordinates `scale` z.
+
+    Raises: `NotShown` where what b reads of the errors is not of numbers.
+    """
+    S = [context.value(text) for text in scale]
+    N = gain_of(context.form.blocks, [context.value(text) for text in entries], context.algebra.number(Fraction(0)))
+    reads, takes = unit(len(N)), [[(s * entry).number for entry in row] for s, row in zip(S, N, strict=True)]
+    for k, z in enumerate(context.heads):
+        if not z:
+            continue
+        head, a = context.z.index(z), context.first_gain(k)
+        for j, row in enumerate(N):
+            share = (row[k] * a * S[j] / S[head]).number
+            if share is None:
+                raise NotShown("what it injects into the argument of b is not of numbers in these coordinates")
+            reads[j][head] -= share
+    known = [[value for value in row if value is not None] for row in takes]
+    return Argument(reads, known if all(len(row) == len(context.heads) for row in known) else [[] for _ in N])
+
+
 def _by_chain(context: Context, observer: Observer, scale: list[Expression]) -> Matrix:
     """S K, its columns spread over the outputs that show a state together; empty where its entries are no numbers."""
     blocks, none = context.form.blocks, context.algebra.number(Fraction(0))
@@ -220,31 +259,19 @@ def _moving(
 ) -> tuple[list[Slope], int]:
     """The a_i in their ranges: a_1 of a chain by its column of -K, others from state to state; S and K are numbers."""
     blocks, slopes, boxes = context.form.blocks, [], 0
-    S, entering = ([_number(context, text) for text in texts] for texts in (scale, observer.gains))
-    K = gain_of(blocks, entering, Fraction(0))
-    if any(s != 1 for s in S):
-        raise NotShown("its scale is not 1, which the a_i of ranges want")
+    S, entering = ([context.value(text).number for text in texts] for texts in (scale, observer.gains))
+    K = [k for k in entering if k is not None]
+    if any(s != 1 for s in S) or len(K) < len(entering):
+        raise NotShown("its scale is not 1, or its gains are no numbers, which the a_i of ranges want")
+    columns = gain_of(blocks, K, Fraction(0))
     places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
     for at, (place, range_) in enumerate(zip(places, entries(evidence, "ranges", len(places)), strict=True)):
-        if not isinstance(range_, Mapping) or range_.keys() != set(RANGE):
-            raise NotShown(f"a range of an a_i is no object with {', '.join(RANGE)}")
-        low, high, shown = enclosed(context, _as_claim(range_), *wanted_gain(context, place))
+        low, high, shown = enclosed(context, range_, *wanted_gain(context, place))
         boxes += shown.boxes
         chain, level = place
-        onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(K)]
-        slopes.append(Slope(of_field(at, len(K)), onto, low, high, -1, realised=False))
+        onto = [-row[chain - 1] if level == 1 else Fraction(int(i == at - 1)) for i, row in enumerate(columns)]
+        slopes.append(Slope(of_field(at, len(columns)), onto, low, high, -1, realised=False))
     return slopes, boxes
-
-
-def _as_claim(evidence: Mapping[str, Any]) -> Claim:
-    return Claim("", "proved", evidence, "", "", "", ())
-
-
-def _number(context: Context, text: Expression) -> Fraction:
-    value = context.value(text).number
-    if value is None:
-        raise NotShown(f"{text.text} is no number, which the a_i of a range want")
-    return value
 
 
 def bounded_slopes(

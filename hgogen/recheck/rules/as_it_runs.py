@@ -1,6 +1,6 @@
 """That the error of an observer contracts as its step runs, and how far noise moves it, verified again.
 
-The inequality is that of `stages`. As a polynomial in h it is negative on a piece of a line where its Bernstein
+The inequality is that of `inequality`. As a polynomial in h it is negative on a piece of a line where its Bernstein
 coefficients are. What holds at (h, theta) holds at (h theta/theta', theta') of a larger theta': there h M is the same
 but for smaller slopes of b.
 """
@@ -16,8 +16,8 @@ from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
 from ..cores import CONSTANT, OF_A_GAIN
-from ..falling import demand_negative
 from ..file import Claim, part
+from ..inequality import demand_falls, demand_kept, demand_negative, ends, form_of, method_of, place, within
 from ..matrix import (
     Matrix,
     above_zero,
@@ -25,13 +25,11 @@ from ..matrix import (
     entries,
     inverse,
     matrix,
-    plus,
     scalar,
     times,
     transposed,
 )
 from ..rule import on_chains
-from ..stages import corner, ends, form_of, method_of, place, within
 from ..uncertain import ErrorInclusion, error_inclusion
 
 _PIECES = 24  # of a range of step lengths
@@ -44,9 +42,8 @@ def step(context: Context, claim: Claim) -> Shown:
     theta, h, alpha = scalar(observer.numbers, "theta"), scalar(evidence, "dt"), scalar(evidence, "alpha")
     if not (theta > 0 and h > 0 and 0 <= alpha * h < 1):
         raise NotShown("theta or dt is not positive, or alpha dt is below 0 or not below 1")
-    error, method = error_inclusion(context, observer, evidence), method_of(evidence)
-    form = form_of(error.at(theta), method, h, evidence)
-    demand_negative("its inequality", plus(form, corner(alpha, evidence, len(form))))
+    error = error_inclusion(context, observer, evidence)
+    demand_falls(error.at(theta), method_of(evidence), h, alpha, evidence)
     rate = f"|e|_P^2 falls at each call{f', by {short(alpha * h, -1)} of itself' if alpha else ''}"
     return Shown(f"by {part(evidence, 'method', str)} at dt = {short(h)}, theta = {short(theta)}, {rate}", error.boxes)
 
@@ -83,8 +80,7 @@ def throughout(context: Context, claim: Claim) -> Shown:
 def noise(context: Context, claim: Claim) -> Shown:
     """|z_i| <= bound of an error e in |e|_P <= 1, which stays there while the samples of an output err by at most 1:
 
-    2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + .. - lambda_1 v^2 - lambda_2 v+^2 < 0,   lambda_1 + lambda_2 <= alpha
-    """
+    its inputs are those at both ends of a call."""
     observer, evidence = built(context, claim), claim.evidence
     theta, h = scalar(observer.numbers, "theta"), scalar(evidence, "dt")
     if not (theta > 0 and h > 0):
@@ -101,12 +97,8 @@ def noise(context: Context, claim: Claim) -> Shown:
             raise NotShown("a bound stands twice")
         if not error.measured:
             raise NotShown("its gains are no numbers in these coordinates")
-        alpha, bound, S = scalar(one, "alpha"), scalar(one, "bound"), part(one, "S", list)
-        lambdas = column({"S": S[-2:]}, "S", 2)
-        if not (0 < alpha * h < 1 and bound > 0 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
-            raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
-        form = form_of(parts, method, h, one, ends(method, parts, output))
-        demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
+        bound = above_zero(one, "bound")
+        demand_kept(parts, method, h, one, ends(method, parts, output))
         within(one, error.picks[state], error.scales(context, theta), bound)
         said[state, output] = f"{context.z[state]} by at most {short(bound, 1)} for 1 of output {output + 1}"
     if not said:
@@ -131,7 +123,7 @@ def start(context: Context, claim: Claim) -> Shown:
         raise NotShown("a peak is no object")
     begins, parts = list[Fraction](), error.at(theta)
     for one in (clear, *peaks):
-        demand_negative("its inequality", form_of(parts, method, h, one))
+        demand_falls(parts, method, h, Fraction(0), one)
         begins.append(_largest(error, scales, first, matrix(one, "P", len(scales), len(scales))))
     multiple, limits = above_zero(clear, "multiple"), _limits(clear, error)
     for k, limit in limits.items():

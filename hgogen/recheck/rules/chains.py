@@ -17,7 +17,7 @@ from ..text import expression
 def _gain(context: Context, claim: Claim) -> Shown:
     """0 < a_m <= a_i <= a_M on the box."""
     wanted, source = wanted_gain(context, claim.at)
-    low, _, shown = enclosed(context, claim, wanted, source)
+    low, _, shown = enclosed(context, claim.evidence, wanted, source)
     if low <= 0:
         raise NotShown("its lower bound is not above zero")
     return Shown(f"{claim.what}: {shown.sentence}", shown.boxes)
@@ -43,7 +43,7 @@ def _offset(context: Context, claim: Claim) -> Shown:
     rest = context.value(context.form.output[chain - 1]) - context.first_gain(chain - 1) * context.letters[head]
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     only(text.names & set(context.z), (), "the offset")
-    return enclosed(context, claim, rest, text)[2]
+    return enclosed(context, claim.evidence, rest, text)[2]
 
 
 def _rows(form: FormFile) -> tuple[str, ...]:

@@ -1,8 +1,6 @@
 """How far inputs of a step drive an error, of several the shares, verified again.
 
-    2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + .. - sum_k lambda_k v_k^2 < 0,   sum_k lambda_k <= alpha
-
-keeps |e|_P <= 1 while each |v_k| <= 1 (`stages` has the rest). Inputs are errors of the samples of an output at both
+They keep to |e|_P <= 1 while each is at most 1 (`inequality`). Inputs are errors of the samples of an output at both
 ends of a call, errors of what is injected at a stage, what the plant does beside a step of the method in a row of its
 form, over h, which the sample at the end of the call shows, and what comes to an element of e itself, over h. A share
 is of inputs in one unit.
@@ -17,15 +15,14 @@ from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
 from ..cores import CONSTANT, OF_A_GAIN
-from ..falling import demand_negative
 from ..file import Claim, part
 from ..follows import demand_followed
+from ..inequality import Input, Method, demand_kept, ends, method_of, place, tableau_of, within
 from ..left_by_core import demand_left_by_core
-from ..matrix import above_zero, column, entries, inverse, matrix, plus, scalar, unit
+from ..matrix import above_zero, column, entries, inverse, matrix, scalar, unit
 from ..remainder import demand_remainder
 from ..rounding import demand_rounding, equation_of
 from ..rule import on_chains
-from ..stages import Input, Method, corner, ends, form_of, method_of, place, tableau_of, within
 from ..text import number
 from ..uncertain import ErrorInclusion, error_inclusion
 
@@ -61,12 +58,8 @@ def error(context: Context, claim: Claim) -> Shown:
         if {_field(one, len(scales)) for one in bounds} != wanted or len(bounds) > len(wanted):
             raise NotShown("its bounds are not those of the fields that estimate, each once")
         for one in bounds:
-            k, alpha, bound = _field(one, len(scales)), scalar(one, "alpha"), above_zero(one, "bound")
-            lambdas = column({"S": part(one, "S", list)[-len(inputs) :]}, "S", len(inputs))
-            if not (0 < alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
-                raise NotShown("alpha dt is not between 0 and 1, or its lambda exceed alpha")
-            form = form_of(parts, method, h, one, inputs)
-            demand_negative("its inequality", plus(form, corner(alpha, one, len(form))))
+            k, bound = _field(one, len(scales)), above_zero(one, "bound")
+            demand_kept(parts, method, h, one, inputs)
             within(one, k, scales, bound / size)
             totals[k] += bound
     sizes, under, boxes = _followed(context, inclusion, theta, evidence, by_kind)

@@ -32,7 +32,7 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built, clamped
 from ..context import Context, Shown, short
-from ..falling import Decay, decays, demand_falls
+from ..falling import Decay, decays, demand_decays
 from ..file import Built, Claim, Observer
 from ..interval import intervals, point
 from ..matrix import above_zero, demand_nonnegative, matrix, minus, scalar, scaled
@@ -65,7 +65,7 @@ def held(context: Context, claim: Claim) -> Shown:
     if alpha < 0 or bound is None:
         raise NotShown("its alpha is negative, or there is no bound on theta")
     error = error_inclusion(context, built(context, claim), bound.evidence)
-    demand_falls(error.at(theta), alpha, evidence)
+    demand_decays(error.at(theta), alpha, evidence)
     size, other = len(error.N), context.file.claim(f"{claim.maker}.theta")
     if other is None or not other.evidence:
         raise NotShown("there is no norm of the low gain")
@@ -84,7 +84,7 @@ def held(context: Context, claim: Claim) -> Shown:
 def _falls(context: Context, claim: Claim, slopes: Mapping[str, Any], level: Fraction, alpha: Fraction) -> int:
     """V' <= -alpha V at a theta, by the claim's V, whatever the slopes; with how many boxes these are shown."""
     error = with_endless(context, built(context, claim), slopes)
-    demand_falls(error.at(level), alpha, claim.evidence)
+    demand_decays(error.at(level), alpha, claim.evidence)
     return error.boxes
 
 

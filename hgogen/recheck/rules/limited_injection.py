@@ -26,8 +26,9 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built, clamped
 from ..context import Context, Shown
-from ..falling import WORK, Decay, decays, demand_negative
+from ..falling import WORK, Decay, decays
 from ..file import Built, Claim, Observer
+from ..inequality import demand_negative
 from ..matrix import (
     Matrix,
     above_zero,

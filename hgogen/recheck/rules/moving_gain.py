@@ -37,8 +37,9 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built, clamped, integrators, slope
 from ..context import Context, Shown, on, short
-from ..falling import Decay, decays, demand_falls, demand_negative, driven
+from ..falling import Decay, decays, demand_decays
 from ..file import Built, Claim, Observer, part
+from ..inequality import FLOW, Input, demand_negative, form_of, multipliers
 from ..matrix import (
     Matrix,
     above_zero,
@@ -56,7 +57,6 @@ from ..matrix import (
     transposed,
     twice,
     unit,
-    zeros,
 )
 from ..rule import STEEP, of_observer, on_chains
 from ..slope import frobenius
@@ -103,9 +103,10 @@ def _by_one_v(context: Context, claim: Claim) -> Shown:
         M = plus(scaled(gamma, plus(error.N, scaled(sigma, D))), rest)
         pushed = [[unit_ * power * x for x in row] for unit_, power, row in zip(units, powers, G, strict=True)]
         B = minus([[row[0] * x for x in g] for row in error.measured], pushed)
-        form, lambdas = driven(replace(parts, M=M), B, zeros(len(parts.H), len(B[0])), weights)
-        if max(lambdas) > mu**2:
+        inputs = [Input([[Fraction(0)] * len(context.form.output)], each) for each in transposed(B)]
+        if max(multipliers(weights, inputs)) > mu**2:
             raise NotShown("a lambda is above mu^2")
+        form = form_of(replace(parts, M=M), FLOW, Fraction(0), weights, inputs)
         for i, unit_ in enumerate(units):
             form[i][i] += (gamma ** (i + 1) / unit_) ** 2
         demand_negative("its inequality", form)
@@ -272,7 +273,7 @@ def _by_norm(context: Context, claim: Claim, slopes: Mapping[str, Any], level: F
     if eased:
         core = plus(scaled(level, error.N), shift)
         demand_negative("its inequality without b", plus(twice(P, core), scaled(alpha, P)))
-    demand_falls(parts if eased else replace(parts, M=plus(parts.M, shift)), alpha, claim.evidence)
+    demand_decays(parts if eased else replace(parts, M=plus(parts.M, shift)), alpha, claim.evidence)
     return error.boxes
 
 

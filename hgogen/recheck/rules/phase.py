@@ -21,18 +21,20 @@ from ..context import (
     Context,
     Shown,
     algebra_of,
+    applied,
     declared_box,
     finite,
     letters_of,
     narrowed,
     short,
+    slope_of,
     value_of,
 )
 from ..file import Claim, part
+from ..inequality import place
 from ..matrix import inverse, matrix, scalar
 from ..rule import Needed, Rule
 from ..slope import regular
-from ..stages import place
 from ..tables import jumps
 from ..text import Expression, expression
 
@@ -87,7 +89,7 @@ def one_to_one(context: Context, claim: Claim) -> Shown:
     _smooth_enough(slopes.Phi, 0)
     L, algebra = matrix(claim.evidence, "weights", n, n), slopes.algebra
     _ = inverse(L)
-    weighed = [[_weighted(row, column, algebra) for column in zip(*slopes.rows, strict=True)] for row in L]
+    weighed = [*zip(*(applied(algebra, L, column) for column in zip(*slopes.rows, strict=True)), strict=True)]
     left = {places for size in range(1, n + 1) for places in combinations(range(n), size)}
     for minor in part(claim.evidence, "minors", list):
         if not isinstance(minor, dict) or minor.keys() != {"places", *RANGE}:
@@ -123,16 +125,8 @@ def _slopes(context: Context, claim: Claim) -> _Slopes:
         raise NotShown(f"the determinant of more than {MOST} states is not computed")
     algebra = algebra_of(box)
     letters = letters_of(algebra, box)
-    rows = [[_slope(row, name, letters, algebra) for name in states] for row in Phi]
+    rows = [[slope_of(row, name, letters, algebra) for name in states] for row in Phi]
     return _Slopes(rows, Phi, box, letters, algebra)
-
-
-def _weighted(weights: Sequence[Fraction], column: Sequence[Quotient], algebra: Algebra) -> Quotient:
-    """The sum of quotients times weights."""
-    total = algebra.number(Fraction(0))
-    for weight, value in zip(weights, column, strict=True):
-        total = total + algebra.number(weight) * value
-    return total
 
 
 def _bounded_determinant(
@@ -179,29 +173,17 @@ def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
 
 
 def _regular(row: Expression, states: Sequence[str], box: Box) -> int:
-    read = [name for name in states if name in row.names]
-    return covered(narrowed(box, row.names), ".", regular([row], read)) if _bounded(row, box) else _entire(row)
+    """That a row has finite derivatives on the box, with how many boxes; where a side is unbounded as a polynomial.
 
-
-def _bounded(row: Expression, box: Box) -> bool:
-    return all(math.isfinite(end) for name in row.names for end in box[name])
-
-
-def _entire(row: Expression) -> int:
-    """Where a side is unbounded: a polynomial."""
+    Raises: `NotShown`.
+    """
+    if all(math.isfinite(end) for name in row.names for end in box[name]):
+        return covered(narrowed(box, row.names), ".", regular([row], [name for name in states if name in row.names]))
     if any(step.op not in ("number", "symbol", "add", "sub", "mul", "neg", "power") for step in row.instructions):
         raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
     if any(step.op == "power" and not (isinstance(step.value, int) and step.value >= 0) for step in row.instructions):
         raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
     return 0
-
-
-def _slope(row: Expression, name: str, letters: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
-    """The partial derivative of an expression in a name, in closed form."""
-    one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
-    values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in letters.items()}
-    derivative: Quotient = evaluate(row, values, dual(algebra.arithmetic)).slopes.get(0, zero)
-    return derivative
 
 
 def _determinant(rows: list[list[Quotient]], algebra: Algebra) -> Quotient:

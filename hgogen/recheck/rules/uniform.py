@@ -32,7 +32,7 @@ def _structure(context: Context, claim: Claim) -> Shown:
 def _slope(context: Context, claim: Claim) -> Shown:
     """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *claim.at)
-    low, high, shown = enclosed(context, claim, wanted, rate, lambda text: at_kinks(text, rate, context))
+    low, high, shown = enclosed(context, claim.evidence, wanted, rate, lambda text: at_kinks(text, rate, context))
     if low <= 0 <= high:
         raise NotShown("its bounds do not keep clear of zero")
     continuous((rate,), (context.z[claim.at[0] - 1],), context.form.box)

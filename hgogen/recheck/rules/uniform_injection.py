@@ -21,12 +21,12 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built, constants
-from ..context import RANGE, Context, enclosed, only
-from ..falling import Decay, corners_of, decays, demand_falls
+from ..context import Context, enclosed, only
+from ..falling import Decay, corners_of, decays, demand_decays
 from ..file import Built, Claim
+from ..inequality import Parts
 from ..matrix import column, entries, zeros
 from ..slope import at_kinks, continuous
-from ..stages import Parts
 from ..text import Expression
 from ..uncertain import ErrorInclusion, Slope, bounded_slopes, of_field
 
@@ -44,10 +44,10 @@ def _falls(context: Context, claim: Claim, ranges: Mapping[str, Any], level: Fra
     slopes, boxes = _slopes(context, ranges, s)
     shares, more = _shares(context, ranges, s)
     if "S" in claim.evidence:
-        demand_falls(_inclusion(n, [*slopes, *_of_products(K, shares)]).at(level), alpha, claim.evidence)
+        demand_decays(_inclusion(n, [*slopes, *_of_products(K, shares)]).at(level), alpha, claim.evidence)
     else:
         for corner in _corners(_inclusion(n, slopes).at(level), K, shares, level):
-            demand_falls(corner, alpha, claim.evidence)
+            demand_decays(corner, alpha, claim.evidence)
     return boxes + more
 
 
@@ -81,15 +81,12 @@ def _shares(context: Context, evidence: Mapping[str, Any], s: list[Fraction]) ->
     """The range of each s_k/F_k', and with how many boxes these are shown. Raises: `NotShown`."""
     shares, boxes, one = Shares(), 0, context.algebra.number(Fraction(1))
     for k, (number, range_) in enumerate(zip(s, entries(evidence, "shares", len(s)), strict=True)):
-        if not isinstance(range_, Mapping) or range_.keys() != set(RANGE):
-            raise NotShown(f"a range of a slope is no object with {', '.join(RANGE)}")
         rate, z = context.rates[k], context.z[k + 1]
 
         def read(text: Expression, rate: Expression = rate) -> Expression:
             return at_kinks(text, rate, context)
 
-        stated = Claim("", "proved", range_, "", "", "", ())
-        low, high, shown = enclosed(context, stated, one / context.slope(rate, z), rate, read)
+        low, high, shown = enclosed(context, range_, one / context.slope(rate, z), rate, read)
         if low <= 0 <= high:
             raise NotShown("the bounds of a slope do not keep clear of zero")
         continuous((rate,), (z,), context.form.box)

@@ -1,4 +1,4 @@
-"""The inequality of a step of a method on what the error obeys, built again.
+"""The one inequality: how a form of what the error obeys falls in a step of a method, or in continuous time.
 
     X_i = e + h sum_j a_ij w_j,   w_i = M X_i + G p_i,   p_i = diag(d_i) H X_i,   e+ = e + h sum_i b_i w_i
     X_2 = e + h phi_1 (L e + r_1),   r_i = (M - L) X_i + G p_i,   e+ = X_2 + h phi_2 (r_2 - r_1)
@@ -9,8 +9,10 @@ P > 0 and S >= 0 diagonal
 
     2 e'P D v + h |D v|_P^2 + alpha |e|_P^2 + sum of Q_i'S_i Q_i - p_i'S_i p_i < 0   for all v
 
-shows |e+|_P^2 <= (1 - alpha h) |e|_P^2. For given P and S it is a polynomial in h of degree 2 s - 1 by a method of the
-first line: Euler's, Heun's and the classical one of Runge and Kutta. The second realises the core L of M, X = h L: by
+shows |e+|_P^2 <= (1 - alpha h) |e|_P^2; with inputs u beside v, and sum_k lambda_k u_k^2 taken off, sum_k lambda_k <=
+alpha, that |e|_P <= 1 stays so while each |u_k| <= 1. Continuous time is Euler's step of the length 0: V' <= -alpha V.
+For given P and S it is a polynomial in h of degree 2 s - 1 by a method of the first line: Euler's, Heun's and the
+classical one of Runge and Kutta. The second realises the core L of M, X = h L: by
 the bilinear rule phi_1 = (1 - X/2)^-1 = 2 phi_2, by the matrix exponential phi_1 = 1 + X phi_2, phi_2 = (exp X - 1 -
 X)/X^2 but for what a program's polynomial is beside that. What that makes of the form is bounded entry by entry, in
 absolute values, and |d| 2 |v_i v_j| <= |d| (v_i^2 s_j/s_i + v_j^2 s_i/s_j) brings it onto the diagonal, for any s > 0.
@@ -26,6 +28,7 @@ from typing import Any
 
 from .box import NotShown
 from .file import part
+from .interval import point
 from .matrix import (
     Matrix,
     column,
@@ -44,10 +47,11 @@ from .matrix import (
     unit,
     zeros,
 )
+from .slope import definite
 from .text import number
 from .transition import weight
 
-_ROWS = 60  # of an inequality
+_ROWS = 100  # of an inequality
 ONE = Fraction(1)
 _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], int]] = {
     "Euler": (((),), ("1",), 1),
@@ -90,8 +94,12 @@ class Parts:
         return [times(self.G, p)] if p else []
 
     def read(self, X: Matrix, v: Matrix) -> Matrix:
-        """H X + E v (m, size) of rows v (p, size)."""
-        return plus(times(self.H, X), times(self.E, v)) if self.H else []
+        """H X + E v (m, size) of rows v (p, size), of no sample none."""
+        return plus(times(self.H, X), *([times(self.E, v)] if v else [])) if self.H else []
+
+    def heard(self, v: Matrix) -> list[Matrix]:
+        """(B + R) v of rows v (p, size), as a sum's one term; none without samples."""
+        return [times(plus(self.B, self.R), v)] if v else []
 
 
 @dataclass(frozen=True)
@@ -147,18 +155,23 @@ def method_of(evidence: Mapping[str, Any]) -> Method:
     name = part(evidence, "method", str)
     if name in REALISED:
         return Method([Fraction(0), ONE], 0, partial(_realised, REALISED[name]))
-    tableau = tableau_of(evidence)
+    return _explicit(tableau_of(evidence))
+
+
+def _explicit(tableau: Tableau) -> Method:
     rows, weights = tableau.rows, tableau.weights
 
     def moves(parts: Parts, h: Fraction, e: Matrix, p: list[Matrix], v: list[Matrix]) -> Moved:
         rates, stages = list[Matrix](), list[Matrix]()
         for row, p_i, v_i in zip(rows, p, v, strict=True):
             stages.append(plus(e, *(scaled(h * a, w) for a, w in zip(row, rates, strict=True))))
-            driven = times(plus(parts.B, parts.R), v_i)
-            rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), driven))
+            rates.append(plus(times(parts.M, stages[-1]), *parts.varied(p_i), *parts.heard(v_i)))
         return Moved(plus(*(scaled(b, w) for b, w in zip(weights, rates, strict=True))), stages)
 
     return Method(tableau.nodes, 2 * len(weights) - 1, moves)
+
+
+FLOW = _explicit(Tableau([[]], [ONE], 1))  # at the length 0
 
 
 def _realised(
@@ -286,13 +299,50 @@ def _slack(
     return [[value * x for x in row] for value, row in zip(sums, unit(len(form)), strict=True)]
 
 
-def corner(alpha: Fraction, evidence: Mapping[str, Any], size: int) -> Matrix:
-    """alpha |e|_P^2."""
-    P, whole = evidence["P"], zeros(size, size)
-    for i, row in enumerate(matrix(evidence, "P", len(P), len(P))):
-        for j, value in enumerate(row):
-            whole[i][j] = alpha * value
-    return whole
+def demand_falls(
+    parts: Parts,
+    method: Method,
+    h: Fraction,
+    alpha: Fraction,
+    evidence: Mapping[str, Any],
+    inputs: Sequence[Input] = (),
+) -> None:
+    """That |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u.
+
+    Raises: `NotShown`.
+    """
+    form, n = form_of(parts, method, h, evidence, inputs), len(parts.M)
+    for own, row in zip(form, matrix(evidence, "P", n, n), strict=False):
+        own[:n] = (x + alpha * y for x, y in zip(own, row, strict=False))
+    demand_negative("its inequality", form)
+
+
+def demand_kept(
+    parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
+) -> None:
+    """That |e|_P <= 1 stays so while each input is at most 1. Raises: `NotShown`."""
+    alpha, lambdas = scalar(evidence, "alpha"), multipliers(evidence, inputs)
+    if not (alpha > 0 and alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
+        raise NotShown("alpha is not above 0, alpha dt not below 1, or its lambda exceed alpha")
+    demand_falls(parts, method, h, alpha, evidence, inputs)
+
+
+def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fraction]:
+    """The lambda of the inputs. Raises: `NotShown`."""
+    return column({"S": part(evidence, "S", list)[-len(inputs) :]}, "S", len(inputs))
+
+
+def demand_negative(what: str, form: Matrix) -> None:
+    """That a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
+
+    Raises: `NotShown`.
+    """
+    negated = scaled(Fraction(-1), form)
+    known = definite([[point(value) for value in row] for row in negated]) if transposed(negated) == negated else 0
+    if known < 0:
+        raise NotShown(f"{what} is not negative")
+    if not known:
+        demand_positive({f"{what}, negated,": negated})
 
 
 def within(one: Mapping[str, Any], field: int, scales: list[Fraction], bound: Fraction, V: Fraction = ONE) -> None:
