@@ -111,11 +111,7 @@ def _first_jump(width: Fraction, below: tuple[Any, ...], above: tuple[Any, ...])
     moved = taylor(below, width)
     for order in range(max(len(moved), len(above))):
         left, right = (piece[order] if order < len(piece) else ZERO for piece in (moved, above))
-        if _differ(left, right):
+        different = left != right
+        if different.any() if hasattr(different, "any") else different:
             return order
     return NEVER
-
-
-def _differ(a: Any, b: Any) -> bool:
-    different = a != b
-    return bool(different.any() if hasattr(different, "any") else different)

@@ -13,6 +13,8 @@ from typing import Any
 import flint
 
 from hgogen.algebra.cells import Cells, Index
+from hgogen.algebra.definite import fraction
+from hgogen.algebra.piece import rational
 from hgogen.algebra.piece import value as polynomial
 from hgogen.algebra.tabulated import next_order
 
@@ -27,14 +29,12 @@ class Undecided(ArithmeticError):
 
 def between(low: Fraction, high: Fraction) -> Any:
     """The least ball that holds the numbers from one rational to another."""
-    ends = (flint.arb(flint.fmpq(end.numerator, end.denominator)) for end in (low, high))
-    return next(ends).union(next(ends))
+    return flint.arb(rational(low)).union(flint.arb(rational(high)))
 
 
 def magnitude(ball: Any) -> Fraction:
     """A rational at or above the size of what a ball holds."""
-    top = ball.abs_upper().fmpq()
-    return Fraction(int(top.p), int(top.q))
+    return fraction(ball.abs_upper().fmpq())
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Balls:
 
     def number(self, value: Fraction, order: int) -> Any:
         """A rational as a series."""
-        return self.series([flint.arb(flint.fmpq(value.numerator, value.denominator))], order)
+        return self.series([flint.arb(rational(value))], order)
 
     def constant(self, name: str, order: int) -> Any:
         """pi or e as a series."""
@@ -87,7 +87,11 @@ class Balls:
             return self._power(a, value, order)
         if op == "root":
             inverse = _inverse(a)
-            result = a.sqrt() ** value.numerator if value.denominator == 2 and value > 0 else self._real(a, value)
+            if value.denominator == 2 and value > 0:
+                result = a.sqrt() ** value.numerator
+            else:
+                _positive(a)
+                result = (self.number(value, a.prec) * a.log()).exp()
             return _finite(result), self.number(value, order) * result * inverse
         if op in _STEPS:
             level, slope = _STEPS[op](a[0])
@@ -102,10 +106,6 @@ class Balls:
             return result, value * result * inverse
         less = _whole(a, value - 1) if value > 1 else self.series([1], order)
         return less * a, value * less
-
-    def _real(self, a: Any, value: Fraction) -> Any:
-        _positive(a)
-        return (self.number(value, a.prec) * a.log()).exp()
 
     def raised(self, a: Any, b: Any, order: int) -> tuple[Any, Any, Any]:
         """a^b = exp(b log a) and its derivatives by a and by b."""
@@ -224,18 +224,12 @@ def _level(x: Any) -> Any:
 
 def ends(a: Any) -> tuple[Fraction, Fraction]:
     """The ends of a finite ball."""
-    low, high = (Fraction(int(end.p), int(end.q)) for end in (a.lower().fmpq(), a.upper().fmpq()))
-    return low, high
+    return fraction(a.lower().fmpq()), fraction(a.upper().fmpq())
 
 
 def rising(function: Callable[[Any], Any], a: Any) -> Any:
     """A function that rises, of a ball, by its ends: Arb's own of a wide ball may be far wider, or none."""
     return function(a.lower()).union(function(a.upper()))
-
-
-def rational(value: Fraction) -> Any:
-    """The number as flint has it."""
-    return flint.fmpq(value.numerator, value.denominator)
 
 
 def _hyperbolic(a: Any) -> tuple[Any, Any]:

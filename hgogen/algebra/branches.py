@@ -22,11 +22,14 @@ ROUGH = (
     *(sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, Norm, Direction, Table),
     *(sp.nan, sp.zoo, sp.oo),
 )
+_ONE_BRANCH = (sp.log, sp.exp, sp.tan, sp.Abs)
 
 
 def branches(field: Field) -> bool:
     """Whether it may: for a function with kinks or jumps, two inverse functions, a root of a root, |h| of some h."""
-    functions = [m for m, g in zip(field.meaning, field.generators, strict=True) if g.is_Dummy and _other(m)]
+    kernels = [m for m, g in zip(field.meaning, field.generators, strict=True) if g.is_Dummy]
+    # a root, a logarithm, an exponential or an angle has no branches between which to choose
+    functions = [m for m in kernels if isinstance(m, sp.Function) and not isinstance(m, _ONE_BRANCH)]
     if len(functions) > 1 or any(m.has(*ROUGH) for m in field.meaning):
         return True
     roots = [root for root in field.relations if not all(end.is_constant() for end in root.value)]
@@ -34,11 +37,6 @@ def branches(field: Field) -> bool:
     if any(end.degrees()[k] for root in roots for end in root.value for k in places):
         return True
     return any(_turns(field, h) for h in _squared([root for root in roots if root.degree % 2 == 0]))
-
-
-def _other(meaning: sp.Expr) -> bool:
-    """Neither a root nor a logarithm, exponential or angle, which have no branches between which to choose."""
-    return isinstance(meaning, sp.Function) and not isinstance(meaning, (sp.log, sp.exp, sp.tan, sp.Abs))
 
 
 def _squared(roots: Sequence[Root]) -> list[list[Any]]:

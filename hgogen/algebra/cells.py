@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.algebra.axis import NEVER, Axis, Ends
+from hgogen.algebra.definite import fraction
 from hgogen.algebra.interpolation import DEGREES
 from hgogen.algebra.piece import ZERO, Polynomial, coefficients, derivative, extremes, rational, value
 
@@ -159,7 +160,7 @@ class Cells:
         sides = [side for side in ends if side is not None]
         if len(sides) < len(ends):
             return -inf, inf
-        return _fraction(min(least for least, _ in sides)), _fraction(max(most for _, most in sides))
+        return fraction(min(least for least, _ in sides)), fraction(max(most for _, most in sides))
 
     def _over(self, piece: Polynomial, cell: Index, spans: Spans, box: Sequence[Ends]) -> tuple[Any, Any] | None:
         """The range of one cell on a box that meets those of `spans`; None of one without an end."""
@@ -211,7 +212,3 @@ def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, tuple[Any, Any]],
         sides = [(_NOTHING, width[k]) for width, k in zip(widths, cell, strict=True)]
         whole[cell] = extremes(pieces[cell], sides)
     return whole, level, pieces
-
-
-def _fraction(end: Any) -> Fraction:
-    return Fraction(int(end.p), int(end.q))

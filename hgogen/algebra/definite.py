@@ -5,7 +5,7 @@ functions of them. So M >= 0 if and only if every e_k >= 0, and M > 0 if and onl
 characteristic polynomial; Horn, Johnson, "Matrix Analysis", 7.1 and 7.2).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from fractions import Fraction
 from math import isqrt
 from typing import Any
@@ -73,21 +73,16 @@ def _near_unit(M: Any) -> bool:
     whole numbers or balls, whatever these hold: R the inverse of a Cholesky factor in floats, as whole numbers."""
     rows = [[arb(value).mid() for value in row] for row in M.tolist()]
     try:
-        units = [_bits(row[k]) // 2 for k, row in enumerate(rows)]
+        diagonal = [row[k].man_exp() for k, row in enumerate(rows)]
+        units = [int(mantissa.bit_length() + exponent) // 2 for mantissa, exponent in diagonal]
         over = [arb(2) ** -j for j in units]
         scaled = [[float(x * i * j) for x, j in zip(row, over, strict=True)] for row, i in zip(rows, over, strict=True)]
         inverse = np.linalg.inv(np.linalg.cholesky(scaled)).tolist()
         R = fmpz_mat([[int(x * 2**40) << max(units) - j for x, j in zip(row, units, strict=True)] for row in inverse])
-    except (ValueError, OverflowError):  # without a factor, or beyond a float
+    except (ValueError, OverflowError):  # not finite, without a factor, or beyond a float
         return False
     seen = (R * M * R.transpose()).tolist()
     return all(2 * row[k] > sum(map(abs, row)) for k, row in enumerate(seen))
-
-
-def _bits(x: Any) -> int:
-    """The binary exponent of a ball without a radius. Raises: `ValueError` where it is not finite."""
-    mantissa, exponent = x.man_exp()
-    return int(mantissa.bit_length() + exponent)
 
 
 def definite(M: np.ndarray) -> bool:
@@ -108,7 +103,8 @@ def definite(M: np.ndarray) -> bool:
 
 def nonnegative(M: Any) -> bool:
     """Whether a symmetric matrix of FLINT's is positive semidefinite: proved either way."""
-    return all(value >= 0 for value in _elementary(M))
+    elementary = (-M).charpoly().coeffs()[-2::-1]  # of det(x I + M) = (-1)^n det(-x I - M), after the first
+    return all(value >= 0 for value in elementary)
 
 
 def smallest(M: Any) -> tuple[Fraction, Fraction]:
@@ -139,8 +135,3 @@ def largest(M: Any) -> tuple[Fraction, Fraction]:
     """(low, high) around the largest eigenvalue of a symmetric matrix of FLINT's: low < it <= high, both proved."""
     low, high = smallest(-M)
     return -high, -low
-
-
-def _elementary(M: Any) -> Sequence[Any]:
-    """e_1, .., e_n: the coefficients of det(x I + M) = (-1)^n det(-x I - M) after the first."""
-    return list((-M).charpoly().coeffs()[-2::-1])

@@ -12,7 +12,6 @@ import flint
 
 Row = Sequence[Any]
 
-
 SURE_BITS = 1024  # at which a zero is believed: then it is smaller than 2^-341
 
 
@@ -30,7 +29,15 @@ def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
     """Indices of the rows that are no combination of the rows before; `modulus` 0 for balls."""
     if not rows or not rows[0]:
         return []
-    return _pivots(_columns(rows, modulus)) if modulus else [i for i, _, _ in _eliminated(rows)]
+    if not modulus:
+        return [i for i, _, _ in _eliminated(rows)]
+    entries = [e for row in rows for e in row]
+    reduced, rank = flint.nmod_mat(len(rows), len(rows[0]), entries, modulus).transpose().rref()
+    pivots: list[int] = []
+    for i in range(rank):
+        start = pivots[-1] + 1 if pivots else 0
+        pivots.append(next(j for j in range(start, len(rows)) if reduced[i, j] != 0))
+    return pivots
 
 
 def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
@@ -40,29 +47,20 @@ def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
     """
     if not rows:
         return [[int(i == j) for i in range(width)] for j in range(width)]
-    return _modular_kernel(rows, width, modulus) if modulus else _ball_kernel(rows, width)
-
-
-def _columns(rows: Sequence[Row], modulus: int) -> Any:
-    """The transposed matrix."""
-    return flint.nmod_mat(len(rows), len(rows[0]), [e for row in rows for e in row], modulus).transpose()
-
-
-def _pivots(matrix: Any) -> list[int]:
-    """The columns of the pivots of a matrix modulo a prime."""
-    reduced, rank = matrix.rref()
-    width = reduced.ncols()
-    columns: list[int] = []
-    for i in range(rank):
-        start = columns[-1] + 1 if columns else 0
-        columns.append(next(j for j in range(start, width) if reduced[i, j] != 0))
-    return columns
-
-
-def _modular_kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[int]]:
-    matrix = flint.nmod_mat(len(rows), width, [e for row in rows for e in row], modulus)
-    basis, nullity = matrix.nullspace()
-    return [[int(basis[i, j]) for i in range(width)] for j in range(nullity)]
+    if modulus:
+        matrix = flint.nmod_mat(len(rows), width, [e for row in rows for e in row], modulus)
+        nullspace, nullity = matrix.nullspace()
+        return [[int(nullspace[i, j]) for i in range(width)] for j in range(nullity)]
+    reduced = _eliminated(rows)
+    columns = [column for _, column, _ in reduced]
+    free = [j for j in range(width) if j not in columns]
+    basis = []
+    for j in free:  # by back substitution
+        vector = [flint.arb(int(i == j)) for i in range(width)]
+        for _, column, pivot in reversed(reduced):  # a row's pivot column is zero in the rows after it
+            vector[column] = -sum((pivot[k] * vector[k] for k in range(width) if k != column), flint.arb(0))
+        basis.append([flint.arb(0) if _zero(entry) else entry for entry in vector])
+    return basis
 
 
 def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
@@ -101,17 +99,3 @@ def _zero(entry: Any) -> bool:
     if entry.abs_upper() > flint.arb(2) ** -(flint.ctx.prec // 3):
         raise Blurred
     return True
-
-
-def _ball_kernel(rows: Sequence[Row], width: int) -> list[list[Any]]:
-    """A basis of the kernel of rows of balls, by back substitution from the free columns."""
-    reduced = _eliminated(rows)
-    columns = [column for _, column, _ in reduced]
-    free = [j for j in range(width) if j not in columns]
-    basis = []
-    for j in free:
-        vector = [flint.arb(int(i == j)) for i in range(width)]
-        for _, column, pivot in reversed(reduced):  # a row's pivot column is zero in the rows after it
-            vector[column] = -sum((pivot[k] * vector[k] for k in range(width) if k != column), flint.arb(0))
-        basis.append([flint.arb(0) if _zero(entry) else entry for entry in vector])
-    return basis

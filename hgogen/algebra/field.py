@@ -59,16 +59,16 @@ class Field:
 
 def written(polynomial: Any, values: Sequence[sp.Expr]) -> sp.Expr:
     """The polynomial with a value for each generator."""
-    return sp.Add(*(_monomial(powers, c, values) for powers, c in polynomial.terms()))
+    terms = (
+        sp.Mul(number(c), *(v ** int(k) for v, k in zip(values, powers, strict=False) if k))
+        for powers, c in polynomial.terms()
+    )
+    return sp.Add(*terms)
 
 
 def number(coefficient: Any) -> sp.Rational:
     """A coefficient of a polynomial."""
     return sp.Rational(int(coefficient.p), int(coefficient.q))
-
-
-def _monomial(powers: Sequence[int], coefficient: Any, values: Sequence[sp.Expr]) -> sp.Expr:
-    return sp.Mul(number(coefficient), *(v ** int(k) for v, k in zip(values, powers, strict=False) if k))
 
 
 def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Quotient]]:

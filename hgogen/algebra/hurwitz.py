@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from flint import fmpq, fmpq_mat
+from flint import fmpq
 
+from hgogen.algebra.definite import exact
 from hgogen.errors import HgogenError
 
 
@@ -28,8 +29,8 @@ class NotHurwitz(HgogenError):
 
 def hurwitz(matrix: np.ndarray) -> bool:
     """Whether every eigenvalue of a matrix (n, n), floats or fractions, has a negative real part: a proof."""
-    rows = [[_rational(value) for value in row] for row in matrix]
-    polynomial = fmpq_mat(rows).charpoly().coeffs()[::-1]
+    rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
+    polynomial = exact(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]
     while below:
         if not below[0] > 0:
@@ -38,11 +39,6 @@ def hurwitz(matrix: np.ndarray) -> bool:
         after = [a - ratio * b for a, b in zip(above[1:], [*below[1:], fmpq(0)], strict=False)]
         above, below = below, after
     return True
-
-
-def _rational(value: float | Fraction) -> fmpq:
-    exact = value if isinstance(value, Fraction) else Fraction(float(value))
-    return fmpq(exact.numerator, exact.denominator)
 
 
 def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:

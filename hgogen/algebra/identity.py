@@ -114,12 +114,8 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
 
 def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
     """Exact numbers, and the value of each symbol that has one."""
-    point = {s: _rational(low) for s, (low, high) in (box or {}).items() if low == high}
+    point = {s: sp.Rational(str(low)) for s, (low, high) in (box or {}).items() if low == high}
     return exact(settled(expression, point) if point else sp.sympify(expression))
-
-
-def _rational(value: Any) -> sp.Rational:
-    return sp.Rational(str(value))
 
 
 def _free(expression: sp.Expr, s: sp.Symbol, box: Box | None) -> bool | None:

@@ -130,17 +130,14 @@ def off_zero(e: sp.Expr, least: sp.Rational, unit: Callable[[sp.Expr], sp.Ration
             return node
         args = tuple(map(visited, node.args))
         built = node if args == node.args else node.func(*args)
-        if not _vanishes(built) or node.base in divisors:
+        # a root of a sum of squares may be 0
+        may_vanish = isinstance(built, sp.Pow) and rooted(built) and _squares(built.base) is not None
+        if not may_vanish or node.base in divisors:
             return built
         square = unit(built.base)
         return square**built.exp * sp.Max(built.base / square, least) ** built.exp
 
     return visited(e)
-
-
-def _vanishes(node: sp.Basic) -> bool:
-    """Whether it is a root of a sum of squares, which may be 0."""
-    return isinstance(node, sp.Pow) and _rooted(node) and _squares(node.base) is not None
 
 
 def at_kinks(derivative: sp.Expr) -> sp.Expr:
@@ -159,16 +156,10 @@ def over_reals(
 
 
 def _bent(e: sp.Expr) -> sp.Expr:
-    if not e.has(sp.Abs, sp.Min, sp.Max, sp.Piecewise, sp.sign) and not any(_rooted(p) for p in e.atoms(sp.Pow)):
+    if not e.has(sp.Abs, sp.Min, sp.Max, sp.Piecewise, sp.sign) and not any(rooted(p) for p in e.atoms(sp.Pow)):
         return e
-    return _node(e.func(*map(_bent, e.args)) if e.args and not isinstance(e, sp.Piecewise) else e)
-
-
-def _rooted(node: sp.Pow) -> bool:
-    return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
-
-
-def _node(e: sp.Expr) -> sp.Expr:
+    if e.args and not isinstance(e, sp.Piecewise):
+        e = e.func(*map(_bent, e.args))
     if isinstance(e, sp.Abs):
         return Norm(e.args[0])
     if isinstance(e, (sp.Min, sp.Max)):
@@ -176,12 +167,15 @@ def _node(e: sp.Expr) -> sp.Expr:
         return reduce(lambda a, b: (a + b + sign * Norm(a - b)) / 2, e.args)
     if isinstance(e, sp.Piecewise):
         return _joined(e)
-    if isinstance(e, sp.Pow) and _rooted(e):
+    if isinstance(e, sp.Pow) and rooted(e):
         squares = _squares(e.base)
         return e if squares is None else Norm(*squares) ** e.exp.p
-    if isinstance(e, sp.Mul):
-        return signed(e)
-    return e
+    return signed(e) if isinstance(e, sp.Mul) else e
+
+
+def rooted(node: sp.Pow) -> bool:
+    """Whether it is a square root of what varies, or a whole power of one."""
+    return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
 
 
 def signed(e: sp.Mul) -> sp.Expr:
@@ -204,18 +198,11 @@ def _squares(e: sp.Expr) -> list[sp.Expr] | None:
     roots = []
     for term in sp.Add.make_args(e):
         root = _square(term)
-        if root is None:
-            return _as_square(e)
+        if root is None:  # the sum may be a square itself
+            whole = _square(sp.factor(e)) if e.is_polynomial(*e.free_symbols) else None
+            return None if whole is None else [whole]
         roots.append(root)
     return roots
-
-
-def _as_square(e: sp.Expr) -> list[sp.Expr] | None:
-    """The one root of a sum that is a square."""
-    if not e.is_polynomial(*e.free_symbols):
-        return None
-    root = _square(sp.factor(e))
-    return None if root is None else [root]
 
 
 def _square(term: sp.Expr) -> sp.Expr | None:

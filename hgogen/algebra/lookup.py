@@ -107,12 +107,12 @@ class Lookup:
     def coefficients(self) -> Polynomial:
         """The polynomial of the distances, whose coefficients are lists, a number for each cell: the cells in the order
         of their axes, the last the fastest."""
-        pieces = self.read.of_order(self.order)
-        return _rounded(columns([_frozen(piece, self._frozen_along(cell)) for cell, piece in pieces.items()]))
-
-    def _frozen_along(self, cell: Index) -> list[bool]:
-        """Along which axes the cell lies beyond points of which the table is not held."""
-        return [not axis.held and k in (0, len(axis.x)) for axis, k in zip(self.read.axes, cell, strict=True)]
+        pieces = []
+        for cell, piece in self.read.of_order(self.order).items():
+            # along which axes the cell lies beyond points of which the table is not held
+            beyond = [not axis.held and k in (0, len(axis.x)) for axis, k in zip(self.read.axes, cell, strict=True)]
+            pieces.append(_frozen(piece, beyond))
+        return _rounded(columns(pieces))
 
     @cached_property
     def arrays(self) -> dict[str, list[float]]:

@@ -40,11 +40,7 @@ def _minor(
         work.spend(1 + sum(len(a) * len(b) for a, b in zip(row[j], other, strict=True)))
         term = multiply(row[j], other)
         total = add(total, term if (place + len(columns)) % 2 else (-term[0], term[1]))
-    return _reduced(field, total)
-
-
-def _reduced(field: Field, value: Quotient) -> Quotient:
-    top, bottom = value
+    top, bottom = total
     for root in reversed(field.relations):
         (top,), power = reduced([top], root.index, root.degree, root.value)
         bottom = bottom * root.value[1] ** power

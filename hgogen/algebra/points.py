@@ -140,13 +140,12 @@ def witness(point: Point) -> dict[str, float]:
 def exact(expression: sp.Expr) -> sp.Expr:
     """The expression with each float as the rational of its shortest decimal; one that no float of 53 bits holds, as
     it is."""
-    return expression.xreplace({number: _decimal(number) for number in expression.atoms(sp.Float)})
-
-
-def _decimal(number: sp.Float) -> sp.Rational:
-    nearest = float(number)
-    held = math.isfinite(nearest) and (nearest != 0.0 or number == 0)
-    return sp.Rational(repr(nearest)) if held else sp.Rational(number)
+    rationals = {}
+    for number in expression.atoms(sp.Float):
+        nearest = float(number)
+        held = math.isfinite(nearest) and (nearest != 0.0 or number == 0)
+        rationals[number] = sp.Rational(repr(nearest)) if held else sp.Rational(number)
+    return expression.xreplace(rationals)
 
 
 def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:

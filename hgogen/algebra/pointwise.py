@@ -45,7 +45,8 @@ def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction])
         return _whole(args[0], int(value or 0))
     if op == "root":
         exponent = Fraction(value or 0)
-        return _whole(_root(args[0], exponent.denominator), exponent.numerator)
+        root = args[0].root(exponent.denominator) if args[0] >= 0 else _NAN
+        return _whole(root, exponent.numerator)
     if op == "direction":
         return _direction(args, int(value or 0))
     if op == "table":
@@ -60,18 +61,6 @@ def _rational(value: Fraction) -> Ball:
 
 def _whole(base: Ball, exponent: int) -> Ball:
     return base**exponent if exponent >= 0 or not base.contains(0) else _NAN
-
-
-def _root(base: Ball, degree: int) -> Ball:
-    return base.root(degree) if base >= 0 else _NAN
-
-
-def _raise(base: Ball, exponent: Ball) -> Ball:
-    return (exponent * base.log()).exp() if base > 0 else _NAN
-
-
-def _atan2(y: Ball, x: Ball) -> Ball:
-    return arb.atan2(y, x) if x > 0 or y > 0 or y < 0 else _NAN
 
 
 def _sign(a: Ball) -> Ball:
@@ -112,14 +101,6 @@ def _rounded(a: Ball, value: Ball) -> Ball:
     return value if a.is_finite() and value.is_exact() else _NAN
 
 
-def _less(a: Ball, b: Ball) -> bool | None:
-    return True if a < b else False if a >= b else None
-
-
-def _less_equal(a: Ball, b: Ball) -> bool | None:
-    return True if a <= b else False if a > b else None
-
-
 def _equal(a: Ball, b: Ball) -> bool | None:
     return False if a < b or a > b else True if a.is_exact() and b.is_exact() and a == b else None
 
@@ -147,18 +128,18 @@ _RULES: dict[str, Callable[..., Any]] = {
     "mul": lambda a, b: a * b,
     "min": lambda a, b: a.min(b) if a.is_finite() and b.is_finite() else _NAN,
     "max": lambda a, b: a.max(b) if a.is_finite() and b.is_finite() else _NAN,
-    "raise": _raise,
+    "raise": lambda base, exponent: (exponent * base.log()).exp() if base > 0 else _NAN,
     "exp": arb.exp,
     "log": lambda a: a.log() if a > 0 else _NAN,
     "abs": abs,
     "norm": _norm,
     "sign": _sign,
     "heaviside": _step,
-    "atan2": _atan2,
+    "atan2": lambda y, x: arb.atan2(y, x) if x > 0 or y > 0 or y < 0 else _NAN,
     "floor": lambda a: _rounded(a, a.floor()),
     "ceiling": lambda a: _rounded(a, a.ceil()),
-    "less": _less,
-    "less_equal": _less_equal,
+    "less": lambda a, b: True if a < b else False if a >= b else None,
+    "less_equal": lambda a, b: True if a <= b else False if a > b else None,
     "equal": _equal,
     "unequal": lambda a, b: _not(_equal(a, b)),
     "not": _not,

@@ -46,8 +46,12 @@ def _apply(instruction: Instruction, args: list[Quotient], ring: Any) -> Quotien
     if op == "mul":
         return multiply(*args)
     if op == "power":
-        top, bottom = args[0]
-        return _power((top, bottom) if int(value or 0) >= 0 else _inverse(top, bottom), abs(int(value or 0)))
+        (top, bottom), exponent = args[0], int(value or 0)
+        if exponent < 0:
+            if top.is_zero():
+                raise ZeroDivisionError
+            top, bottom = bottom, top
+        return power(top, abs(exponent)), power(bottom, abs(exponent))
     raise NoTape(op, "a rational function")
 
 
@@ -106,16 +110,6 @@ def power(base: Any, exponent: int) -> Any:
         if terms > _TERMS or terms * exponent > _DIGITS:
             raise TooLarge("a power")
     return base**exponent
-
-
-def _inverse(top: Any, bottom: Any) -> Quotient:
-    if top.is_zero():
-        raise ZeroDivisionError
-    return bottom, top
-
-
-def _power(base: Quotient, exponent: int) -> Quotient:
-    return power(base[0], exponent), power(base[1], exponent)
 
 
 def _cancelled(top: Any, bottom: Any) -> Quotient:

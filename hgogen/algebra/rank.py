@@ -11,7 +11,7 @@ zero where its ball contains zero at 1024 bits. A. Sedoglavic, J. Symbolic Compu
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from math import inf
@@ -137,12 +137,10 @@ def observability(
                 each[branch.rows] = observability(*rows, limit=limit, places=branch.places)
     if not each:
         raise NowhereDefined(of_box.points)
-    return replace(reduce(_lower, each.values()), local=branches(plant))
-
-
-def _lower(a: Ranks, b: Ranks) -> Ranks:
-    """The least of both questions."""
-    return replace(a, known=_least(a.known, b.known), joint=_least(a.joint, b.joint))
+    answers = list(each.values())
+    known = reduce(_least, (ranks.known for ranks in answers))
+    joint = reduce(_least, (ranks.joint for ranks in answers))
+    return Ranks(known, joint, answers[0].method, branches(plant))
 
 
 def branches(plant: Plant) -> str:

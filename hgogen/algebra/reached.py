@@ -116,8 +116,19 @@ class _Search:
 
     @cached_property
     def tests(self) -> tuple[sp.Basic, ...]:
-        """What tells the branch of the rows."""
-        return _tests(self.rows)
+        """What tells the branch of the rows: the argument of |e|, differences of those of a maximum, both sides of a
+        relation, and tables and roundings themselves."""
+        tests: dict[sp.Basic, None] = {}
+        for node in (node for row in self.rows for node in sp.preorder_traversal(row)):
+            if isinstance(node, _ONE):
+                tests[node.args[0]] = None
+            elif isinstance(node, (sp.Min, sp.Max)):
+                tests |= dict.fromkeys(a - b for a, b in combinations(_ordered(node), 2))
+            elif isinstance(node, Relational):
+                tests[node.lhs - node.rhs] = None
+            elif isinstance(node, _STEPPED):
+                tests[node] = None
+        return tuple(sorted(tests, key=sp.default_sort_key))
 
     @cached_property
     def tape(self) -> Tape:
@@ -224,22 +235,6 @@ class _Search:
                 p, q = (middle, q) if asked[0] == a else (p, middle)
 
 
-def _tests(rows: Sequence[sp.Expr]) -> tuple[sp.Basic, ...]:
-    """What tells the branch: the argument of |e|, differences of those of a maximum, both sides of a relation, and
-    tables and roundings themselves."""
-    tests: dict[sp.Basic, None] = {}
-    for node in (node for row in rows for node in sp.preorder_traversal(row)):
-        if isinstance(node, _ONE):
-            tests[node.args[0]] = None
-        elif isinstance(node, (sp.Min, sp.Max)):
-            tests |= dict.fromkeys(a - b for a, b in combinations(_ordered(node), 2))
-        elif isinstance(node, Relational):
-            tests[node.lhs - node.rhs] = None
-        elif isinstance(node, _STEPPED):
-            tests[node] = None
-    return tuple(sorted(tests, key=sp.default_sort_key))
-
-
 def _ordered(node: sp.Expr) -> list[sp.Expr]:
     """The arguments of a minimum or maximum in an order that is the same in every run."""
     return sorted(node.args, key=sp.default_sort_key)
@@ -284,7 +279,9 @@ class _Walk:
         args = [self.taken(part) for part in node.args]
         if isinstance(node, _ONE):
             way = self.way(node.args[0], args[0])
-            return way * args[0] if isinstance(node, sp.Abs) else way if isinstance(node, sp.sign) else _step(way)
+            if isinstance(node, sp.Heaviside):
+                return (1 + way) / 2
+            return way * args[0] if isinstance(node, sp.Abs) else way
         if isinstance(node, (sp.floor, sp.ceiling)):
             return self.level(node, args[0])
         return self.polynomial(node, args) if isinstance(node, Table) else node.func(*args)
@@ -371,11 +368,6 @@ class _Walk:
             sides = map(self.taken, condition.args)
             self.needs((condition if truth else condition.negated).func(*sides))
         return truth
-
-
-def _step(way: sp.Integer) -> sp.Expr:
-    """Heaviside's step."""
-    return (1 + way) / 2
 
 
 def _number(value: Any) -> sp.Rational:

@@ -259,15 +259,12 @@ def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
         with ctx.workprec(_DIGITS):
             count = _enough(terms, a[m:], m, radius)
         coefficients = tuple(sp.Rational(int(c.p), int(c.q)) for c in a[m : m + count])
-        forms = (_polynomial(coefficients), beyond)
+        polynomial = sp.Add(*(c * _X**k for k, c in enumerate(coefficients)))
+        forms = (polynomial, beyond)
         if count and max(_loss(form, radius) for form in forms) <= _LOSS:
             loss = max(_loss(form.diff(_X), radius) for form in forms)
             each.append((loss, _Regular(coefficients, radius, beyond)))
     return min(each, key=lambda pair: pair[0])[1] if each else None
-
-
-def _polynomial(coefficients: Sequence[sp.Rational]) -> sp.Expr:
-    return sp.Add(*(c * _X**k for k, c in enumerate(coefficients)))
 
 
 def _halved(whole: sp.Expr) -> sp.Expr:
@@ -282,7 +279,9 @@ def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Ration
     r = arb(_fraction(radius))
     try:
         whole = sum((abs(_fraction(t.number)) * _majorant(t.h, r) * r ** (m - t.power) for t in terms), arb(0))
-        sizes = sum((_shifted(_sizes(t.h) * abs(_fraction(t.number)), m - t.power) for t in terms), fmpq_poly([]))
+        sizes = sum(
+            (_shifted(_composed(t.h, abs, abs) * abs(_fraction(t.number)), m - t.power) for t in terms), fmpq_poly([])
+        )
     except _NoSeries:
         return 0
     first = next(k for k, c in enumerate(q) if c)
@@ -317,11 +316,6 @@ def _cut(series: fmpq_poly) -> fmpq_poly:
 def _series(e: sp.Expr) -> fmpq_poly:
     """The power series in `_X`. Raises: `_NoSeries`."""
     return _composed(e, lambda c: c, lambda c: c)
-
-
-def _sizes(e: sp.Expr) -> fmpq_poly:
-    """The power series of the majorant. Raises: `_NoSeries`."""
-    return _composed(e, abs, abs)
 
 
 def _composed(e: sp.Expr, constant: Callable[[fmpq], fmpq], of: Callable[[fmpq], fmpq]) -> fmpq_poly:

@@ -109,7 +109,9 @@ class Writer:
         if node.is_Pow and node.exp.is_Integer:
             return self.write(node.base) ** node.exp
         if node.is_Pow and node.exp.is_Rational:
-            return self._root(node.base, int(node.exp.q)) ** int(node.exp.p)
+            base, degree = _canonical(node.base), int(node.exp.q)
+            root = sp.Pow(base, sp.Rational(1, degree), evaluate=False)
+            return self._relation(root, degree, base) ** int(node.exp.p)
         if isinstance(node, _TRIGONOMETRIC):
             return self._trigonometric(node)
         if _kind(node) == "exp":
@@ -141,10 +143,6 @@ class Writer:
         if argument.could_extract_minus_sign():
             argument = _canonical(-argument)
         return self._relation(sp.Abs(argument, evaluate=False), 2, argument**2)
-
-    def _root(self, base: sp.Expr, degree: int) -> sp.Expr:
-        base = _canonical(base)
-        return self._relation(sp.Pow(base, sp.Rational(1, degree), evaluate=False), degree, base)
 
     def _log(self, argument: sp.Expr) -> sp.Expr:
         if argument.is_Integer and argument > 1:

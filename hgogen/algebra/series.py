@@ -80,19 +80,23 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
     """
     known = 1
     states = [[value] for value in point.states]
-    phi = [_start(plant, numbers)]
+    unit = (int(i == j) for i in range(plant.n) for j in range(plant.wide))
+    phi = [numbers.matrix(plant.n, plant.wide, unit)]
     rates: tuple[list[Any], list[Any]] = ([], [])  # Taylor coefficients of [df/dx], [0 | df/dp]
     while True:
-        rows = evaluate(plant, numbers, _values(plant, numbers, point, states, 2 * known), 2 * known, known)
+        order = 2 * known
+        inputs = [point.inputs(j, order) for j in range(plant.m)]
+        symbols = [*states, *inputs, *([value] for value in point.constants)]
+        rows = evaluate(plant, numbers, [numbers.series(x, order) for x in symbols], order, known)
         flow, output = rows[: plant.n], rows[plant.n :]
         for target, new in zip(rates, _split(flow, plant, numbers, known), strict=True):
             target[:] = new
         slopes = _split(output, plant, numbers, known)
         while len(phi) < known:
-            phi.append(_next(phi, *rates, len(phi) - 1, numbers.over(len(phi))))
+            phi.append(_row(phi, *rates, len(phi) - 1) * numbers.over(len(phi)))
         yield [_row(phi, *slopes, k) for k in range(known // 2 if known > 1 else 0, known)]
         states = _newton(states, flow, rates[0], numbers, known)
-        known *= 2
+        known = order
 
 
 def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int) -> list[Any]:
@@ -203,17 +207,6 @@ _RULES: Mapping[str, Callable[..., Any]] = {
 }
 
 
-def _values(plant: Plant, numbers: Arithmetic, point: Point, states: list[list[Any]], order: int) -> list[Any]:
-    """The series of every symbol of the tape."""
-    inputs = [numbers.series(point.inputs(j, order), order) for j in range(plant.m)]
-    constants = [numbers.series([value], order) for value in point.constants]
-    return [*(numbers.series(x, order) for x in states), *inputs, *constants]
-
-
-def _start(plant: Plant, numbers: Arithmetic) -> Any:
-    return numbers.matrix(plant.n, plant.wide, (int(i == j) for i in range(plant.n) for j in range(plant.wide)))
-
-
 def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -> tuple[list[Any], list[Any]]:
     """Taylor coefficients of the gradient: by states (rows x n), and [0 | by parameters] (rows x (n + q))."""
     by_states = [[0] * (len(rows) * plant.n) for _ in range(order)]
@@ -235,10 +228,6 @@ def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
     for j in range(k + 1):
         total = total + slopes[j] * phi[k - j]
     return total
-
-
-def _next(phi: list[Any], slopes: list[Any], forced: list[Any], k: int, over: Any) -> Any:
-    return _row(phi, slopes, forced, k) * over
 
 
 def _newton(

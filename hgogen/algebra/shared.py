@@ -7,7 +7,7 @@ program takes the slope of each kink by itself, at v = 0 half of 2 and 1, which 
 what its own rounding makes of it. So where kinks share a norm an expression is computed as the proofs read it.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import combinations
 
 import sympy as sp
@@ -19,34 +19,23 @@ _KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
 
 def shared(expression: sp.Expr) -> sp.Expr:
     """The expression, with its kinks as the norms that they are where two of them are the same one."""
-    own = [_own(node) for node in _kinks(expression)]
+    # the parts that may bend by themselves: |e|, max, min and choices, and products with a sign
+    signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
+    own = [_own(node) for node in {*expression.atoms(*_KINDS), *signs}]
     if all(a.isdisjoint(b) for a, b in combinations(own, 2)):
         return expression
     return unbent(bent(expression))
 
 
-def _kinks(expression: sp.Expr) -> set[sp.Expr]:
-    """The parts that may bend by themselves: |e|, max, min and choices, and products with a sign."""
-    signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
-    return {*expression.atoms(*_KINDS), *signs}
-
-
 def _own(node: sp.Expr) -> set[sp.Expr]:
     """The norms that a part brings in, and those of a choice's conditions whatever its branches read."""
-    every, inner = _norms([node]), _norms(_arguments(node))
-    return every - inner | every & _norms(map(Norm, _decides(node)))
+    every = _norms([node])
+    if not isinstance(node, sp.Piecewise):
+        return every - _norms(node.args)
+    # what changes its sign where a choice takes another branch
+    decides = (Norm(where.gts - where.lts) for _, where in node.args if hasattr(where, "gts"))
+    return every - _norms(branch for branch, _ in node.args) | every & _norms(decides)
 
 
 def _norms(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
     return {norm for e in expressions for norm in bent(e).atoms(Norm)}
-
-
-def _arguments(node: sp.Expr) -> list[sp.Expr]:
-    """What the part reads, of a choice the branches."""
-    return [pair.expr for pair in node.args] if isinstance(node, sp.Piecewise) else list(node.args)
-
-
-def _decides(node: sp.Expr) -> Iterator[sp.Expr]:
-    """What changes its sign where a choice takes another branch."""
-    if isinstance(node, sp.Piecewise):
-        yield from (where.gts - where.lts for _, where in node.args if hasattr(where, "gts"))
