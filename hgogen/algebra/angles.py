@@ -45,11 +45,12 @@ def factored(field: Field, polynomial: Any, degree: Mapping[int, int]) -> tuple[
         rest = tuple(0 if g in field.angles else int(k) for g, k in enumerate(powers[:count]))
         key = tuple(int(powers[g]) for g in field.angles)
         layers.setdefault(key, {})[(*rest, *(0,) * (2 * len(field.angles)))] = coefficient
-    total = ring.constant(0)
+    total, one = ring.constant(0), ring.constant(1)
     for key, terms in layers.items():
         layer = ring.from_dict(terms)
         for g, k in zip(field.angles, key, strict=True):
-            layer = layer * _turn(cosines[g], sines[g], k, degree[g])
+            c, s, left = cosines[g], sines[g], degree[g] - k
+            layer = layer * ((s / 2) ** (k % 2) * ((one - c) / 2) ** (k // 2) * ((one + c) / 2) ** (left // 2))
         total = total + layer
         if len(total) > _TERMS:
             raise TooLarge("the form in sines and cosines")
@@ -63,12 +64,6 @@ def factored(field: Field, polynomial: Any, degree: Mapping[int, int]) -> tuple[
 def _primitive(content: sp.Rational, parts: list[tuple[sp.Expr, int]]) -> tuple[sp.Rational, list[tuple[sp.Expr, int]]]:
     split = [(*e.primitive(), k) for e, k in parts]
     return content * sp.Mul(*(c**k for c, _, k in split)), [(e, k) for _, e, k in split]
-
-
-def _turn(c: Any, s: Any, k: int, degree: int) -> Any:
-    """sin(m/2)^k cos(m/2)^(degree - k) in cos m and sin m."""
-    one = c.context().constant(1)
-    return (s / 2) ** (k % 2) * ((one - c) / 2) ** (k // 2) * ((one + c) / 2) ** ((degree - k) // 2)
 
 
 def _less_cosine(polynomial: Any, index: int, s: Any) -> Any:

@@ -36,13 +36,22 @@ def branches(field: Field) -> bool:
     places = [root.index for root in roots]
     if any(end.degrees()[k] for root in roots for end in root.value for k in places):
         return True
-    return any(_turns(field, h) for h in _squared([root for root in roots if root.degree % 2 == 0]))
+    # a product of even roots, exponentials and positive symbols cannot change its sign
+    nonnegative = {root.index for root in field.roots if root.degree % 2 == 0} | field.exponents.keys()
+    nonnegative |= {k for k, g in enumerate(field.generators) if g.is_positive}
+    letters = [p for k, p in enumerate(field.ring.gens()) if k in nonnegative]
+    squares = _squared([root for root in roots if root.degree % 2 == 0])
+    return any(p not in letters for h in squares for p in h)
 
 
 def _squared(roots: Sequence[Root]) -> list[list[Any]]:
     """For each product of values that is a square h^2, from a basis of such products, the factors of h with odd
     exponents."""
-    exponents = [_exponents(root) for root in roots]
+    exponents = []  # of each value: irreducible monic polynomials and their exponents, by their text
+    for root in roots:
+        ends = [(root.value[0], 1), (root.value[1], -1)]
+        monic = [(p / p.leading_coefficient(), sign * int(k)) for end, sign in ends for p, k in end.factor()[1]]
+        exponents.append({str(p): (p, k) for p, k in monic})
     factors = {name: p for one in exponents for name, (p, _) in one.items()}
     parities = [[one[name][1] % 2 if name in one else 0 for one in exponents] for name in factors]
     if not parities:
@@ -54,18 +63,3 @@ def _squared(roots: Sequence[Root]) -> list[list[Any]]:
         halves = {name: sum(one[name][1] for one in taken if name in one) // 2 for name in factors}
         squares.append([factors[name] for name, half in halves.items() if half % 2])
     return squares
-
-
-def _exponents(root: Root) -> dict[str, tuple[Any, int]]:
-    """Irreducible monic polynomials of the root's value and their exponents, by their text."""
-    ends = [(root.value[0], 1), (root.value[1], -1)]
-    factors = [(p / p.leading_coefficient(), sign * int(k)) for end, sign in ends for p, k in end.factor()[1]]
-    return {str(p): (p, k) for p, k in factors}
-
-
-def _turns(field: Field, h: Sequence[Any]) -> bool:
-    """Whether a product may change its sign: one of even roots, exponentials and positive symbols cannot."""
-    nonnegative = {root.index for root in field.roots if root.degree % 2 == 0} | field.exponents.keys()
-    nonnegative |= {k for k, g in enumerate(field.generators) if g.is_positive}
-    letters = [p for k, p in enumerate(field.ring.gens()) if k in nonnegative]
-    return any(p not in letters for p in h)

@@ -53,7 +53,14 @@ def product(tower: Tower, rows: Sequence[Row], limit: int) -> Product:
     Raises: `TooLarge` beyond `limit` products of terms; `ZeroDivisionError` where the determinant is 0.
     """
     work = Work([limit])
-    flow, elimination = _flow(tower, work), Elimination(tower.field, work)
+    jacobian = [tower.gradient(f) for f in tower.flow]
+    rates = {
+        g: reduce(add, (multiply(slope, tower.flow[i]) for (h, i), slope in tower.slopes.items() if h == g))
+        for g in sorted({g for g, _ in tower.slopes})
+    }
+    common, (moving, *slopes) = cleared([list(rates.values()), *jacobian])
+    flow = _Flow(common, dict(zip(rates, moving, strict=True)), slopes, work)
+    elimination = Elimination(tower.field, work)
     last = {j: max(k for output, k in rows if output == j) for j, _ in rows}
     factors: Product = []
     chain: dict[int, list[Any]] = {}
@@ -66,13 +73,3 @@ def product(tower: Tower, rows: Sequence[Row], limit: int) -> Product:
         factors += [(e, -power * (last[j] - k + 1)) for e, power in ((scale, 1), *more)]
         factors.append((elimination.pivot, 1))
     return factors
-
-
-def _flow(tower: Tower, work: Work) -> _Flow:
-    jacobian = [tower.gradient(f) for f in tower.flow]
-    rates = {
-        g: reduce(add, (multiply(slope, tower.flow[i]) for (h, i), slope in tower.slopes.items() if h == g))
-        for g in sorted({g for g, _ in tower.slopes})
-    }
-    common, (moving, *slopes) = cleared([list(rates.values()), *jacobian])
-    return _Flow(common, dict(zip(rates, moving, strict=True)), slopes, work)

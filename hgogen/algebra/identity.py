@@ -86,7 +86,11 @@ def dependence(
     sure: list[sp.Symbol] = []
     maybe: list[sp.Symbol] = []
     for s in present:
-        answer = False if s in seen else _free(expression, s, box)
+        answer: bool | None = False
+        if s not in seen:
+            t = sp.Dummy(s.name, real=s.is_real)
+            wider = {**(box or {}), **({t: box[s]} if box and s in box else {})}
+            answer = is_zero(expression - expression.xreplace({s: t}), wider)
         if not answer:
             (sure if answer is False else maybe).append(s)
     return tuple(sure), tuple(maybe)
@@ -116,12 +120,6 @@ def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
     """Exact numbers, and the value of each symbol that has one."""
     point = {s: sp.Rational(str(low)) for s, (low, high) in (box or {}).items() if low == high}
     return exact(settled(expression, point) if point else sp.sympify(expression))
-
-
-def _free(expression: sp.Expr, s: sp.Symbol, box: Box | None) -> bool | None:
-    other = sp.Dummy(s.name, real=s.is_real)
-    wider = {**(box or {}), **({other: box[s]} if box and s in box else {})}
-    return is_zero(expression - expression.xreplace({s: other}), wider)
 
 
 def _seen(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) -> set[sp.Symbol]:

@@ -23,10 +23,6 @@ from hgogen.algebra.piece import ZERO
 Pieces = list[tuple[Any, ...]]  # a polynomial for each two points
 
 
-def _linear(x: Sequence[Fraction], y: Sequence[Any]) -> Pieces:
-    return list(zip(y, _rises(x, y), strict=False))
-
-
 def _rises(x: Sequence[Fraction], y: Sequence[Any]) -> list[Any]:
     """The slopes of the chords."""
     return [(d - c) / (b - a) for a, b, c, d in zip(x, x[1:], y, y[1:], strict=False)]
@@ -35,18 +31,15 @@ def _rises(x: Sequence[Fraction], y: Sequence[Any]) -> list[Any]:
 def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> Pieces:
     """The cubic of each cell by Hermite's formula."""
     h, D = [b - a for a, b in pairwise(x)], _rises(x, y)
-    d = _slopes(h, D)
+    if len(h) == 1:
+        d = [D[0], D[0]]
+    else:
+        inner = [_mean(h[k], h[k + 1], D[k], D[k + 1]) for k in range(len(h) - 1)]
+        d = [_end(h[0], h[1], D[0], D[1]), *inner, _end(h[-1], h[-2], D[-1], D[-2])]
     return [
         (y[k], d[k], (3 * D[k] - 2 * d[k] - d[k + 1]) / h[k], (d[k] + d[k + 1] - 2 * D[k]) / h[k] ** 2)
         for k in range(len(h))
     ]
-
-
-def _slopes(h: Sequence[Fraction], D: Sequence[Fraction]) -> list[Fraction]:
-    if len(h) == 1:
-        return [D[0], D[0]]
-    inner = [_mean(h[k], h[k + 1], D[k], D[k + 1]) for k in range(len(h) - 1)]
-    return [_end(h[0], h[1], D[0], D[1]), *inner, _end(h[-1], h[-2], D[-1], D[-2])]
 
 
 def _mean(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
@@ -62,6 +55,9 @@ def _end(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
     return 3 * D if D * E <= 0 and abs(slope) > 3 * abs(D) else slope
 
 
-KINDS: Mapping[str, Callable[..., Pieces]] = {"linear": _linear, "monotone": _monotone}
+KINDS: Mapping[str, Callable[..., Pieces]] = {
+    "linear": lambda x, y: list(zip(y, _rises(x, y), strict=False)),
+    "monotone": _monotone,
+}
 DEGREES = {"linear": 1, "monotone": 3}
 SEVERAL = ("linear",)  # those that a table of several arguments may have

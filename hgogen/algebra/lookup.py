@@ -243,18 +243,14 @@ def walked(
         elif op == ca.OP_OUTPUT:
             results[wrote[0]].nz[wrote[1]] = work[read[0]]
         elif isinstance(target := called(texts[k]) if op == ca.OP_CALL else None, ca.Function):
-            columns = _columns(target, [work[place] for place in read])
+            elements = [work[place] for place in read]
+            ends = list(accumulate((target.numel_in(i) for i in range(target.n_in())), initial=0))
+            columns = [ca.vertcat(*elements[a:b]) for a, b in pairwise(ends)]
             values = call(target, columns) if call else walked(target, columns, apply)
             work |= zip(wrote, (each for value in values for each in value.nonzeros()), strict=True)
         else:
             work[wrote[0]] = apply(op, target, *(work[place] for place in read))
     return results
-
-
-def _columns(function: ca.Function, values: Sequence[Graph]) -> list[Graph]:
-    """The arguments of a function, of all their elements one after the other."""
-    ends = list(accumulate((function.numel_in(k) for k in range(function.n_in())), initial=0))
-    return [ca.vertcat(*values[a:b]) for a, b in pairwise(ends)]
 
 
 def instructions(function: ca.Function) -> list[Graph]:

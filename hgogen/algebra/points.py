@@ -2,7 +2,7 @@
 
 import math
 import random
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, product
 from typing import Any
 
@@ -23,7 +23,7 @@ _PARTIAL = (sp.Pow, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh)
 _WITH_ENDS = (sp.asin, sp.acos, sp.acosh, sp.atanh)
 _STEEP = (sp.log, sp.sign, sp.Heaviside, sp.atan2, sp.cot, sp.coth)
 _CLOSE = 0.01  # to an end within it: SymPy takes two digits for the sign of a number
-_STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
+STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)  # what is no finite real number
 
 
 def points(signals: Sequence[Signal]) -> Iterator[Point]:
@@ -92,19 +92,15 @@ def _is_noise(value: sp.Expr) -> bool:
 def _near_an_edge(node: sp.Expr) -> bool:
     """Whether a number is a function of what may be a place where the function jumps or has no bounded slope, as 0 of a
     root: SymPy counts digits by the slope, and |sin(1)**2 + cos(1)**2 - 1|**(1/2) would have some."""
-    return any(_is_noise(part) for e in _edges(node) for part in e.evalf(15).as_real_imag())
-
-
-def _edges(node: sp.Expr) -> Iterable[sp.Expr]:
-    """The expressions that are 0 at those places."""
     (first, *_) = node.args
+    edges = node.args if isinstance(node, _STEEP) else ()  # what is 0 at those places
     if isinstance(node, sp.Pow):
-        return () if node.exp.is_Integer and node.exp > 0 else (first,)
-    if isinstance(node, _WITH_ENDS):
-        return (first - 1, first + 1)
-    if isinstance(node, sp.tan):
-        return (sp.cos(first),)
-    return node.args if isinstance(node, _STEEP) else ()
+        edges = () if node.exp.is_Integer and node.exp > 0 else (first,)
+    elif isinstance(node, _WITH_ENDS):
+        edges = (first - 1, first + 1)
+    elif isinstance(node, sp.tan):
+        edges = (sp.cos(first),)
+    return any(_is_noise(part) for e in edges for part in e.evalf(15).as_real_imag())
 
 
 def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
@@ -129,7 +125,7 @@ def _stays_real(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
     value = put(node, values)
     if value is None:
         return False
-    return bool(value.is_real) if value.is_number else not value.has(*_STRANGE)
+    return bool(value.is_real) if value.is_number else not value.has(*STRANGE)
 
 
 def witness(point: Point) -> dict[str, float]:

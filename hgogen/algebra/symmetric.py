@@ -8,6 +8,7 @@ one is lost beside a large one.
 
 from collections.abc import Sequence
 from fractions import Fraction
+from itertools import combinations
 
 _ROUNDING = Fraction(1, 10**12)
 
@@ -15,16 +16,13 @@ _ROUNDING = Fraction(1, 10**12)
 def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ...] | None:
     """(M + M')/2 in exact fractions, where M (n, n) is symmetric but for rounding; else None."""
     n = range(len(M))
-    if any(not _close(M[i][j], M[j][i], M[i][i] * M[j][j]) for i in n for j in range(i)):
-        return None
+    for i, j in combinations(n, 2):
+        largest = max(M[i][j] ** 2, M[j][i] ** 2, abs(M[i][i] * M[j][j]))
+        if (M[i][j] - M[j][i]) ** 2 > _ROUNDING**2 * largest:
+            return None
     return tuple(tuple((M[i][j] + M[j][i]) / 2 for j in n) for i in n)
 
 
 def unsymmetric(name: str) -> str:
     """Why a matrix of that name is refused, and what to give."""
     return f"must be symmetric, to 1e-12 of its numbers; give ({name} + {name}')/2"
-
-
-def _close(one: Fraction, other: Fraction, square: Fraction) -> bool:
-    """Whether two numbers are equal but for rounding, relative to the largest of them and sqrt(|square|)."""
-    return (one - other) ** 2 <= _ROUNDING**2 * max(one * one, other * other, abs(square))

@@ -13,7 +13,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.points import exact, put
+from hgogen.algebra.points import STRANGE, exact, put
 from hgogen.algebra.tabulated import Stepped
 from hgogen.algebra.tape import Tape, tape
 from hgogen.algebra.variants import variants
@@ -129,7 +129,7 @@ class Problem:
 def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
     """The problem of an expression on a box; None where the expression is nowhere a finite real number."""
     fixed, around = sides(exact(sp.sympify(expression)), box)
-    if fixed.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I, sp.AccumBounds):
+    if fixed.has(*STRANGE):
         return None
     fixed = taken(fixed, around)
     return Problem(fixed, around, tape(variants(fixed), around.symbols))

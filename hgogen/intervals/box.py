@@ -79,7 +79,8 @@ class Sides:
 
     def point(self, x: Iterable[float]) -> Point:
         """The exact point that a vector of floats of the outer box stands for: at an end, the exact end."""
-        return {s: Fraction(_nearest(value, ends)) for s, value, ends in zip(self.symbols, x, self.ends, strict=True)}
+        coordinates = zip(self.symbols, x, self.ends, strict=True)
+        return {s: Fraction(max(min(value, high), low)) for s, value, (low, high) in coordinates}
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
         """The sides of some of its symbols."""
@@ -128,7 +129,3 @@ def _inside(ends: tuple[End, End], share: Fraction) -> Fraction:
     if abs(high) == math.inf:
         return Fraction(low) + share
     return Fraction(low) * (1 - share) + Fraction(high) * share
-
-
-def _nearest(value: float, ends: tuple[End, End]) -> End:
-    return max(min(value, ends[1]), ends[0])

@@ -146,34 +146,22 @@ class Rounding:
 
 
 def _least(a: Computed, b: Computed) -> Computed:
-    return Computed(_between(_lower(a, b), a.value.upper().min(b.value.upper())), _larger(a.error, b.error))
+    low, high = a.value.lower().min(b.value.lower()), a.value.upper().min(b.value.upper())
+    return Computed(low.union(high), _larger(a.error, b.error))
 
 
 def _greatest(a: Computed, b: Computed) -> Computed:
     low, high = a.value.lower().max(b.value.lower()), a.value.upper().max(b.value.upper())
-    return Computed(_between(low, high), _larger(a.error, b.error))
-
-
-def _lower(a: Computed, b: Computed) -> Any:
-    return a.value.lower().min(b.value.lower())
-
-
-def _between(low: Any, high: Any) -> Any:
-    return low.union(high)
+    return Computed(low.union(high), _larger(a.error, b.error))
 
 
 def _larger(a: Any, b: Any) -> Any:
     return a.max(b).upper()
 
 
-def _size(a: Computed) -> Computed:
-    low = a.value.abs_lower()
-    return Computed(_between(low, a.value.abs_upper()), a.error)
-
-
 def _truth(known: bool | None, sure: bool) -> Computed:
     if known is None:
-        return Computed(_between(_NOTHING, _ONE), _NOTHING if sure else _ONE)
+        return Computed(_NOTHING.union(_ONE), _NOTHING if sure else _ONE)
     return exactly(int(known))
 
 
@@ -187,10 +175,6 @@ def _at_most(a: Computed, b: Computed) -> Computed:
     gap, error = b.value - a.value, a.error + b.error
     sure = bool(error.is_zero())
     return _truth(True if gap > error or (sure and gap >= 0) else False if gap < -error else None, sure)
-
-
-def _not(a: Computed) -> Computed:
-    return Computed(1 - a.value, a.error, negates=a)
 
 
 def _and(a: Computed, b: Computed) -> Computed:
@@ -220,8 +204,9 @@ def _unchanged(op: int, values: list[Computed]) -> Computed | None:
     if op not in (ca.OP_ADD, ca.OP_MUL):
         return None
     a, b = values
-    if op == ca.OP_ADD and _complements(a, b):
-        return _either(a, b)
+    either = _either(a, b) if op == ca.OP_ADD else None
+    if either:
+        return either
     neutral = 0 if op == ca.OP_ADD else 1
     for one, other in ((a, b), (b, a)):
         if one.error.is_zero() and one.value == neutral:
@@ -231,36 +216,24 @@ def _unchanged(op: int, values: list[Computed]) -> Computed | None:
     return None
 
 
-def _complements(a: Computed, b: Computed) -> bool:
-    """Whether one of two is 0 wherever the other is not by its test."""
-    if a.test is None or b.test is None:
-        return False
-    return a.test.negates is b.test or b.test.negates is a.test
-
-
-def _either(a: Computed, b: Computed) -> Computed:
-    """One of two: to which nothing is added."""
-    assert a.test
-    assert a.chosen
-    assert b.chosen
+def _either(a: Computed, b: Computed) -> Computed | None:
+    """One of two, to which nothing is added, where one is 0 wherever the other is not by its test; else None."""
     yes, no = a.chosen, b.chosen
+    if not (a.test and b.test and yes and no) or (a.test.negates is not b.test and b.test.negates is not a.test):
+        return None
     between = _NOTHING if a.test.error.is_zero() else abs(yes.value - no.value)
     return Computed(yes.value.union(no.value), (_larger(yes.error, no.error) + between).upper())
 
 
-def _twice(a: Computed) -> Computed:
-    return Computed(2 * a.value, 2 * a.error)
-
-
 _EXACT: Mapping[int, Callable[..., Computed]] = {
     ca.OP_NEG: lambda a: Computed(-a.value, a.error),
-    ca.OP_FABS: _size,
+    ca.OP_FABS: lambda a: Computed(a.value.abs_lower().union(a.value.abs_upper()), a.error),
     ca.OP_FMIN: _least,
     ca.OP_FMAX: _greatest,
-    ca.OP_TWICE: _twice,
+    ca.OP_TWICE: lambda a: Computed(2 * a.value, 2 * a.error),
     ca.OP_LT: _below,
     ca.OP_LE: _at_most,
-    ca.OP_NOT: _not,
+    ca.OP_NOT: lambda a: Computed(1 - a.value, a.error, negates=a),
     ca.OP_AND: _and,
     ca.OP_OR: _or,
     ca.OP_IF_ELSE_ZERO: _chosen,
@@ -279,7 +252,7 @@ def _times(a: Any, b: Any) -> Any:
     product = a * b
     if not product.contains(0) or a.contains(0) or b.contains(0):
         return product
-    return reduce(_between, (x * y for x in (a.lower(), a.upper()) for y in (b.lower(), b.upper())))
+    return reduce(arb.union, (x * y for x in (a.lower(), a.upper()) for y in (b.lower(), b.upper())))
 
 
 def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
@@ -287,21 +260,17 @@ def _quotient(a: Computed, b: Computed) -> tuple[Any, Any]:
     return value, (a.error + abs(value) * b.error) / abs(b.around)
 
 
-def _square(a: Computed) -> tuple[Any, Any]:
-    return _squared(a.value), (2 * abs(a.value) + a.error) * a.error
-
-
 def _squared(x: Any) -> Any:
     """x^2 of a ball. Arb's is below 0 in part of a ball that is wide, and has none of one whose middle is 0."""
     low, high = x.abs_lower(), x.abs_upper()
-    return _between(low * low, high * high)
+    return (low * low).union(high * high)
 
 
 _ROUNDED: Mapping[int, Callable[..., tuple[Any, Any]]] = {
     ca.OP_ADD: lambda a, b: (a.value + b.value, a.error + b.error),
     ca.OP_SUB: lambda a, b: (a.value - b.value, a.error + b.error),
     ca.OP_MUL: _product,
-    ca.OP_SQ: _square,
+    ca.OP_SQ: lambda a: (_squared(a.value), (2 * abs(a.value) + a.error) * a.error),
     ca.OP_DIV: _quotient,
     ca.OP_INV: lambda a: _quotient(exactly(1), a),
 }

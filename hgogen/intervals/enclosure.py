@@ -9,20 +9,17 @@ A condition is a number, 1 for true and 0 for false.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from operator import and_
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hgogen.algebra.axis import Ends
 from hgogen.algebra.cells import Cells, Index
 from hgogen.algebra.tabulated import next_order
 from hgogen.algebra.tape import Instruction, Tape
-from hgogen.intervals import cell_ranges, directions, endpoints, outward
-from hgogen.intervals.derivatives import DERIVATIVES
-from hgogen.intervals.outward import Array, Pair, add, hull, multiply, negate, power, reciprocal, scale
-
-Flags = NDArray[np.bool_]
+from hgogen.intervals import endpoints, outward
+from hgogen.intervals.outward import Array, Flags, Pair, add, hull, multiply, negate, number, power, reciprocal, scale
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ class _Walk:
         if op == "symbol":
             return self._symbol(int(value or 0))
         if op == "number":
-            return self._constant(outward.number(value))
+            return self._constant(number(value))
         if op in _CONSTANTS:
             return self._constant(_CONSTANTS[op])
         if op == "constant":
@@ -120,14 +117,13 @@ def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair | None:
     return a.slope if a.fixed or a.slope is None else scale(slope(), a.slope)
 
 
-def _total(parts: list[Pair | None]) -> Pair | None:
-    first, second = parts
+def _total(first: Pair | None, second: Pair | None) -> Pair | None:
     return None if first is None or second is None else add(first, second)
 
 
 def _joint(a: Enclosure, b: Enclosure, first: Pair | None, second: Pair | None) -> Pair | None:
     """The sum of what the slopes of a and of b contribute."""
-    return second if a.fixed else first if b.fixed else _total([first, second])
+    return second if a.fixed else first if b.fixed else _total(first, second)
 
 
 def _nowhere(slope: Pair | None, wild: Flags) -> Pair | None:
@@ -143,6 +139,11 @@ def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | No
         return None
     varies = np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads if a.slope is not None])
     return _nowhere(slope, wild & varies)
+
+
+def _flat(slope: Pair | None) -> Pair | None:
+    """0 in the place of a slope."""
+    return None if slope is None else (np.zeros(slope[0].shape), np.zeros(slope[0].shape))
 
 
 def _add(args: list[Enclosure]) -> Enclosure:
@@ -162,7 +163,7 @@ def _power(a: Enclosure, n: int) -> Enclosure:
     """a^n, n whole."""
     value = power(a.value, n)
     clear = (a.value[0] > 0) | (a.value[1] < 0) | (n >= 0)
-    factor = outward.number(Fraction(n))
+    factor = number(Fraction(n))
     slope = _chain(a, lambda: multiply(_pair(factor, a.value), power(a.value, n - 1)))
     return Enclosure(value, a.defined & clear, a.continuous & clear, _nowhere(slope, ~clear))
 
@@ -174,7 +175,7 @@ def _pair(ends: tuple[float, float], like: Pair) -> Pair:
 def _root(a: Enclosure, r: Fraction) -> Enclosure:
     """a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
     clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (r > 0))
-    factor = outward.number(r)
+    factor = number(r)
     slope = _chain(a, lambda: multiply(_pair(factor, a.value), _fractional(a.value, r - 1)))
     value = _fractional(a.value, r)
     return Enclosure(value, a.defined & clear, a.continuous & clear, _nowhere(slope, ~clear))
@@ -197,13 +198,13 @@ def _raise(args: list[Enclosure]) -> Enclosure:
     defined, continuous = _both(args)
     positive = np.maximum(a.value[0], 0.0), a.value[1]
     rate = _chain(a, lambda: multiply(multiply(b.value, value), reciprocal(positive)))
-    slope = _total([rate, _chain(b, lambda: multiply(value, logarithm))])
+    slope = _total(rate, _chain(b, lambda: multiply(value, logarithm)))
     return Enclosure(value, defined & clear, continuous & clear, _nowhere(slope, ~clear))
 
 
 def _elementary(name: str, a: Enclosure) -> Enclosure:
     value, inside = endpoints.apply(name, a.value)
-    slope = _nowhere(_chain(a, lambda: DERIVATIVES[name](a.value, value)), ~inside)
+    slope = _nowhere(_chain(a, lambda: endpoints.DERIVATIVES[name](a.value, value)), ~inside)
     return Enclosure(value, a.defined & inside, a.continuous & inside, slope)
 
 
@@ -212,11 +213,9 @@ def _angle(args: list[Enclosure]) -> Enclosure:
     value, there, smooth = endpoints.angle(y.value, x.value)
     defined, continuous = _both(args)
     norm = add(power(x.value, 2), power(y.value, 2))
-    rates = (
-        _chain(y, lambda: multiply(x.value, reciprocal(norm))),
-        _chain(x, lambda: negate(multiply(y.value, reciprocal(norm)))),
-    )
-    return Enclosure(value, defined & there, continuous & smooth, _nowhere(_total(list(rates)), ~smooth))
+    by_y = _chain(y, lambda: multiply(x.value, reciprocal(norm)))
+    by_x = _chain(x, lambda: negate(multiply(y.value, reciprocal(norm))))
+    return Enclosure(value, defined & there, continuous & smooth, _nowhere(_total(by_y, by_x), ~smooth))
 
 
 def _abs(args: list[Enclosure]) -> Enclosure:
@@ -227,18 +226,16 @@ def _abs(args: list[Enclosure]) -> Enclosure:
 
 
 def _norm(args: list[Enclosure]) -> Enclosure:
-    value = directions.size([a.value for a in args])
     parts = [a.value for a in args]
-    slopes = [_chain(a, lambda i=i: directions.direction(parts, i, True)) for i, a in enumerate(args)]  # type: ignore[misc]
-    return Enclosure(value, *_both(args), reduce(lambda a, b: _total([a, b]), slopes))
+    slopes = [_chain(a, lambda i=i: outward.direction(parts, i, True)) for i, a in enumerate(args)]  # type: ignore[misc]
+    return Enclosure(outward.norm(parts), *_both(args), reduce(_total, slopes))
 
 
 def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
     """e_i/|e|, and at 0 what it is next to it, in the whole of which it counts as continuous: what is proved of slopes
     is proved of sets."""
-    value = directions.direction([a.value for a in args], index, wide)
-    zero = None if args[0].slope is None else (np.zeros(args[0].slope[0].shape), np.zeros(args[0].slope[0].shape))
-    return Enclosure(value, *_both(args), _jumpy(zero, value[0] != value[1], args))
+    value = outward.direction([a.value for a in args], index, wide)
+    return Enclosure(value, *_both(args), _jumpy(_flat(args[0].slope), value[0] != value[1], args))
 
 
 def _least(args: list[Enclosure]) -> Enclosure:
@@ -266,13 +263,7 @@ def _chosen(a: Enclosure, b: Enclosure, first: Flags, second: Flags) -> Pair | N
 def _steps(a: Enclosure, value: Pair) -> Enclosure:
     """A piecewise constant function with that range: constant on a box, or it may jump there."""
     still = value[0] == value[1]
-    zero = None if a.slope is None else (np.zeros(a.slope[0].shape), np.zeros(a.slope[0].shape))
-    return Enclosure(value, a.defined, a.continuous & still, _jumpy(zero, ~still, [a]))
-
-
-def _sign(args: list[Enclosure]) -> Enclosure:
-    low, high = args[0].value
-    return _steps(args[0], (np.asarray(np.sign(low), dtype=float), np.asarray(np.sign(high), dtype=float)))
+    return Enclosure(value, a.defined, a.continuous & still, _jumpy(_flat(a.slope), ~still, [a]))
 
 
 def _heaviside(args: list[Enclosure]) -> Enclosure:
@@ -299,10 +290,7 @@ def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[
     def rule(args: list[Enclosure]) -> Enclosure:
         must, may = verdicts(args[0].value, args[1].value)
         defined = args[0].defined & args[1].defined
-        reads = args[0].slope  # of a condition: what it varies with
-        if reads is not None:
-            zero = np.zeros(reads[0].shape), np.zeros(reads[0].shape)
-            reads = _jumpy(zero, np.ones(must.shape, dtype=bool), args)
+        reads = _jumpy(_flat(args[0].slope), np.ones(must.shape, dtype=bool), args)  # what a condition varies with
         return Enclosure((must.astype(float), may.astype(float)), defined, must == may, reads)
 
     return rule
@@ -316,11 +304,6 @@ def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
 def _not_equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
     must, may = _equal(a, b)
     return ~may, ~must
-
-
-def _not(args: list[Enclosure]) -> Enclosure:
-    low, high = args[0].value
-    return replace(args[0], value=(1.0 - high, 1.0 - low))
 
 
 def _piecewise(args: list[Enclosure]) -> Enclosure:
@@ -358,14 +341,33 @@ def _table(args: list[Enclosure], cells: Cells, order: Index) -> Enclosure:
     """A derivative of a table; where it jumps it is the set of what lies between its limits, and along an axis across
     whose breakpoints it jumps it has no slope."""
     place = [a.value for a in args]
-    value, bounded, continuous = cell_ranges.apply(cells, order, place)
+    value, bounded, continuous = _cell_ranges(cells, order, place)
     slopes = [
-        _jumpy(_chain(a, lambda k=k: cell_ranges.apply(cells, next_order(order, k), place)[0]), ~continuous[k], [a])  # type: ignore[misc]
+        _jumpy(_chain(a, lambda k=k: _cell_ranges(cells, next_order(order, k), place)[0]), ~continuous[k], [a])  # type: ignore[misc]
         for k, a in enumerate(args)
     ]
     defined, smooth = _both(args)
-    total = reduce(lambda a, b: _total([a, b]), slopes)
-    return Enclosure(value, defined & bounded, smooth & continuous.all(axis=0), total)
+    return Enclosure(value, defined & bounded, smooth & continuous.all(axis=0), reduce(_total, slopes))
+
+
+def _cell_ranges(cells: Cells, order: Index, place: Sequence[Pair]) -> tuple[Pair, Flags, Flags]:
+    """The range of a derivative of a table where its arguments are in these intervals, with all its limits where it
+    jumps; whether it is bounded there, and along which axes, a row for each, it is continuous. Of a box that ends on a
+    breakpoint the cell within counts, of an argument that is one number, a breakpoint, both cells; of a table that a
+    program takes (`taken`) the cell above, of such a box as well."""
+    sides = [zip(low.tolist(), high.tolist(), strict=True) for low, high in place]
+    rows = [_on(cells, order, box) for box in zip(*sides, strict=True)]
+    low, high, bounded, continuous = zip(*rows, strict=True)
+    return (np.array(low), np.array(high)), np.array(bounded), np.array(continuous).T
+
+
+@lru_cache(maxsize=1 << 16)  # boxes of a bisection share ends, and a slope asks for the cells again
+def _on(cells: Cells, order: Index, box: tuple[Ends, ...]) -> tuple[float, float, bool, tuple[bool, ...]]:
+    range, continuous = cells.limits(box, order)
+    if range is None:
+        return -np.inf, np.inf, False, (False,) * len(order)
+    least, most = (end if isinstance(end, float) else number(end)[way] for way, end in enumerate(range))
+    return least, most, True, continuous
 
 
 def _whole(function: Callable[[Array], Array]) -> Callable[[list[Enclosure]], Enclosure]:
@@ -380,10 +382,10 @@ _RULES: dict[str, Callable[[list[Enclosure]], Enclosure]] = {
     "max": _most,
     "and": _least,
     "or": _most,
-    "not": _not,
+    "not": lambda args: replace(args[0], value=(1.0 - args[0].value[1], 1.0 - args[0].value[0])),
     "abs": _abs,
     "norm": _norm,
-    "sign": _sign,
+    "sign": _whole(np.sign),
     "floor": _whole(np.floor),
     "ceiling": _whole(np.ceil),
     "heaviside": _heaviside,

@@ -1,4 +1,5 @@
-"""Elementary functions on intervals: Arb at the ends, rounded outward, between the points where they turn.
+"""Elementary functions on intervals, and their derivatives: Arb at the ends, rounded outward, between the points where
+they turn.
 
 Arb (python-flint) encloses each value in a ball; the ball's ends become floats that are compared with it exactly. An
 infinite end takes the function's limit. Boxes of a bisection share ends, so the values are cached.
@@ -11,11 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 from flint import arb, ctx, fmpq
-from numpy.typing import NDArray
 
-from hgogen.intervals.outward import Array, Pair, absolute
-
-Flags = NDArray[np.bool_]
+from hgogen.intervals.outward import Array, Flags, Pair, absolute, add, negate, power, reciprocal, square_root
 
 _PRECISION = 90  # bits, enough for the ends to be within an ulp
 _LARGEST = math.nextafter(math.inf, 0.0)
@@ -182,3 +180,36 @@ def _outward(ball: arb) -> tuple[float, float]:
     while not arb(high) >= above:
         high = math.nextafter(high, math.inf)
     return low, high
+
+
+# --- derivatives
+
+DERIVATIVES: dict[str, Callable[[Pair, Pair], Pair]] = {  # of the argument a and the value f(a)
+    "exp": lambda a, f: f,
+    "log": lambda a, f: reciprocal((np.maximum(a[0], 0.0), a[1])),
+    "sin": lambda a, f: apply("cos", a)[0],
+    "cos": lambda a, f: negate(apply("sin", a)[0]),
+    "tan": lambda a, f: add(_ones(a), power(f, 2)),
+    "asin": lambda a, f: _inverse_root(a),
+    "acos": lambda a, f: negate(_inverse_root(a)),
+    "atan": lambda a, f: reciprocal(add(_ones(a), power(a, 2))),
+    "sinh": lambda a, f: apply("cosh", a)[0],
+    "cosh": lambda a, f: apply("sinh", a)[0],
+    "tanh": lambda a, f: reciprocal(power(apply("cosh", a)[0], 2)),
+    "asinh": lambda a, f: reciprocal(square_root(add(_ones(a), power(a, 2)))),
+    "acosh": lambda a, f: reciprocal(square_root(add(power((np.maximum(a[0], 1.0), a[1]), 2), negate(_ones(a))))),
+    "atanh": lambda a, f: reciprocal(_one_minus_square(a)),
+}
+
+
+def _one_minus_square(a: Pair) -> Pair:
+    low, high = add(_ones(a), negate(power(a, 2)))
+    return np.maximum(low, 0.0), high
+
+
+def _inverse_root(a: Pair) -> Pair:
+    return reciprocal(square_root(_one_minus_square(a)))
+
+
+def _ones(like: Pair) -> Pair:
+    return np.ones(like[0].shape), np.ones(like[0].shape)

@@ -6,15 +6,13 @@ from typing import TypeAlias
 
 import sympy as sp
 
-from hgogen.algebra.points import exact
+from hgogen.algebra.points import STRANGE, exact
 from hgogen.algebra.tape import NoTape, tape
 from hgogen.intervals.box import EVERYTHING, Box, End, sides
 from hgogen.intervals.enclosure import enclose as enclosures
 from hgogen.intervals.rounding import rounded
 
 Interval: TypeAlias = tuple[End, End]
-
-_STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I, sp.AccumBounds)
 
 
 def enclose(expression: sp.Expr, box: Box) -> Interval:
@@ -26,7 +24,7 @@ def enclose(expression: sp.Expr, box: Box) -> Interval:
         return value, value
     if fixed in around.symbols:
         return around.ends[around.symbols.index(fixed)]
-    if fixed.has(*_STRANGE):
+    if fixed.has(*STRANGE):
         return EVERYTHING
     try:
         program = tape([rounded(fixed, around)], around.symbols)

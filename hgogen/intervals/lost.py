@@ -89,16 +89,11 @@ def is_defined(e: sp.Expr, box: Box) -> bool:
 
 
 def _asks(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
-    """Whether the part may ask for something."""
-    return part in needs or _chooses(part, needs)
-
-
-def _chooses(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
-    """Whether the part may choose what has no value, or nothing."""
+    """Whether the part may ask for something, or choose what has no value, or nothing."""
     if not isinstance(part, _CHOOSING):
-        return False
+        return part in needs
     ends = not isinstance(part, sp.Piecewise) or part.args[-1].cond == sp.true
-    return not ends or any(node in needs for node in part.atoms(sp.Pow, sp.Function))
+    return part in needs or not ends or any(node in needs for node in part.atoms(sp.Pow, sp.Function))
 
 
 def _endless(part: sp.Expr) -> bool:

@@ -12,7 +12,7 @@ from functools import lru_cache
 import sympy as sp
 
 from hgogen.algebra.cells import Cells
-from hgogen.algebra.kinks import Norm, bent, off_zero, signed
+from hgogen.algebra.kinks import Norm, bent, off_zero, rooted, signed
 from hgogen.algebra.shared import shared
 from hgogen.algebra.tabulated import Table, applied, replaced
 from hgogen.algebra.tape import NoTape
@@ -37,18 +37,15 @@ def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
 
 
 def _bends(expression: sp.Expr) -> bool:
-    return expression.has(*_KINDS) or any(_rooted(node) for node in expression.atoms(sp.Pow))
-
-
-def _rooted(node: sp.Pow) -> bool:
-    return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
+    return expression.has(*_KINDS) or any(rooted(node) for node in expression.atoms(sp.Pow))
 
 
 def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     if isinstance(node, sp.Piecewise):
         return _chosen(node, box)
-    if isinstance(node, Table):
-        return _within(node, box)
+    if isinstance(node, Table):  # without its ends along the axes where its argument keeps within its points
+        arguments = [_visited(argument, box) for argument in node.args]
+        return applied(between(node, arguments, box), arguments, node.order)
     if not node.args:
         return node
     args = [_visited(part, box) if isinstance(part, sp.Expr) else part for part in node.args]
@@ -57,12 +54,6 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     built = node if args == list(node.args) else node.func(*args)
     simplified = _plain(built, box)
     return node if simplified != node and lost(args, (simplified,), box) is not None else simplified
-
-
-def _within(node: Table, box: Box) -> sp.Expr:
-    """The table without its ends along the axes where its argument keeps within its points."""
-    arguments = [_visited(argument, box) for argument in node.args]
-    return applied(between(node, arguments, box), arguments, node.order)
 
 
 def computed(expression: sp.Expr, box: Box) -> sp.Expr:
@@ -102,7 +93,7 @@ def _plain(e: sp.Expr, box: Box) -> sp.Expr:
     if isinstance(e, sp.Heaviside):
         way = _constant(e.args[0], box)
         return e if way == 0 else sp.Integer(way > 0)
-    if isinstance(e, sp.Pow) and _rooted(e):
+    if isinstance(e, sp.Pow) and rooted(e):
         whole = bent(e)
         return e if whole == e or not whole.is_Function or len(whole.args) > 1 else _size(whole.args[0], box)
     return e

@@ -14,6 +14,7 @@ from typing import Any
 import sympy as sp
 from flint import arb, ctx, fmpq
 
+from hgogen.algebra.balls import ends as of_ball
 from hgogen.algebra.kinks import Norm
 from hgogen.algebra.points import exact
 from hgogen.algebra.pointwise import values
@@ -87,14 +88,10 @@ def _number(e: sp.Expr) -> Interval:
     for bits in _PRECISIONS:
         (ball,) = values(program, (), bits)
         if ball.is_finite():
-            enclosure = _of_ball(ball)
+            enclosure = of_ball(ball)
             if not ball.contains(0):
                 break
     return enclosure
-
-
-def _of_ball(ball: Any) -> Interval:
-    return tuple(Fraction(int(end.p), int(end.q)) for end in (ball.lower().fmpq(), ball.upper().fmpq()))  # type: ignore
 
 
 def _applied(function: Callable[[Any], Any], end: End) -> Interval:
@@ -105,7 +102,7 @@ def _applied(function: Callable[[Any], Any], end: End) -> Interval:
     try:
         exactly = Fraction(end)
         ball = function(arb(fmpq(exactly.numerator, exactly.denominator)))
-        return _of_ball(ball) if ball.is_finite() else EVERYTHING
+        return of_ball(ball) if ball.is_finite() else EVERYTHING
     finally:
         ctx.prec = before
 
@@ -145,18 +142,14 @@ def raised(a: Interval, n: int) -> Interval:
     if abs(n) > STEEP:
         return EVERYTHING
     if n < 0:
-        return _inverse(_short(raised(a, -n)))
+        low, high = _short(raised(a, -n))
+        if low == 0 < high:
+            return _over(high), math.inf
+        if low < 0 == high:
+            return -math.inf, _over(low)
+        return EVERYTHING if low <= 0 <= high else (_over(high), _over(low))
     low, high = a if n % 2 else _size(a)
     return low**n, high**n
-
-
-def _inverse(a: Interval) -> Interval:
-    low, high = a
-    if low <= 0 <= high:
-        return (
-            (_over(high), math.inf) if low == 0 < high else (-math.inf, _over(low)) if low < 0 == high else EVERYTHING
-        )
-    return _over(high), _over(low)
 
 
 def _over(end: End) -> End:

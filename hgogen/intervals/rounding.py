@@ -59,8 +59,11 @@ def _error(e: sp.Expr, around: Sides) -> float:
     """A bound of the error of an expression, infinite where none is known."""
     if not e.args:
         return UNIT * _size(e, around) + _TINY
-    if isinstance(e, sp.Piecewise):
-        return _chosen([part for part, _ in e.args], around)
+    if isinstance(e, sp.Piecewise):  # one branch or another
+        branches = [part for part, _ in e.args]
+        ranges = [_range(part, around) for part in branches]
+        width = max(high for _, high in ranges) - min(low for low, _ in ranges)
+        return _sure(width + max(_error(part, around) for part in branches))
     if not all(isinstance(part, sp.Expr) for part in e.args):
         return math.inf
     errors = [_error(part, around) for part in e.args]
@@ -71,13 +74,6 @@ def _error(e: sp.Expr, around: Sides) -> float:
         total = sum(whole) if isinstance(e, sp.Add) else math.prod(whole)
         return _sure(moved + len(whole) * UNIT * total + _TINY)
     return _through(e, errors, around)
-
-
-def _chosen(parts: Sequence[sp.Expr], around: Sides) -> float:
-    """Of one branch or another."""
-    ranges = [_range(part, around) for part in parts]
-    width = max(high for _, high in ranges) - min(low for low, _ in ranges)
-    return _sure(width + max(_error(part, around) for part in parts))
 
 
 def _through(e: sp.Expr, errors: Sequence[float], around: Sides) -> float:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from hgogen.algebra.tape import Tape
 from hgogen.intervals.bisection import Tree, halves, split_tree
-from hgogen.intervals.enclosure import Enclosure, Flags, enclose
+from hgogen.intervals.enclosure import Enclosure, enclose
 from hgogen.intervals.floats import corners, middle, placed, spread
-from hgogen.intervals.outward import Array, Pair, add, meet, negate, scale
+from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale
 
 _BATCH = 256  # boxes a round
 _FINE = 2.0**-44  # of the root's width: no box is cut further
@@ -162,7 +162,16 @@ def search(program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int, begu
     """
     with np.errstate(all="ignore"):
         problem = _Problem(program, root, inside)
-        return _search(problem, goal, limit, begun or _whole(problem, goal))
+        cover = begun or _whole(problem, goal)
+        while True:
+            todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
+            rows, room = np.nonzero(todo > 0.0)[0], (limit - cover.boxes) // 2
+            worst = rows[np.argsort(-todo[rows], kind="stable")][:_BATCH]
+            if len(worst) == 0 or room < 1:
+                return _outcome(cover, goal, cover)
+            if room < len(worst):  # a higher limit makes the whole batch: it goes on from before
+                return _outcome(_bisected(problem, cover, worst[:room]), goal, cover)
+            cover = _bisected(problem, cover, worst)
 
 
 @dataclass(frozen=True)
@@ -178,18 +187,6 @@ class _Problem:
         bottom, top = (end[:, None] for end in self.root)
         low, high = np.where(x < first, bottom, low), np.where(x < first, first, high)
         return np.where(x > last, last, low), np.where(x > last, top, high)
-
-
-def _search(problem: _Problem, goal: Goal, limit: int, cover: Cover) -> Outcome:
-    while True:
-        todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
-        rows, room = np.nonzero(todo > 0.0)[0], (limit - cover.boxes) // 2
-        worst = rows[np.argsort(-todo[rows], kind="stable")][:_BATCH]
-        if len(worst) == 0 or room < 1:
-            return _outcome(cover, goal, cover)
-        if room < len(worst):  # a higher limit makes the whole batch: it goes on from before
-            return _outcome(_bisected(problem, cover, worst[:room]), goal, cover)
-        cover = _bisected(problem, cover, worst)
 
 
 def _outcome(last: Cover, goal: Goal, cover: Cover) -> Outcome:
@@ -376,20 +373,15 @@ def _explore(problem: _Problem, inner: Inner) -> Inner:
         return inner
     start = np.concatenate((corners(low, high), placed(low, high, spread(m, _SPREAD))), axis=1)
     inner = _better(inner, start, _Values.of(problem.program, *problem.points(start)))
+    width = high - low
     for round in range(_ROUNDS if m > 1 else 0):
-        clusters = [
-            placed(np.maximum(low, at - reach), np.minimum(high, at + reach), spread(m, _AROUND))
-            for at in (inner.at_least, inner.at_most)
-            if at is not None
-            for reach in [_reach(low, high, at) * 0.35 ** (round + 1)]
-        ]
+        clusters = []
+        for at in (inner.at_least, inner.at_most):
+            if at is not None:
+                reach = np.where(np.isfinite(width), width, 1.0 + np.abs(at)) * 0.35 ** (round + 1)
+                clusters.append(placed(np.maximum(low, at - reach), np.minimum(high, at + reach), spread(m, _AROUND)))
         if not clusters:
             break
         x = np.concatenate(clusters, axis=1)
         inner = _better(inner, x, _Values.of(problem.program, *problem.points(x)))
     return inner
-
-
-def _reach(low: Array, high: Array, at: Array) -> Array:
-    width = high - low
-    return np.where(np.isfinite(width), width, 1.0 + np.abs(at))

@@ -27,7 +27,7 @@ from hgogen.algebra.tape import Tape, tape
 from hgogen.check import Verdict
 from hgogen.intervals.box import Box, Point, Sides
 from hgogen.intervals.proof import Proof, ends
-from hgogen.intervals.sign import Sign, nonzero
+from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import NONE, Reason, because
 
@@ -94,15 +94,16 @@ def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
         whole = because("its second order is definite on the whole box of errors")
         return Answer(Verdict.PROVED, whole, proofs=(definite.proof,), basis=definite.basis)
     left = tuple(nonzero(claim.value, slab, boxes=boxes, refute=False) for slab in _slabs(claim, share))
-    for sign in left:
-        violation = next(program.violations(_of(sign)), None)
-        if violation:
-            return _refuted(violation)
+    met = (dict(sign.range.most.point) for sign in left if sign.range.most is not None)  # at the largest values
+    violation = next(program.violations(met), None)
+    if violation:
+        return _refuted(violation)
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
         total = sum(sign.range.boxes for sign in left)
         pattern = "its second order is definite on {share} of the box of errors, {boxes} boxes cover the rest"
         reason = because(pattern, share=share, boxes=total)
-        slabs = tuple(_proof(claim.value, sign) for sign in left)
+        extents = (sign.range for sign in left)
+        slabs = (Proof((claim.value,), *ends(each.low, each.high), each.variables, each.tree) for each in extents)
         return Answer(Verdict.PROVED, reason, proofs=(definite.proof, *slabs), share=share, basis=definite.basis)
     pattern = (
         "its second order is definite on {share} of the box of errors; the rest is not decided, with {boxes} boxes for "
@@ -158,7 +159,8 @@ def _samples(program: _Program) -> Iterator[Point]:
     """The points with the largest ratios of a fixed set of random ones, each moved uphill; e has scales down to a
     thousandth of its box."""
     n, rng = len(program.claim.errors), np.random.default_rng(1)
-    low, high = _floats(program)
+    sampled = [_sampled(program, s) for s in program.symbols]
+    low, high = np.array([float(a) for a, _ in sampled]), np.array([float(b) for _, b in sampled])
     size = len(program.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
     whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
@@ -181,11 +183,6 @@ def _samples(program: _Program) -> Iterator[Point]:
             if tried[j] > most:
                 best, small, most = neighbours[:, j], scales[j], tried[j]
         yield _exactly(program, best, Fraction(float(small)))
-
-
-def _floats(program: _Program) -> tuple[np.ndarray, np.ndarray]:
-    pairs = [_sampled(program, s) for s in program.symbols]
-    return np.array([float(a) for a, _ in pairs]), np.array([float(b) for _, b in pairs])
 
 
 def _sampled(program: _Program, symbol: sp.Symbol) -> tuple[Fraction, Fraction]:
@@ -221,12 +218,6 @@ def _along(program: _Program) -> Iterator[Point]:
         e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
         for k, sign in product(range(0, 40, 3), (1, -1)):
             yield x | {s: sign * d * reach / 2**k for s, d in zip(claim.errors, e, strict=True)}
-
-
-def _of(sign: Sign) -> Iterator[Point]:
-    """The point at which a search met the largest value, if any."""
-    if sign.range.most is not None:
-        yield dict(sign.range.most.point)
 
 
 # --- positive definite --------------------------------------------------------------------------------------
@@ -386,8 +377,3 @@ def _slabs(claim: SecondOrder, share: Fraction) -> Iterator[Box]:
         yield {**claim.box, **inner, e: (low, low * share)}
         yield {**claim.box, **inner, e: (high * share, high)}
         inner[e] = low * share, high * share
-
-
-def _proof(expression: sp.Expr, sign: Sign) -> Proof:
-    extent = sign.range
-    return Proof((expression,), *ends(extent.low, extent.high), extent.variables, extent.tree)

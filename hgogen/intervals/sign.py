@@ -112,11 +112,9 @@ def _nonzero(
 
 
 def _proved(problem: Problem, outcome: Outcome) -> Sign:
-    positive = outcome.low > 0
-    margin = outcome.low if positive else -outcome.high
-    reason = counted(outcome.boxes)
-    sign = 1 if positive else -1
-    return Sign(Verdict.PROVED, sign, margin, {}, reason, range_of(problem, outcome, 0.0), never=True)
+    sign, margin = (1, outcome.low) if outcome.low > 0 else (-1, -outcome.high)
+    reason, extent = counted(outcome.boxes), range_of(problem, outcome, 0.0)
+    return Sign(Verdict.PROVED, sign, margin, {}, reason, extent, never=True)
 
 
 def _enclosed(problem: Problem, outcome: Outcome, low: End, high: End) -> Sign:
@@ -191,15 +189,12 @@ def _crossed(problem: Problem, outcome: Outcome, boxes: int) -> Point | None:
     if least is None or most is None or not least.value < 0 < most.value:
         return None
     if not outcome.continuous:
-        between = {s: _ordered(least.point[s], most.point[s]) for s in problem.sides.symbols}
+        a, b = least.point, most.point
+        between = {s: (min(a[s], b[s]), max(a[s], b[s])) for s in problem.sides.symbols}
         part = problem_of(problem.expression, between)
         if part is None or not part.search(regular, boxes).continuous:
             return None
     return crossing(problem.expression, problem.program, problem.sides, dict(least.point), dict(most.point))
-
-
-def _ordered(a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
-    return (a, b) if a <= b else (b, a)
 
 
 def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:

@@ -21,6 +21,7 @@ from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.intervals.bisection import Tree
 from hgogen.intervals.box import Box, End, Point, Sides, sides
+from hgogen.intervals.lost import STRANGE
 from hgogen.intervals.search import everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
 from hgogen.intervals.taken import taken
@@ -38,7 +39,6 @@ LIMIT = 4000
 _FIRST = 500  # boxes before a singular point is looked for
 _WORK = 400_000  # boxes times rows times symbols squared, so that large systems take seconds, too
 _RELATIVE = 0.02
-_STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
 _OPERATIONS = 150  # of a slope whose limit is asked for
 _DISTANCES = (10, 30, 60)  # binary digits of the distances at which the growth is seen
 
@@ -82,7 +82,7 @@ def _lipschitz_bound(
     read = [x for x in states if x in around.symbols]
     if not rows:
         return Lipschitz(Verdict.PROVED, 0.0, 0.0, because("it is constant"), 0, around.symbols)
-    if any(row.has(*_STRANGE) for row in rows):
+    if any(row.has(*STRANGE) for row in rows):
         reason = because("it is not a finite real number")
         return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, 0, around.symbols)
     if not read:
@@ -120,18 +120,14 @@ def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
 
 
 def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
-    program = tape(rows, around.symbols)
-    entries = _varying_slopes(rows, states)
+    """With the entries of the Jacobian that vary, where the rows are smooth; constant ones the rows' tape gives as
+    well."""
+    smooth = not any(row.has(*JUMPS, *KINKS) for row in rows)
+    places = [(i, j) for i, row in enumerate(rows) for j, x in enumerate(states) if smooth and x in row.free_symbols]
+    slopes = {(i, j): rows[i].diff(states[j]) for i, j in places}
+    entries = {place: slope for place, slope in slopes.items() if slope.free_symbols}
     at = tuple(around.symbols.index(x) for x in states)
-    return Field(program, at, tape(entries.values(), around.symbols), tuple(entries))
-
-
-def _varying_slopes(rows: list[sp.Expr], states: list[sp.Symbol]) -> dict[tuple[int, int], sp.Expr]:
-    """The entries of the Jacobian that vary, where the rows are smooth; constant ones the rows' tape gives as well."""
-    if any(row.has(*JUMPS, *KINKS) for row in rows):
-        return {}
-    slopes = {(i, j): row.diff(x) for i, row in enumerate(rows) for j, x in enumerate(states) if x in row.free_symbols}
-    return {place: slope for place, slope in slopes.items() if slope.free_symbols}
+    return Field(tape(rows, around.symbols), at, tape(entries.values(), around.symbols), tuple(entries))
 
 
 # --- not Lipschitz --------------------------------------------------------------------------------------------------
@@ -189,7 +185,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
     for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits costs much
         moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
         along = put(slope, {s: sp.Rational(value) + t * sp.Rational(moved[s]) for s, value in point.items()})
-        along = along and _settled(along, t)
+        along = along and along.replace(lambda node: isinstance(node, _TURNING), lambda node: _branch(node, t))
         if not along or not along.has(t) or along.has(sp.Heaviside):
             continue
         sizes = [_size(along, {t: sp.Rational(1, 2**digits)}) for digits in _DISTANCES]
@@ -204,12 +200,8 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
     return False
 
 
-def _settled(along: sp.Expr, t: sp.Symbol) -> sp.Expr:
-    """Heaviside, |..|, Min and Max as what they are for small t > 0, where their arguments at 0 tell."""
-    return along.replace(lambda node: isinstance(node, _TURNING), lambda node: _branch(node, t))
-
-
 def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
+    """Heaviside, |..|, Min or Max as what it is for small t > 0, where its arguments at 0 tell."""
     if isinstance(node, (sp.Min, sp.Max)):
         way = 1 if isinstance(node, sp.Max) else -1
         ahead = (a for a in node.args if all((way * (a - b)).subs(t, 0).is_positive for b in node.args if b != a))

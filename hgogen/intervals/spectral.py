@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from hgogen.algebra.tape import Tape
 from hgogen.intervals.bisection import Tree, halves, split_tree
-from hgogen.intervals.enclosure import Flags, enclose
+from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.floats import corners, middle
 from hgogen.intervals.outward import (
     Array,
+    Flags,
     Pair,
     absolute,
     add,
@@ -104,17 +105,14 @@ def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover
     """Bisect the box until high is within `relative` of low, or `limit` boxes were tried; what was `begun` with a lower
     limit goes on."""
     with np.errstate(all="ignore"):
-        return _steepest(field, root, relative, limit, begun or _whole(field, root, limit))
-
-
-def _steepest(field: Field, root: Pair, relative: float, limit: int, cover: Cover) -> Steep:
-    while True:
-        rows, room = cover.doubtful(relative), (limit - cover.boxes) // 2
-        if len(rows) == 0 or room < 1:
-            return _known(cover, relative, cover)
-        if room < len(rows[:_BATCH]):  # a higher limit makes the whole batch: it goes on from before
-            return _known(_bisected(field, root, cover, rows[:room]), relative, cover)
-        cover = _bisected(field, root, cover, rows[:_BATCH])
+        cover = begun or _whole(field, root, limit)
+        while True:
+            rows, room = cover.doubtful(relative), (limit - cover.boxes) // 2
+            if len(rows) == 0 or room < 1:
+                return _known(cover, relative, cover)
+            if room < len(rows[:_BATCH]):  # a higher limit makes the whole batch: it goes on from before
+                return _known(_bisected(field, root, cover, rows[:room]), relative, cover)
+            cover = _bisected(field, root, cover, rows[:_BATCH])
 
 
 def _known(last: Cover, relative: float, cover: Cover) -> Steep:
@@ -269,7 +267,8 @@ def _point_norm(matrix: Array) -> Array:
     """Upper bounds of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
     (matrix, _), exponent = _scaled((matrix, matrix))
     largest = np.abs(matrix).max(axis=(0, 1))
-    gram = _product(_swap((matrix, matrix)), (matrix, matrix))
+    transposed = np.swapaxes(matrix, 0, 1)
+    gram = _product((transposed, transposed), (matrix, matrix))
     logarithm = np.zeros(largest.shape)  # of what was taken out, base 2, exact
     times = 1
     for _ in range(_SQUARINGS):
@@ -288,10 +287,6 @@ def _point_norm(matrix: Array) -> Array:
         norm = root_up(norm)
     norm = up(np.ldexp(norm, whole.astype(int)) + _LOST)
     return np.asarray(np.where(largest > 0, up(np.ldexp(norm, exponent)), 0.0))
-
-
-def _swap(matrix: Pair) -> Pair:
-    return np.swapaxes(matrix[0], 0, 1), np.swapaxes(matrix[1], 0, 1)
 
 
 def _product(a: Pair, b: Pair) -> Pair:

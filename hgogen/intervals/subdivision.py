@@ -52,7 +52,8 @@ def subdivided(
         place = max(leaves, key=lambda each: leaves[each].weight)
         worst = leaves[place]
         if worst.weight > attained:
-            attained = max(attained, _BESIDE_CENTRE * cell(_centre(worst.box)).weight)
+            centre = {x: ((low + high) / 2,) * 2 for x, (low, high) in worst.box.items()}
+            attained = max(attained, _BESIDE_CENTRE * cell(centre).weight)
         if worst.weight <= attained:
             break
         del leaves[place]
@@ -72,10 +73,6 @@ def _cut(here: Ranges, whole: Ranges, cell: Callable[[Ranges], _Cell[T]]) -> tup
         cuts[str(x)] = (*weights, -float((high - low) / (whole[x][1] - whole[x][0]))), halves
     name = min(cuts, key=lambda each: cuts[each][0])
     return name, cuts[name][1]
-
-
-def _centre(box: Ranges) -> Ranges:
-    return {x: ((low + high) / 2,) * 2 for x, (low, high) in box.items()}
 
 
 def _tokens(cuts: Mapping[Place, str]) -> Iterator[str]:

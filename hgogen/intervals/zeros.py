@@ -68,7 +68,8 @@ def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, abo
             break
     if largest_exponent(expression) > STEEP:
         return below
-    for point in (_simplest(below, above), centre):
+    simplest = {s: ((below[s] + above[s]) / 2).limit_denominator(10_000) for s in below}
+    for point in (simplest, centre):
         if sides.contains(point) and (
             kind(expression, _rational(point)) == "= 0" or jump(expression, _rational(point)) is not None
         ):
@@ -82,11 +83,6 @@ def _simple(hints: Iterable[Point], sides: Sides) -> Iterator[Point]:
             simple = {s: value.limit_denominator(largest) for s, value in point.items()}
             if sides.contains(simple):
                 yield simple
-
-
-def _simplest(below: Point, above: Point) -> Point:
-    """The fraction of least denominator next to the pair, coordinate by coordinate."""
-    return {s: ((below[s] + above[s]) / 2).limit_denominator(10_000) for s in below}
 
 
 def _rational(point: Point) -> dict[sp.Symbol, sp.Rational]:
