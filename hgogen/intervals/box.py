@@ -41,16 +41,15 @@ def box(
     """The box of the declared ranges; one without a range is at its value in `nominal` (such as
     `system.nominal`, of the parameters), else unbounded. A float is the number that its shortest decimal says."""
     fixed = nominal or {}
-    return {s: _declared(s, fixed) for s in signals}
-
-
-def _declared(signal: Signal, fixed: Mapping[Signal, sp.Rational]) -> tuple[End, End]:
-    if signal.low is not None and signal.high is not None:
-        return _said(float(signal.low)), _said(float(signal.high))
-    if signal in fixed:
-        value = Fraction(fixed[signal])
-        return value, value
-    return EVERYTHING
+    ends: dict[sp.Symbol, tuple[End, End]] = {}
+    for signal in signals:
+        if signal.low is not None and signal.high is not None:
+            ends[signal] = _said(float(signal.low)), _said(float(signal.high))
+        elif signal in fixed:
+            ends[signal] = (Fraction(fixed[signal]),) * 2
+        else:
+            ends[signal] = EVERYTHING
+    return ends
 
 
 @lru_cache(maxsize=4096)
@@ -64,6 +63,11 @@ class Sides:
 
     symbols: tuple[sp.Symbol, ...]
     ends: tuple[tuple[End, End], ...]
+
+    @property
+    def box(self) -> dict[sp.Symbol, tuple[End, End]]:
+        """The box that they are of."""
+        return dict(zip(self.symbols, self.ends, strict=True))
 
     @property
     def outer(self) -> Pair:
@@ -84,8 +88,9 @@ class Sides:
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
         """The sides of some of its symbols."""
-        pairs = [(s, e) for s, e in zip(self.symbols, self.ends, strict=True) if s in set(symbols)]
-        return Sides(tuple(s for s, _ in pairs), tuple(e for _, e in pairs))
+        asked = set(symbols)
+        some = {s: ends for s, ends in self.box.items() if s in asked}
+        return Sides(tuple(some), tuple(some.values()))
 
     def centre(self) -> Point:
         """A point inside."""
@@ -99,7 +104,7 @@ class Sides:
 
     def contains(self, point: Point) -> bool:
         """Whether an exact point of these symbols lies in the box."""
-        return all(low <= point[s] <= high for s, (low, high) in zip(self.symbols, self.ends, strict=True))
+        return all(low <= point[s] <= high for s, (low, high) in self.box.items())
 
 
 def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:

@@ -20,7 +20,7 @@ from hgogen.algebra.kinks import jump
 from hgogen.algebra.variants import steep
 from hgogen.check import Verdict
 from hgogen.intervals.bounds import LIMIT, NOWHERE, Problem, Range, attained, counted, place, problem_of, range_of
-from hgogen.intervals.box import Box, End, Point, Sides
+from hgogen.intervals.box import Box, End, Point
 from hgogen.intervals.digits import down
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.outward import number
@@ -98,7 +98,7 @@ def _nonzero(
             cause, reason, witness = refuted
             return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, range_of(problem, outcome, 0.0), cause)
         if limit <= _GLANCE and not outcome.inner.least < 0 < outcome.inner.most:
-            never, low, high = _by_algebra(problem.expression, box_of(problem.sides))
+            never, low, high = _by_algebra(problem.expression, problem.sides.box)
             if outcome.defined and (low > 0 or high < 0):
                 return _enclosed(problem, outcome, low, high)
         if outcome.boxes + 2 <= limit:  # more boxes would change nothing
@@ -173,9 +173,9 @@ def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, 
         jumps = because("jumps from {one} to {other}, not of one sign", one=sides[0], other=sides[1])
         return Cause.JUMP, jumps, crossed
     for part, pattern in _parts(problem.expression):
-        inner = nonzero(part, box_of(problem.sides), boxes=boxes)
+        inner = nonzero(part, problem.sides.box, boxes=boxes)
         if inner.verdict is Verdict.REFUTED and inner.cause is not Cause.JUMP:
-            rest = {s: Fraction(_any(ends)) for s, ends in zip(problem.sides.symbols, problem.sides.ends, strict=True)}
+            rest = {s: Fraction(_any(ends)) for s, ends in problem.sides.box.items()}
             return Cause.PART, because(pattern, part=part), rest | dict(inner.witness)
     return None
 
@@ -218,11 +218,6 @@ def _irreducible(expression: sp.Expr) -> list[sp.Expr]:
         return [factor for factor, _ in sp.factor_list(sp.together(expression))[1]]
     except (sp.PolynomialError, NotImplementedError):
         return []
-
-
-def box_of(sides: Sides) -> dict[sp.Symbol, tuple[End, End]]:
-    """The box that the sides are of."""
-    return dict(zip(sides.symbols, sides.ends, strict=True))
 
 
 def _any(ends: tuple[End, End]) -> End:

@@ -24,7 +24,7 @@ _LARGE = 2.0**-6  # of a table: what is rounded by more keeps within nothing
 
 def taken(expression: sp.Expr, around: Sides) -> sp.Expr:
     """The expression on a box with tables that know their ends there, and how far their arguments may be rounded."""
-    return rounded(ended(expression, dict(zip(around.symbols, around.ends, strict=True))), around)
+    return rounded(ended(expression, around.box), around)
 
 
 def ended(expression: sp.Expr, box: Box) -> sp.Expr:
@@ -34,7 +34,7 @@ def ended(expression: sp.Expr, box: Box) -> sp.Expr:
 
 def beyond(expression: sp.Expr, around: Sides) -> tuple[Fraction, str] | None:
     """A breakpoint on which the box ends, and its table, of which a program takes a derivative beyond; None without."""
-    box = dict(zip(around.symbols, around.ends, strict=True))
+    box = around.box
     for node in sorted(expression.atoms(Stepped), key=str):
         axes, jumps = rounded(ended(node, box), around).cells.axes, node.cells.smooth
         for axis, argument, first, order in zip(axes, node.args, jumps, node.order, strict=True):
