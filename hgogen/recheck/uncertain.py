@@ -171,7 +171,9 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     powers = [late + level for late, size in zip(shift, form.blocks, strict=True) for level in range(size)]
     slopes, more = bounded_slopes(context, evidence, scale, powers, [True] * n, [*range(n)], [*range(n)])
     argument = _argument(context, observer, scale)
-    slopes = [_taken(slope, argument) for slope in slopes]
+    for k, slope in enumerate(slopes):  # of b, which reads one error, by what it reads in the place of that
+        at = slope.reads.index(Fraction(1))
+        slopes[k] = replace(slope, reads=argument.reads[at], takes=argument.takes[at])
     if ("core" in evidence) is ("ranges" in evidence):
         raise NotShown("its evidence has not one of a core and ranges")
     seen, N = 0, zeros(n, n)
@@ -184,12 +186,6 @@ def _of_gain(context: Context, observer: Observer, evidence: Mapping[str, Any]) 
     late = [shift[context.heads.index(z)] if z else 0 for z in context.seen]
     where = (each, [True] * n, each, powers)
     return ErrorInclusion(N, slopes, boxes + more + seen, measured, *where, scale, late, argument.takes)
-
-
-def _taken(slope: Slope, argument: Argument) -> Slope:
-    """A slope of b that reads one error, by what b reads in its place."""
-    at = slope.reads.index(Fraction(1))
-    return replace(slope, reads=argument.reads[at], takes=argument.takes[at])
 
 
 def _argument(context: Context, observer: Observer, scale: list[Expression]) -> Argument:

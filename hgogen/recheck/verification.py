@@ -216,7 +216,9 @@ def rows(context: Context) -> Iterator[Row]:
             by_id[claim.id] = _row(context, claim)
     known = dict(by_id)
     while loose := [row for row in known.values() if row.found == "verified" and _missing(certificate, row, known)]:
-        known |= {row.id: _resting(row, _missing(certificate, row, known)) for row in loose}
+        for row, (first, *_) in [(row, _missing(certificate, row, known)) for row in loose]:
+            sentence = f"it rests on {first}, which is not verified"
+            known[row.id] = replace(row, found="fails", sentence=sentence, boxes=0)
     yield from known.values()
     for id in required(certificate):
         if id not in by_id:
@@ -228,10 +230,6 @@ def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> li
     claim = certificate.claim(row.id)
     needed = rests(certificate, claim) if claim else ()
     return [id for id in needed if id not in known or known[id].found != "verified"]
-
-
-def _resting(row: Row, missing: list[str]) -> Row:
-    return replace(row, found="fails", sentence=f"it rests on {missing[0]}, which is not verified", boxes=0)
 
 
 def _row(context: Context, claim: Claim) -> Row:

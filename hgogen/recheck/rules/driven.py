@@ -80,7 +80,10 @@ def _followed(
     h, left, rounding = scalar(evidence, "dt"), shares.get("method"), shares.get("rounding")
     others = {kind: share for kind, share in shares.items() if share is not left and share is not rounding}
     boxes = demand_followed(context, h, others)
-    sizes = [f"{kind} of {', '.join(_all(share))}" for kind, share in others.items()]
+    sizes = list[str]()
+    for kind, share in others.items():
+        stated = [short(size, -1) for size in map(number, share["follows"]["sizes"]) if size]
+        sizes.append(f"{kind} of {', '.join(stated)}")
     if rounding:
         equation = equation_of(context, error, theta, rounding["follows"])
         totals = _reached(shares.values(), equation.scales)
@@ -155,11 +158,6 @@ def _inputs(
     if not inputs:
         raise NotShown("a share has no inputs")
     return [each * (1 / scalar(share, "unit")) for each in inputs]
-
-
-def _all(share: Mapping[str, Any]) -> list[str]:
-    """Those that are not 0 of the sizes from which those of a share follow, in words."""
-    return [short(size, -1) for size in map(number, share["follows"]["sizes"]) if size]
 
 
 def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:

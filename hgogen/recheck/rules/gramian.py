@@ -15,7 +15,7 @@ from fractions import Fraction
 from typing import Any
 
 from ..arithmetic import Undefined, evaluate
-from ..box import End, NotShown, covered, ranged
+from ..box import NotShown, covered, ranged
 from ..context import Context, Shown, cut, short
 from ..file import Claim, part
 from ..interval import Interval, between, intervals, point
@@ -45,7 +45,11 @@ def least(context: Context, claim: Claim) -> Shown:
         periodic(moving, period)
         if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
             raise NotShown("its pieces do not cover the period")
-    _within_ranges(context, inputs, length * (starts + 2**level))
+    inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
+    for name, text in inputs.items():
+        if text.names:
+            course_ = {"t": (Fraction(0), length * (starts + 2**level))}
+            covered(course_, ".", ranged(text, *context.form.box[name]))
     windows = _Course(context, inputs, _weights(context, evidence))
     try:
         windows.demand(length, level, starts, bound)
@@ -72,20 +76,16 @@ def _weights(context: Context, evidence: Mapping[str, Any]) -> list[Fraction]:
     return weights
 
 
-def _within_ranges(context: Context, inputs: Mapping[str, Expression], end: Fraction) -> None:
-    """That each input keeps to its range."""
-    inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
-    for name, text in inputs.items():
-        if text.names:
-            covered({"t": (Fraction(0), end)}, ".", ranged(text, *context.form.box[name]))
-
-
 class _Course:
     """A and C along the inputs, in scaled coordinates."""
 
     def __init__(self, context: Context, inputs: Mapping[str, Expression], weights: list[Fraction]) -> None:
         self.form, self.z, self.inputs, self.weights = context.form, context.z, inputs, weights
-        self.half = [_half(*self.form.box[z]) for z in self.z]
+        ranges = (self.form.box[z] for z in self.z)
+        self.half = [  # half the width of a range, 1 of one that has none
+            (Fraction(high) - Fraction(low)) / 2 if -math.inf < low < high < math.inf else Fraction(1)
+            for low, high in ranges
+        ]
         self.ends = {name: between(*self.form.box[name]) for name in context.file.parameters}
         self.group = -1
         self.around: tuple[Series, Series] = ([], [])
@@ -136,12 +136,6 @@ class _Course:
             [[s * x for x in d] for s in self.weights],
         )
         return _coefficients(A, shares[0], order), _coefficients(C, shares[1], order)
-
-
-def _half(low: End, high: End) -> Fraction:
-    """Half the width of a range, 1 of one that has none."""
-    known = not math.isinf(low) and not math.isinf(high) and low < high
-    return (Fraction(high) - Fraction(low)) / 2 if known else Fraction(1)
 
 
 def _coefficients(rows: list[list[Taylor]], shares: list[list[Fraction]], order: int) -> Series:

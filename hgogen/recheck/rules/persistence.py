@@ -58,7 +58,8 @@ def persistent(context: Context, claim: Claim) -> Shown:
     if moving:
         period = expression(part(evidence, "period", str), {})
         periodic(moving, period)
-        covered({"t": (Fraction(0), _above(period))}, ".", _all_finite(moving))
+        for text in moving:
+            covered({"t": (Fraction(0), _above(period))}, ".", ranged(text, -math.inf, math.inf))
     inside(context, inputs, at)
     parameters = narrowed(form.box, read & set(context.file.parameters))
     boxes = covered(parameters, ".", _full(context, inputs, at))
@@ -80,15 +81,6 @@ def _above(period: Expression) -> Fraction:
         raise NotShown(f"the period {cut(period.text)} is not shown to be positive, or is too long")
     whole = next(k for k in range(1, 64) if value.at_most(Fraction(2**k)))
     return Fraction(2**whole)
-
-
-def _all_finite(texts: Sequence[Expression]) -> Any:
-    tries = [ranged(text, -math.inf, math.inf) for text in texts]
-
-    def attempt(box: Box) -> Try:
-        return Try(all(one(box).shown for one in tries))
-
-    return attempt
 
 
 def periodic(texts: Sequence[Expression], period: Expression) -> None:
@@ -113,11 +105,8 @@ def periodic(texts: Sequence[Expression], period: Expression) -> None:
 def _whole_turns(turns: Any, algebra: Any) -> bool:
     """Whether it is 2 pi k for a whole k."""
     pi = algebra.function("pi", ())
-    return any(algebra.is_zero(turns - algebra.number(Fraction(2 * k)) * pi) for k in _around(_TURNS))
-
-
-def _around(most: int) -> list[int]:
-    return [k for size in range(1, most + 1) for k in (size, -size)]
+    each = (k for size in range(1, _TURNS + 1) for k in (size, -size))
+    return any(algebra.is_zero(turns - algebra.number(Fraction(2 * k)) * pi) for k in each)
 
 
 def inside(context: Context, inputs: Mapping[str, Expression], at: Expression) -> None:
@@ -147,7 +136,10 @@ def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) ->
     def attempt(box: Box) -> Try:
         try:
             rows = _rows(context, inputs, at, box)
-            whole = rows if len(rows) == n else _gram(rows)
+            whole = rows
+            if len(rows) > n:
+                columns = list(zip(*rows, strict=True))
+                whole = [[_total(a * b for a, b in zip(p, q, strict=True)) for q in columns] for p in columns]
             return Try(_determinant(whole).sign != 0)
         except Undefined:
             return Try(False)
@@ -174,8 +166,9 @@ def _rows(context: Context, inputs: Mapping[str, Expression], at: Expression, bo
     rows = [[_base(x) for x in row] for row in C]
     for _ in z[1:]:
         A = [[x.value for x in row] for row in A]
+        still = A[0][0] - A[0][0]
         C = [
-            [_total(x.value * A[k][j] for k, x in enumerate(row)) + _slope(row[j], A) for j in range(len(z))]
+            [_total(x.value * A[k][j] for k, x in enumerate(row)) + row[j].slopes.get(0, still) for j in range(len(z))]
             for row in C
         ]
         rows += [[_base(x) for x in row] for row in C]
@@ -196,11 +189,6 @@ def slopes_of(output: Expression, z: Sequence[str], known: Mapping[str, Any], ar
     return [evaluate(output, {**rest, name: one}, arithmetic) - d for name in z]
 
 
-def _slope(x: Dual, like: Any) -> Any:
-    """x', zero where it is missing."""
-    return x.slopes[0] if 0 in x.slopes else like[0][0] - like[0][0]
-
-
 def _base(x: Any) -> Any:
     while isinstance(x, Dual):
         x = x.value
@@ -212,11 +200,6 @@ def _total(terms: Any) -> Any:
     for other in others:
         first = first + other
     return first
-
-
-def _gram(rows: list[list[Any]]) -> list[list[Any]]:
-    columns = list(zip(*rows, strict=True))
-    return [[_total(a * b for a, b in zip(p, q, strict=True)) for q in columns] for p in columns]
 
 
 def _determinant(rows: list[list[Any]]) -> Any:
