@@ -17,9 +17,8 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.commands.fitting import By, _verdicts, _without_offset
-from hgogen.identification import lag as lag_module
 from hgogen.identification import robust as robust_module
-from hgogen.identification.fit import CannotFit, best_of
+from hgogen.identification.fit import CannotFit, best_of, lagged
 from hgogen.identification.progress import Progress
 from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
@@ -825,7 +824,7 @@ def test_the_influence_of_a_residual_is_over_the_mean_slope() -> None:
 def test_a_lag_is_that_of_the_output_that_has_it() -> None:
     a, b, y, v = (hg.Signal(name) for name in "abyv")
     plant = hg.System("two", states=(a, b), outputs=(y, v), flow=(-a, -b), output=(a, b))
-    slow, (tau,) = lag_module.lagged(plant, [v], 0.1, 10.0)
+    slow, (tau,) = lagged(plant, [v], 0.1, 10.0)
     behind = slow.states[-1]
     assert (slow.flow[-1] - (b - behind) / tau).simplify() == 0
     assert list(slow.output) == [a, behind]

@@ -10,7 +10,7 @@ so that theta rests at 1 along the record, and comes back to it after an alarm. 
 theta = 1.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -33,13 +33,22 @@ ABOVE = 1.1  # times the largest innovation
 def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what: None) -> Tuned | str:
     """The tuned filter with an adaptive theta, or why there is none."""
     refusals: list[str] = []
-    for table in _tables(2 * plain.numbers.n / plain.numbers.theta, task.dt):
+    crossing = 2 * plain.numbers.n / plain.numbers.theta  # T
+    d = PREDICTORS * max(1, round(crossing / 4 / task.dt / PREDICTORS)) * task.dt
+    for theta_1 in PEAKS:
+        table = {
+            "kind": "adaptive",
+            "theta_1": theta_1,
+            "rise_time": two(d / 4),
+            "rate": two(1 / (3 * d)),
+            "innovation": {"kind": "staggered", "d": d, "predictors": PREDICTORS},
+        }
         try:
             gamma_0 = two(ABOVE * float(_innovations(task, _first(task, plain, table, HUGE)).max()))
             ratio = float(_innovations(task, _first(task, plain, table, gamma_0 / HUGE)).mean()) / gamma_0
             if ratio >= 1:
                 refusals.append(
-                    f"an alarm feeds itself, even with theta_1 = {table['theta_1']:g} (alarm ratio {ratio:.2g}): "
+                    f"an alarm feeds itself, even with theta_1 = {theta_1:g} (alarm ratio {ratio:.2g}): "
                     "the record's noise keeps theta up; fit the model, or take riccati, whose theta stays"
                 )
                 continue
@@ -52,19 +61,6 @@ def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what
         more = task.judge.errors(first.step) - task.judge.errors(plain.first.step)  # Q and R are chosen already
         return replace(plain, name=ADAPTIVE, first=first, errors=plain.errors + more, tried=())
     return refusals[-1]
-
-
-def _tables(crossing: float, dt: float) -> Iterator[dict[str, Any]]:
-    """The argument theta as a model's tuning holds it, without thresholds, for each theta_1; `crossing`: T."""
-    d = PREDICTORS * max(1, round(crossing / 4 / dt / PREDICTORS)) * dt
-    for theta_1 in PEAKS:
-        yield {
-            "kind": "adaptive",
-            "theta_1": theta_1,
-            "rise_time": two(d / 4),
-            "rate": two(1 / (3 * d)),
-            "innovation": {"kind": "staggered", "d": d, "predictors": PREDICTORS},
-        }
 
 
 def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -> First:

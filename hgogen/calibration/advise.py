@@ -129,7 +129,7 @@ def advise(
     done: dict[str, Advised | str] = {}
     for _, form in ask.usable[:1]:
         ask.scale(form)  # refuses what is no period and no noise before a process is started
-    for name, one in Workers(ask, jobs).results(_of, names):
+    for name, one in Workers(ask, jobs).results(_Ask.of, names):
         done[name] = one
         each(name)
     advised = tuple(one for name in names if isinstance(one := done[name], Advised))
@@ -160,8 +160,8 @@ class _Ask:
             return base
         return replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
 
-    def of(self, name: str) -> Advised | str:
-        """On the first form that admits the observer, or why there is none."""
+    def of(self, name: str) -> tuple[str, Advised | str]:
+        """The name, and what is advised on the first form that admits the observer, or why there is none."""
         refusals = ["the plant is in none of its forms"]
         for row, form in self.usable:
             base = self.scale(form)
@@ -170,8 +170,8 @@ class _Ask:
             except HgogenError as error:
                 refusals.append(str(error))
                 continue
-            return first if isinstance(first, str) else self._tried(first, row, base)
-        return refusals[:2][-1]
+            return name, first if isinstance(first, str) else self._tried(first, row, base)
+        return name, refusals[:2][-1]
 
     def _tried(self, first: First, row: Row, base: Scale) -> Advised:
         observer = getattr(every, first.observer)
@@ -205,10 +205,6 @@ class _Ask:
             rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
         names = [s.name for s in step.states]
         return metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True))
-
-
-def _of(ask: _Ask, name: str) -> tuple[str, Advised | str]:
-    return name, ask.of(name)
 
 
 def tau(n: int) -> float:

@@ -200,7 +200,10 @@ class Search:
     def search(self) -> Asking[Tuned | None]:
         """The best scale of the grid, and of those between it and its neighbours; None where none makes a step."""
         noisier = {name: 2 * sigma for name, sigma in self.base.noise.items()}
-        maxima = (yield from self._maxima()) if self._reads(noise=noisier) else ()
+        maxima: tuple[Noise, ...] = ()
+        if self._reads(noise=noisier):
+            ended = yield [Start(self.row, number) for number in range(len(STARTS))]
+            maxima = self.task.likelihood(self.row).maxima(ended)
         errors = yield from self._tried(self._grid(maxima))
         if errors:
             for others in (self._between, self._shaped):
@@ -216,10 +219,6 @@ class Search:
         likelihood = self.task.likelihood(self.row) if noise else None
         tried = tuple((self.scales[k], float(np.sqrt(e.mean()))) for k, e in errors.items())
         return Tuned(self.name, first, self.scales[best], noise, likelihood, self.task.sampling, judged, tried)
-
-    def _maxima(self) -> Asking[tuple[Noise, ...]]:
-        ended = yield [Start(self.row, number) for number in range(len(STARTS))]
-        return self.task.likelihood(self.row).maxima(ended)
 
     def _tried(self, scales: Iterable[Scale]) -> Asking[dict[int, Array]]:
         """E_s of each scale that makes a step which is not lost, by its number."""
@@ -248,10 +247,8 @@ class Search:
             "longest": lambda value: replace(middle, longest=value),
         }
         for name, of in varied.items():
-            value, every_value = getattr(middle, name), [getattr(self.scales[k], name) for k in tried]
-            neighbours = (
-                sorted(o for o in every_value if o < value)[-1:] + sorted(o for o in every_value if o > value)[:1]
-            )
+            value, every_value = getattr(middle, name), sorted(getattr(self.scales[k], name) for k in tried)
+            neighbours = [o for o in every_value if o < value][-1:] + [o for o in every_value if o > value][:1]
             yield from (of(two((value * other) ** 0.5)) for other in neighbours)
 
     def _shaped(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:

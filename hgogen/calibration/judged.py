@@ -101,7 +101,10 @@ def _of_step(
 
 
 def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, ...]) -> tuple[Judged, ...]:
-    rates = _rates(plant)
+    # the states that are by definition the rate of an output, or minus it: its number and the sign
+    flow = dict(zip(plant.states, plant.flow, strict=True))
+    signed = [(sign * flow[x], j, sign) for j, x in enumerate(plant.output) if x in flow for sign in (1, -1)]
+    rates = {str(rate): (j, sign) for rate, j, sign in signed if rate in plant.states}
     errors: dict[str, dict[int, list[Array]]] = {name: {h: [] for h in ahead} for name in (COPYING, DIFFERENCING)}
     hidden: dict[str, list[Array]] = {}
     for held in records:
@@ -136,15 +139,6 @@ def _last_two(y: Array) -> tuple[Array, Array, Array]:
     last = held_last(y)
     change = last - np.take_along_axis(last, np.maximum(before, 0), axis=0)
     return last, count - at, np.where(there, change, 0.0) / np.where(there, at - before, 1)
-
-
-def _rates(plant: System) -> dict[str, tuple[int, int]]:
-    """The states that are by definition the rate of an output, or minus it: its number and the sign."""
-    flow = dict(zip(plant.states, plant.flow, strict=True))
-    shown = {x: j for j, x in enumerate(plant.output) if x in flow}
-    return {
-        str(sign * flow[x]): (j, sign) for x, j in shown.items() for sign in (1, -1) if sign * flow[x] in plant.states
-    }
 
 
 def _rms(parts: Sequence[Array]) -> list[float]:

@@ -4,7 +4,7 @@ F by classical Runge-Kutta, a sample on, Q diagonal. It is maximised over log Q_
 gradients (identification/innovations.py), from several starts: it has several maxima.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -74,7 +74,13 @@ class Likelihood:
     def maxima(self, ended: Iterable[Ended]) -> tuple[Noise, ...]:
         """The maxima at which searches ended: those that settled, then the others, the most likely first."""
         finite = [one for one in ended if np.isfinite(one[0])]
-        return tuple(self._noise(*one) for one in _distinct(sorted(finite, key=lambda one: (not one[2], -one[0]))))
+        maxima, places = list[Noise](), list[Array]()
+        for one in sorted(finite, key=lambda one: (not one[2], -one[0])):
+            place = np.maximum(one[1], -BOUND / 2)  # noise at its lower bound is none, however small
+            if not any(np.abs(place - other).max() < SAME for other in places):
+                places.append(place)
+                maxima.append(self._noise(*one))
+        return tuple(maxima)
 
     def innovations(self, noise: Noise, record: Log) -> tuple[Array, ...]:
         """e (N - 1, p) and its variances s, NaN where nothing was measured."""
@@ -104,23 +110,17 @@ class Likelihood:
         model = open_loop(self.form, self.records[0].dt, self.between, self.steps)
         z, g = ca.SX.sym("z", n), ca.SX.sym("g", len(self._noisy) + p)
         now, then = (ca.SX.sym(name, len(self.form.system.inputs)) for name in ("now", "then"))
+        dt, order = self.records[0].dt, list(self._noisy)
+        process = [
+            q * dt * (ca.exp(g[order.index(name)]) if name in order else SURE) for name, q in self.scale.units.items()
+        ]
         samples = [unit**2 * ca.exp(g[len(self._noisy) + j]) for j, unit in enumerate(self.scale.outputs.values())]
         return Innovations(
             ca.Function("move", [z, now, then, g], [model.move(z, now, then)]),
             ca.Function("read", [z, now, g], [model.read(z, now)]),
-            ca.Function("process", [g, ca.SX.sym("Phi", n, n)], [ca.diag(self._process(g))]),
+            ca.Function("process", [g, ca.SX.sym("Phi", n, n)], [ca.diag(ca.vertcat(*process))]),
             ca.Function("sensor", [g], [ca.vertcat(*samples)]),
             np.array([[-np.inf] * n, [np.inf] * n]),  # its dynamics are taken in the box
-        )
-
-    def _process(self, g: Any) -> Any:
-        """Q dt, of the coordinates in their order."""
-        dt, order = self.records[0].dt, list(self._noisy)
-        return ca.vertcat(
-            *(
-                q * dt * (ca.exp(g[order.index(name)]) if name in order else SURE)
-                for name, q in self.scale.units.items()
-            )
         )
 
     def _over(self, record: Log, g: Any) -> tuple[Any, Any, Any]:
@@ -132,7 +132,7 @@ class Likelihood:
         system = self.form.system
         shown = dict(zip(system.output, record.y.T, strict=True))
         states = [signal for signal, _ in self.form.estimates]
-        x = [_first(shown[s]) if s in shown else resting(s) for s in states]
+        x = [float(shown[s][np.isfinite(shown[s])][0]) if s in shown else resting(s) for s in states]
         model = open_loop(self.form, self.records[0].dt, self.between)
         z = np.array(model.enter(x, record.u[0])).ravel()
         P = np.diag([s * s / 4 for s in self.scale.states.values()])
@@ -142,20 +142,5 @@ class Likelihood:
     def _solver(self) -> Any:
         g = ca.MX.sym("g", len(self._noisy) + len(self.form.output))
         total = sum(ca.sum2(self._over(record, g)[0]) for record in self.records)
-        return ca.nlpsol(
-            "likelihood", "ipopt", {"x": g, "f": total / sum(len(r.y) - 1 for r in self.records)}, _OPTIONS
-        )
-
-
-def _first(values: Array) -> float:
-    return float(values[np.flatnonzero(np.isfinite(values))[0]])
-
-
-def _distinct(ended: Sequence[Ended]) -> Iterator[Ended]:
-    """Each maximum once; noise at its lower bound is none, however small."""
-    seen: list[Array] = []
-    for one in ended:
-        place = np.maximum(one[1], -BOUND / 2)
-        if not any(np.abs(place - other).max() < SAME for other in seen):
-            seen.append(place)
-            yield one
+        count = sum(len(record.y) - 1 for record in self.records)
+        return ca.nlpsol("likelihood", "ipopt", {"x": g, "f": total / count}, _OPTIONS)

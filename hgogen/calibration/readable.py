@@ -19,15 +19,12 @@ def readable(plant: System, record: Log, number: int) -> Log:
     y = np.where((there.y >= low) & (there.y <= high), there.y, np.nan)
     for signal, ends, read, column in zip(plant.outputs, ranges, y.T, there.y.T, strict=True):
         if np.isfinite(read).sum() < LEAST:
-            raise BadLog(f"record {number}", _unreadable(signal.name, ends, read, column[np.isfinite(column)]))
+            values, name = column[np.isfinite(column)], signal.name
+            lost, (least, most) = len(values) - int(np.isfinite(read).sum()), np.quantile(values, (0.05, 0.95))
+            raise BadLog(
+                f"record {number}",
+                f"has {len(values)} samples of {name}, of which {lost} would be rejected: they lie about "
+                f"{least:.4g}..{most:.4g}, and the model reads {ends[0]:g}..{ends[1]:g}; check column, unit and sign, "
+                f"or widen the range of {name}",
+            )
     return Log(there.u, y, there.dt)
-
-
-def _unreadable(name: str, ends: np.ndarray, read: np.ndarray, values: np.ndarray) -> str:
-    """Why too few of the `values` of an output can be read, those of them that are in `read` (N,)."""
-    said = f"has {len(values)} samples of {name}, of which"
-    lost, (least, most) = len(values) - int(np.isfinite(read).sum()), np.quantile(values, (0.05, 0.95))
-    return (
-        f"{said} {lost} would be rejected: they lie about {least:.4g}..{most:.4g}, "
-        f"and the model reads {ends[0]:g}..{ends[1]:g}; check column, unit and sign, or widen the range of {name}"
-    )

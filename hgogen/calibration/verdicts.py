@@ -18,8 +18,7 @@ def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
-        _taken(calibration),
-        *_no_better(calibration),
+        *_taken(calibration),
         *_other_horizons(best, judged, where),
         *_without_a_model(best, judged, where),
         *_hidden(best, judged, calibration.truth),
@@ -27,34 +26,27 @@ def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD
     )
 
 
-def _taken(calibration: Calibration) -> str:
-    best, first = calibration.best, calibration.rows[0]
-    measure, rival = _measure(calibration)
+def _taken(calibration: Calibration) -> Iterator[str]:
+    """The row to take, by what gains were chosen, and whether it is worth more than what does without a model."""
+    best, first, states = calibration.best, calibration.rows[0], calibration.truth
+    measure, rival = _ahead(calibration.ahead), "copying the last value"
+    if states:
+        measure = f"by the truth of {', '.join(states)}"
+        rival = "its mean value" if len(states) == 1 else "their mean values"
     said = (
         f"take {best.name}: {measure}, on segments that did not choose its gains, it errs {best.error:.3g} times as "
         f"much as {rival}"
     )
-    others = ", ".join(row.name for row in calibration.tied if row is not best)
     if best is first:
-        return f"{said}, the least of all" + (f"; as well, within the standard error: {others}" if others else "")
-    why = "has a proof" if best.rank[0] < first.rank[0] else "knows its noise" if first.noise is None else "costs less"
-    return f"{said}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
-
-
-def _measure(calibration: Calibration) -> tuple[str, str]:
-    """By what gains were chosen, and what does without a model."""
-    if calibration.truth:
-        return f"by the truth of {', '.join(calibration.truth)}", "its mean value" if len(
-            calibration.truth
-        ) == 1 else "their mean values"
-    return _ahead(calibration.ahead), "copying the last value"
-
-
-def _no_better(calibration: Calibration) -> Iterator[str]:
-    if calibration.best.error >= 1:
-        _, rival = _measure(calibration)
+        others = ", ".join(row.name for row in calibration.tied if row is not best)
+        yield f"{said}, the least of all" + (f"; as well, within the standard error: {others}" if others else "")
+    else:
+        cheaper = "knows its noise" if first.noise is None else "costs less"
+        why = "has a proof" if best.rank[0] < first.rank[0] else cheaper
+        yield f"{said}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
+    if best.error >= 1:
         yield (
-            f"no gains of {calibration.best.name} do better than {rival}: the model does not predict "
+            f"no gains of {best.name} do better than {rival}: the model does not predict "
             "these records; fit its parameters, check ranges, units and period, or give a longer record"
         )
 

@@ -1,6 +1,6 @@
 """What many records are asked for with: their signals, what each starts from, the parameters of each."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -57,7 +57,8 @@ class Asked:
         lengths = {name: len(array) for name, array in (("u", self.u), ("y", self.y)) if array.ndim == 3}
         varied = {place.name: array for place, array in self._parameters.items()} | self._numbers
         lengths |= {name: len(array) for name, array in varied.items() if array.ndim > 1}
-        lengths |= {"starts": len(self.starts)} if self._saved else {}
+        if not isinstance(self.starts, Mapping) and len(self.starts) > 0:
+            lengths["starts"] = len(self.starts)
         if len(set(lengths.values())) > 1:
             listing = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise BadShape(f"different numbers of records ({listing})", "must be one for all")
@@ -95,10 +96,6 @@ class Asked:
                 raise BadShape(f"parameters {name!r}", f"names nothing tunable; that is {', '.join(known)}")
         return {known[name][0]: _values(name, value, known[name][1].size) for name, value in self.parameters.items()}
 
-    @property
-    def _saved(self) -> bool:
-        return not isinstance(self.starts, Mapping) and len(self.starts) > 0
-
     @cached_property
     def _numbers(self) -> dict[str, Array]:
         """The values (B, 1), or (1) for all, of the plant's states that are named."""
@@ -112,17 +109,12 @@ class Asked:
                 wanted = "is no mapping from states to numbers, and no list of saved states, such as many.states"
                 raise BadShape(f"starts = {self.starts!r}", wanted)
             return [self.memory.saved(state) for state in self.starts]
-        made = dict[tuple[float, ...], bytes]()
-        memory = self.memory.saved
-        return [made.get(row) or made.setdefault(row, memory(started(self._named(row)))) for row in self._rows()]
-
-    def _rows(self) -> Iterator[tuple[float, ...]]:
-        if self._numbers:
-            columns = [np.broadcast_to(values.reshape(-1), self.count) for values in self._numbers.values()]
-            yield from zip(*(column.tolist() for column in columns), strict=True)
-
-    def _named(self, row: tuple[float, ...]) -> dict[str, float]:
-        return dict(zip(self.starts, row, strict=True)) if isinstance(self.starts, Mapping) else {}
+        columns = [np.broadcast_to(values.reshape(-1), self.count).tolist() for values in self._numbers.values()]
+        rows, made = list(zip(*columns, strict=True)), dict[tuple[float, ...], bytes]()
+        for row in rows:
+            if row not in made:
+                made[row] = self.memory.saved(started(dict(zip(self.starts, row, strict=True))))
+        return [made[row] for row in rows]
 
 
 def tunable(step: Step) -> dict[str, tuple[Place, Field]]:

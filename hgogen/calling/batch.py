@@ -78,7 +78,8 @@ class Many:
             raise BadGain(f"each = {each!r}", "must be a function of how many records are done, and of how many")
         u, y, number = asked.u, asked.y, asked.count
         results = _Results.of(self.step, y.shape[-2], number, traces, self.real)
-        lanes, threads = self.lanes if engine == "c" else None, _threads(jobs)
+        lanes = self.lanes if engine == "c" else None
+        threads = (os.cpu_count() or 1) if jobs is None else count("jobs", jobs, 1, MOST_THREADS)
         alone = self._alone(u, y, memory, results, engine)
         for done in _threaded(lanes, u, y, memory, results, threads) if lanes else alone:
             if each:
@@ -169,7 +170,10 @@ class _Lanes:
             arrays = (*map(_address, signals), x, traces if results.traced else ctypes.c_void_p(), status)
             call(_address(lanes), ctypes.c_size_t(len(results.x)), width, *arrays)
         self._remembered(memory, records)
-        results.status[:1, first : first + len(records)][:, begun] |= self._anew
+        places = [bit.place for bit in self.step.bits]
+        if UNINITIALISED.place in places:
+            anew = 1 << places.index(UNINITIALISED.place)
+            results.status[:1, first : first + len(records)][:, begun] |= anew
         results.states[first : first + len(records)] = records[:, : results.states.shape[1]]
         return len(records)
 
@@ -182,12 +186,6 @@ class _Lanes:
         missing = records.view(np.uint32)[:, 0] != mark(self.step, self.real)
         records[missing, : len(fresh)] = fresh
         return np.flatnonzero(missing)
-
-    @property
-    def _anew(self) -> int:
-        """The bit of the status that says so."""
-        places = [bit.place for bit in self.step.bits]
-        return 1 << places.index(UNINITIALISED.place) if UNINITIALISED.place in places else 0
 
     @cached_property
     def width(self) -> int:
@@ -282,8 +280,3 @@ def _threaded(lanes: _Lanes, u: Array, y: Array, memory: Memories, results: _Res
         while waiting:
             done += waiting.popleft().result()
             yield done
-
-
-def _threads(jobs: int | None) -> int:
-    """How many there are to be. Raises: `BadGain` for jobs that are no number."""
-    return (os.cpu_count() or 1) if jobs is None else count("jobs", jobs, 1, MOST_THREADS)

@@ -98,9 +98,10 @@ class Uncertainty:
         L, D = self._unit_lower(fields, records, n), values_at(self.step, records, Place("state", "D"))
         return np.asarray((L * D[:, None, :]) @ L.swapaxes(1, 2))
 
-    def rows(self, records: Array) -> Array:
-        """dh/dz (N, p, n)."""
-        return self._rows(records)
+    @cached_property
+    def rows(self) -> Evaluated:
+        """dh/dz (N, p, n) at records (N)."""
+        return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self._clock.u_now))
 
     def variances(self, records: Array) -> Array:
         """r (N, p), a sample's."""
@@ -108,9 +109,10 @@ class Uncertainty:
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
         """P (N, n, n) one sample on, Phi P Phi' + h Q_theta, where the past is forgotten exp(rho h) as much."""
-        Phi, noise = self._transition(records, signals), self._noise(records, signals)
-        growth = np.exp(self.step.dt * self._rho(records))
-        return np.asarray(growth * (Phi @ P @ Phi.swapaxes(1, 2)) + self.step.dt * noise)
+        transition, noise, rho = self._motion
+        Phi = transition(records, signals)
+        growth = np.exp(self.step.dt * rho(records))
+        return np.asarray(growth * (Phi @ P @ Phi.swapaxes(1, 2)) + self.step.dt * noise(records, signals))
 
     def _unit_lower(self, fields: dict[str, Field], records: Array, n: int) -> Array:
         L = np.zeros((len(records), n, n))
@@ -126,27 +128,17 @@ class Uncertainty:
         return clock_of(self.step)
 
     @cached_property
-    def _rows(self) -> Evaluated:
-        return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self._clock.u_now))
-
-    @cached_property
     def _variances(self) -> Evaluated:
         moved = Moved(self.part, self._clock)
         return Evaluated(self.step, ca.vertcat(*(moved.variance(j) for j in range(len(self.step.outputs)))))
 
     @cached_property
-    def _transition(self) -> Evaluated:
-        moved = Moved(self.part, self._clock)
-        return Evaluated(self.step, moved.transition(moved.stages()))
-
-    @cached_property
-    def _noise(self) -> Evaluated:
-        n, noise = self.part.dynamics.n, self.part.factor.size
-        return Evaluated(self.step, sx(self.part.noise()) if noise else ca.SX(n, n))
-
-    @cached_property
-    def _rho(self) -> Evaluated:
-        return Evaluated(self.step, sx(self.part.rho))
+    def _motion(self) -> tuple[Evaluated, ...]:
+        """Phi, Q_theta and rho."""
+        n, moved = self.part.dynamics.n, Moved(self.part, self._clock)
+        noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
+        graphs = (moved.transition(moved.stages()), noise, sx(self.part.rho))
+        return tuple(Evaluated(self.step, graph) for graph in graphs)
 
 
 def _triangle(field: Field, packed: Array, n: int, symmetric: bool = False) -> Array:

@@ -28,15 +28,12 @@ def cache_folder() -> Iterator[Path]:
     this process alone."""
     with ExitStack() as opened:
         try:
-            folder = _private(_named(), opened)
+            named = os.environ.get("XDG_CACHE_HOME", "")
+            above = Path(named) if os.path.isabs(named) else Path.home() / ".cache"
+            folder = _private(above / "hgogen", opened)
         except (CannotWrite, OSError, RuntimeError, ValueError):  # RuntimeError: there is no home
             folder = process_folder()
         yield folder
-
-
-def _named() -> Path:
-    named = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(named) if os.path.isabs(named) else Path.home() / ".cache") / "hgogen"
 
 
 def _private(folder: Path, opened: ExitStack) -> Path:

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
@@ -93,19 +93,16 @@ def compiler() -> str | None:
 def _compiler() -> tuple[str, ...] | None:
     """The C compiler as a command: $CC, which may hold arguments, as in "ccache gcc", else the first of cc, gcc and
     clang that is installed; None where none is."""
-    for words in (*_read(os.environ.get("CC", "")), ["cc"], ["gcc"], ["clang"]):
+    named, commands = os.environ.get("CC", ""), [["cc"], ["gcc"], ["clang"]]
+    if named.strip():
+        with suppress(ValueError):  # a quotation mark that is not closed
+            commands.insert(0, shlex.split(named))
+        commands.insert(0, [named])  # one path, which may hold blanks
+    for words in commands:
         path = shutil.which(words[0])
         if path:
             return path, *words[1:]
     return None
-
-
-def _read(text: str) -> Iterator[list[str]]:
-    """The ways in which $CC can be read: as one path, which may hold blanks, or as a shell would split it."""
-    if text.strip():
-        yield [text]
-        with suppress(ValueError):  # a quotation mark that is not closed
-            yield shlex.split(text)
 
 
 def engine() -> Literal["c", "python"]:

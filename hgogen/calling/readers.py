@@ -88,7 +88,9 @@ class Kept:
         step, status = self.entries(engine)["step"], np.zeros(len(y), self._step.word)
         if engine == "c":
             x, traced = np.zeros((len(y), n), u.dtype), np.zeros((len(y), traces), u.dtype)
-            self._record(u, y, x, traced, status)
+            arrays = (self.record["state"], self.record["params"], u, y, x, traced, status)
+            state, params, *signals = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+            getattr(self._library, f"{self._step.name}_record")(state, params, ctypes.c_size_t(len(y)), *signals)
             return x.astype(float, copy=False), traced.astype(float, copy=False), status
         rows = np.zeros((len(y), n + traces))
         for k, row in enumerate(np.hstack([u, y])):
@@ -113,12 +115,6 @@ class Kept:
         kind = ctypes.PYFUNCTYPE(np.ctypeslib.as_ctypes_type(step.word), ctypes.c_void_p)
         calls = {name: kind((f"{step.name}_kept_{name}", library)) for name in names}
         return {name: partial(call, self.record.ctypes.data) for name, call in calls.items()}
-
-    def _record(self, *arrays: np.ndarray) -> None:
-        step = self._step
-        pointers = [ctypes.c_void_p(self.record[part].ctypes.data) for part in ("state", "params")]
-        call = getattr(self._library, f"{step.name}_record")
-        call(*pointers, ctypes.c_size_t(len(arrays[1])), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,11 +83,10 @@ class Replay:
         for first in range(0, len(self.y), CHUNK):
             u, y = self.u[first : first + CHUNK], self.y[first : first + CHUNK]
             with np.errstate(all="ignore"):
-                yield (
-                    look.apart(y[:, : len(self.outputs)], *self._sections(memory, u, y))
-                    if self.step.apart
-                    else look.moved(y, *self._calls(memory, u, y))
-                )
+                if self.step.apart:
+                    yield look.apart(y[:, : len(self.outputs)], *self._sections(memory, u, y))
+                else:
+                    yield look.moved(y, *self._calls(memory, u, y))
 
     def _sections(self, memory: Kept, u: Array, y: Array) -> tuple[list[Array], Array]:
         """The memory before each output corrects, and after each sample."""
@@ -143,10 +142,11 @@ class _Look:
     def moved(self, y: Array, before: Array, after: Array) -> Innovations:
         """Of a step that integrates with the measurement: `before` and `after` each sample."""
         signals = self._signals(before, after)
+        at, onward, read, slopes = self._model
         first = (values_at(self.step, before, Place("state", "calls"))[:, 0] == 0)[:, None]
-        z = np.where(first, self._z(before)[:, :, 0], self._motion(before, signals)[:, :, 0])
+        z = np.where(first, at(before)[:, :, 0], onward(before, signals)[:, :, 0])
         signals |= {PREDICTED: z}
-        e, C = y - self._there(after, signals)[:, :, 0], self._slopes(after, signals)
+        e, C = y - read(after, signals)[:, :, 0], slopes(after, signals)
         if self.uncertainty is None:
             return Innovations(e, None, None)
         P = self.uncertainty.covariance(before)
@@ -182,27 +182,22 @@ class _Look:
         }
 
     @cached_property
-    def _z(self) -> Evaluated:
-        return Evaluated(self.step, self.step.observer.z)
-
-    @cached_property
-    def _motion(self) -> Evaluated:
-        return Evaluated(self.step, motion(self.step, self.uncertainty))
-
-    @cached_property
     def _read(self) -> Evaluated:
         observer = self.step.observer
         return Evaluated(self.step, observer.dynamics.output(observer.z, clock_of(self.step).u_now))
 
     @cached_property
-    def _there(self) -> Evaluated:
-        z = sym(*PREDICTED, self.step.observer.z.numel())
-        return Evaluated(self.step, self.step.observer.dynamics.output(z, clock_of(self.step).u_now))
-
-    @cached_property
-    def _slopes(self) -> Evaluated:
-        z = sym(*PREDICTED, self.step.observer.z.numel())
-        return Evaluated(self.step, self.step.observer.dynamics.output_jacobian(z, clock_of(self.step).u_now))
+    def _model(self) -> tuple[Evaluated, ...]:
+        """z, z a sample on, and h and dh/dz at a z that is predicted."""
+        observer, u = self.step.observer, clock_of(self.step).u_now
+        z, dynamics = sym(*PREDICTED, observer.z.numel()), observer.dynamics
+        graphs = (
+            observer.z,
+            motion(self.step, self.uncertainty),
+            dynamics.output(z, u),
+            dynamics.output_jacobian(z, u),
+        )
+        return tuple(Evaluated(self.step, graph) for graph in graphs)
 
     @cached_property
     def _slope(self) -> Evaluated:

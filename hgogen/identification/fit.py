@@ -1,4 +1,8 @@
-"""Parameters of a plant from measured records, with what the records tell of them."""
+"""Parameters of a plant from measured records, with what the records tell of them.
+
+A sensor may lag, y' = (h(x, u) - y)/tau, with tau an unknown of the fit. Less than half a sample of it cannot be told
+from none, and of more than a quarter of a record too little is seen.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -6,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from hgogen.identification.lag import lagged
 from hgogen.identification.progress import Progress, Searches, digests
 from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Fit, above
@@ -20,6 +23,7 @@ from hgogen.system import System
 BETWEEN = ("hold", "line")
 EQUAL = 1e-6  # of a cost, as in `above`: less is rounding, and the first start, that of the nominal values, counts
 AGAIN = 4  # passes of a robust fit, each with the corner of the last one's residuals
+LEAST, FIRST, MOST = 0.5, 2.0, 0.25  # of tau: of a sample; of a sample; of a record
 
 
 class CannotFit(BadLog):
@@ -70,6 +74,34 @@ def fit(
     options = {"free": task.free, "offset": task.offset, "between": between, "by": by, "starts": starts, "seed": seed}
     searches = Searches(digests(plant, logs, {**options, "robust": robust}), each, resume)
     return _best(task, searches, starts, np.random.default_rng(seed), AGAIN if robust else 0)
+
+
+def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: float) -> tuple[System, list[Signal]]:
+    """The plant with a state for each of these outputs, and the lags tau as parameters, in the order of the outputs.
+
+    `period`, `duration`: of a sample and of the shortest record, in the plant's time.
+    """
+    low, high = LEAST * period, max(MOST * duration, 2 * FIRST * period)
+    flow, output, states, lags = list(plant.flow), list(plant.output), list(plant.states), list[Signal]()
+    for y in outputs:
+        behind = Signal(f"{y.name}_behind", y.unit, f"{y.name} as its sensor shows it")
+        tau = Signal(f"lag_of_{y.name}", plant.time, f"lag of the sensor of {y.name}", FIRST * period, low, high)
+        row = plant.outputs.index(y)
+        flow.append((output[row] - behind) / tau)
+        output[row] = behind
+        states.append(behind)
+        lags.append(tau)
+    slow = System(
+        plant.name,
+        states=states,
+        inputs=plant.inputs,
+        outputs=plant.outputs,
+        parameters=(*plant.parameters, *lags),
+        flow=flow,
+        output=output,
+        time=plant.time,
+    )
+    return slow, lags
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:

@@ -11,7 +11,7 @@ output shows is known to lie somewhere in its range. M^-1 sigma^2 is the covaria
 T. Soederstroem, P. Stoica, System Identification (1989), chapters 7 and 11.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,13 +53,12 @@ def eliminated(F: Any, A: Any, q: int) -> Array:
 
 def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
     """Values of each output where it was measured, record after record, as tables (N, p) of the records."""
-    return tuple(_tables(records, [iter(values) for values in outputs]))
-
-
-def _tables(records: Sequence[Log], outputs: Sequence[Iterator[float]]) -> Iterator[Array]:
-    for record in records:
-        made = np.full(record.y.shape, np.nan)
-        for j, values in enumerate(outputs):
-            rows = np.flatnonzero(np.isfinite(record.y[:, j]))
-            made[rows, j] = [next(values) for _ in rows]
-        yield made
+    made = [np.full(record.y.shape, np.nan) for record in records]
+    for j, values in enumerate(outputs):
+        begin = 0
+        for record, table in zip(records, made, strict=True):
+            there = np.isfinite(record.y[:, j])
+            end = begin + np.count_nonzero(there)
+            table[there, j] = values[begin:end]
+            begin = end
+    return tuple(made)

@@ -76,15 +76,12 @@ class Innovations:
         y, valid = (ca.SX.sym(name, *self.read.size_out(0)) for name in ("y", "valid"))
         entries = (memory, now, then, y, valid, theta)
         x, P, *rest = self._corrected(memory[:n], ca.reshape(memory[n:], n, n), now, y, valid, theta)
-        moved, Phi = self._linear(x, now, then, theta)
+        at = ca.SX.sym("x", n)
+        moved = self.move(at, now, then, theta)
+        linear = ca.Function("linear", [at, now, then, theta], [moved, ca.jacobian(moved, at)])
+        moved, Phi = linear(x, now, then, theta)
         P = Phi @ P @ Phi.T + self.process(theta, Phi)
         return ca.Function("filter", list(entries), [ca.vertcat(moved, ca.vec(P)), *rest])
-
-    @cached_property
-    def _linear(self) -> Any:
-        x, now, then, theta = (ca.SX.sym("a", *self.move.size_in(i)) for i in range(4))
-        moved = self.move(x, now, then, theta)
-        return ca.Function("linear", [x, now, then, theta], [moved, ca.jacobian(moved, x)])
 
     def _corrected(self, before: Any, P: Any, u: Any, y: Any, valid: Any, theta: Any) -> tuple[Any, ...]:
         """x, P, and cost, e and s."""

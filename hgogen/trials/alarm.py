@@ -31,7 +31,8 @@ def ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 
     Raises: `BadTrial`.
     """
-    threshold = _threshold(step)
+    nominal = {gain.name: gain.initial for gain in step.gains}
+    threshold = nominal.get("gamma_0", nominal.get("centre"))
     if threshold is None:
         return None
     plant, quiet = step.observer.form.system, replace(trial, jumps=(), steady=None)
@@ -45,7 +46,7 @@ def ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
         y = pinned.arriving(noisy(plant, truth, quiet, [seed])[0])
         innovation = pinned.run(truth.u, y, engine).traces["innovation"]
         means.append(np.mean(innovation[len(innovation) // 2 :]))
-    return float(np.median(means)) / threshold
+    return float(np.median(means)) / float(threshold[0])
 
 
 def complaints(each: Iterable[Summary]) -> Iterator[str]:
@@ -58,13 +59,6 @@ def complaints(each: Iterable[Summary]) -> Iterator[str]:
                 f"trial {one.trial!r}: theta does not come back in {one.latched} of {one.seeds} seeds: "
                 f"alarm ratio {one.alarm_ratio:.2g}{advice}"
             )
-
-
-def _threshold(step: CallableStep) -> float | None:
-    """The threshold gamma_0, or the centre of a logistic; None for an observer that has neither."""
-    nominal = {gain.name: gain.initial for gain in step.gains}
-    threshold = nominal.get("gamma_0", nominal.get("centre"))
-    return None if threshold is None else float(threshold[0])
 
 
 def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:

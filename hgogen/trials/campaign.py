@@ -2,7 +2,8 @@
 
 Run k has the noise of seed k and draw k of the Latin hypercube of all runs (`trials/varied.py`): its numbers are the
 same whoever computes it, and after whatever was computed before. Runs go out in batches (`trials/spread.py`); what
-comes back are numbers only.
+comes back are numbers only. Runs that share their inputs are taken by the compiled step at once, which gives of each,
+byte for byte, what `trial.tried` gives.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,15 +25,16 @@ from hgogen.reading.door import Misfit, asks
 from hgogen.reading.given import count
 from hgogen.step import Step, demand_choice
 from hgogen.system import System
-from hgogen.trial import BadTrial, Plant, Trajectory, Trial, Truth, first_memory, tried
+from hgogen.trial import BadTrial, Plant, Trajectory, Trial, Truth, first_memory, records, tried
 from hgogen.trials.metrics import Metrics, metrics
 from hgogen.trials.spread import Workers
-from hgogen.trials.together import HELD, WORTH, Ahead, ahead, together
 from hgogen.trials.varied import Draws, hypercube, varied
 
 MOST = 10_000_000  # runs
 MANY = 64  # runs: fewer are integrated sooner than it takes to compile what does
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
+WORTH = 5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
+HELD = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
 
 
 class BadCampaign(BadArgument):
@@ -126,12 +128,8 @@ def _outcomes(each: Campaign, numbers: Sequence[int], jobs: int | None, schedule
     size = ALONE if each.draws.moves else BATCH
     batches = (numbers[first : first + size] for first in range(0, len(numbers), size))
     pieces = ((batch, each.drawn(batch)) for batch in batches)
-    for outcomes in Workers(ready, jobs, scheduler).results(_worked, pieces):
+    for outcomes in Workers(ready, jobs, scheduler).results(Ready.outcomes, pieces):
         yield from outcomes
-
-
-def _worked(ready: "Ready", piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
-    return list(ready.outcomes(*piece))
 
 
 class Ready:
@@ -165,12 +163,12 @@ class Ready:
         """The campaign, which makes it again: a pickle holds no graphs."""
         return Ready, (self.campaign, self.runs)
 
-    def outcomes(self, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
+    def outcomes(self, piece: tuple[Sequence[int], Draws]) -> list[Outcome]:
         """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made
         together."""
+        numbers, draws = piece
         if not draws.varied and self._truth is not None:
-            yield from self._tried(self._truth, self.campaign.trial, numbers, draws)
-            return
+            return list(self._tried(self._truth, self.campaign.trial, numbers, draws))
         step, later, made = self.campaign.step, list[Ahead](), dict[int, Outcome]()
         named = {number: replace(draws, values=draws.values[row : row + 1]) for row, number in enumerate(numbers)}
         for number, alone in named.items():
@@ -186,14 +184,43 @@ class Ready:
                 made |= {one.run: one for one in self._tried(truth, trial, [number], alone)}
         for one in together(step, self._memory, later) if later else ():
             made[one.seed] = Outcome(one.seed, named[one.seed].named(0), metrics(step, one))
-        yield from (made[number] for number in numbers)
+        return [made[number] for number in numbers]
 
     def _tried(self, truth: Truth, trial: Trial, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
-        for row, trajectory in enumerate(self._trajectories(truth, trial, numbers)):
-            yield Outcome(trajectory.seed, draws.named(row), metrics(self.campaign.step, trajectory))
-
-    def _trajectories(self, truth: Truth, trial: Trial, numbers: Sequence[int]) -> Iterator[Trajectory]:
         step = self.campaign.step
-        if not self._together:
-            return tried(step, trial, truth, self._memory, numbers, self.campaign.engine)
-        return chain.from_iterable(together(step, self._memory, runs) for runs in ahead(step, trial, truth, numbers))
+        each: Iterator[Trajectory]
+        if self._together:
+            runs = ahead(step, trial, truth, numbers)
+            each = chain.from_iterable(together(step, self._memory, some) for some in runs)
+        else:
+            each = tried(step, trial, truth, self._memory, numbers, self.campaign.engine)
+        for row, trajectory in enumerate(each):
+            yield Outcome(trajectory.seed, draws.named(row), metrics(step, trajectory))
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """A run before it is taken: its trial, seed and truth, the inputs u (N, m), and what is measured, y (N, p)."""
+
+    trial: Trial
+    seed: int
+    truth: Truth
+    u: np.ndarray
+    y: np.ndarray
+
+
+def ahead(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) -> Iterator[list[Ahead]]:
+    """The runs of seeds, as many as are made at once."""
+    for some, u, measured in records(step, trial, truth, seeds):
+        yield [Ahead(trial, seed, truth, u, y) for seed, y in zip(some, measured, strict=True)]
+
+
+def together(step: CallableStep, start: bytes, runs: Sequence[Ahead]) -> Iterator[Trajectory]:
+    """The compiled step over runs with the same inputs, from the memory `start`."""
+    step.restore(start)
+    y = np.stack([step.arriving(one.y) for one in runs])
+    many = step.run_many(runs[0].u, y, jobs=1, traces=True, engine="c")
+    for k, one in enumerate(runs):
+        x, status = (np.ascontiguousarray(array[k]) for array in (many.x, many.status))
+        traces = {name: np.ascontiguousarray(values[k]) for name, values in many.traces.items()}
+        yield Trajectory(one.trial, one.seed, one.truth, one.y, x, traces, status, "c")

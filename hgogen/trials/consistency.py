@@ -64,7 +64,28 @@ class Consistency:
 
     def sentences(self) -> tuple[str, ...]:
         """What is not as the observer says."""
-        return tuple(_sentences(self))
+        said = []
+        for one in self.outputs:
+            if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
+                factor = math.sqrt(one.nis)
+                said.append(
+                    f"innovations of {one.output} are {factor:.3g} times as large as the observer takes them to be: "
+                    f"{'R, Q or both are too small, or the model is wrong' if one.nis > 1 else 'R or Q is too large'}"
+                )
+            if one.whiteness is not None and not one.whiteness.white:
+                said.append(
+                    f"innovations of {one.output} are not white (Ljung-Box {one.whiteness.statistic:.3g}, limit "
+                    f"{one.whiteness.limit:.3g}): they can be predicted, so that the model, the gains, or the time of "
+                    "an input or sensor is off"
+                )
+        states = self.states
+        if states is not None and not states.band[0] <= states.nees <= states.band[1]:
+            factor = math.sqrt(states.nees / len(states.states))
+            said.append(
+                f"by the truth, errors of {', '.join(states.states)} are {factor:.3g} times as large as the covariance "
+                f"says: it is {'too sure' if factor > 1 else 'too careful'}"
+            )
+        return tuple(said)
 
 
 @asks(Run, "a run, as step.run gives it")
@@ -128,26 +149,3 @@ def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
             steps = f"{', '.join(str(one.ahead) for one in worse)} step{'s' * (worse[-1].ahead != 1)} ahead"
             errors = ", ".join(f"{one.model:.3g} for {one.copying:.3g}" for one in worse)
             yield f"{output}: worse than copying at {steps}, by RMS errors of {errors}; {_LATER}"
-
-
-def _sentences(whole: Consistency) -> Iterator[str]:
-    for one in whole.outputs:
-        if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
-            factor, more = math.sqrt(one.nis), one.nis > 1
-            yield (
-                f"innovations of {one.output} are {factor:.3g} times as large as the observer takes them to be: "
-                f"{'R, Q or both are too small, or the model is wrong' if more else 'R or Q is too large'}"
-            )
-        if one.whiteness is not None and not one.whiteness.white:
-            yield (
-                f"innovations of {one.output} are not white (Ljung-Box {one.whiteness.statistic:.3g}, limit "
-                f"{one.whiteness.limit:.3g}): they can be predicted, so that the model, the gains, or the time of an "
-                "input or sensor is off"
-            )
-    states = whole.states
-    if states is not None and not states.band[0] <= states.nees <= states.band[1]:
-        factor = math.sqrt(states.nees / len(states.states))
-        yield (
-            f"by the truth, errors of {', '.join(states.states)} are {factor:.3g} times as large as the covariance "
-            f"says: it is {'too sure' if factor > 1 else 'too careful'}"
-        )

@@ -8,7 +8,7 @@ theirs on one trajectory of a trial, without noise: shown in trials, and proved 
 fallen to a millionth since an event, rounding and the step's remainder begin to count, and the rest is left out.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.calling.covariances import Uncertainty, uncertainty
+from hgogen.calling.covariances import uncertainty
 from hgogen.calling.samples import Engine, Run
 from hgogen.form import Form
 from hgogen.graph import to_casadi
@@ -60,7 +60,10 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
     run = step.run(u=u, y=step.arriving(next(iter(measured))), engine=engine)
     P, e = _in_form(step.observer.form, run, truth.x, u)
     there = np.isfinite(P).all(axis=(1, 2)) & np.isfinite(e).all(axis=1)
-    P, e, Delta = P[there], e[there], _delta(known, run.traces, len(there))[there]
+    P, e = P[there], e[there]
+    scaling, peak = known.part.scaling, known.part.theta.peak
+    theta = run.traces.get("theta", np.full(len(there), peak))[:, None]
+    Delta = (theta ** -(np.array(scaling.states, dtype=float) + scaling.gauge / 2))[there]  # with theta^(-g/2)
     spread = np.linalg.eigvalsh(P * Delta[:, :, None] * Delta[:, None, :])
     if not (spread.size and (spread > 0).all()):
         return None
@@ -83,13 +86,6 @@ def _in_form(form: Form, run: Run, truth: np.ndarray, u: np.ndarray) -> tuple[np
     P = run.covariance
     assert P is not None  # the step has one
     return slope @ P @ slope.swapaxes(1, 2), (estimate - np.array(there(truth.T, u.T)[0])).T
-
-
-def _delta(known: Uncertainty, traces: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-    """The diagonals (N, n) by which P is scaled: theta^(-g/2) Delta at each sample."""
-    scaling, peak = known.part.scaling, known.part.theta.peak
-    theta = traces.get("theta", np.full(count, peak))[:, None]
-    return np.asarray(theta ** -(np.array(scaling.states, dtype=float) + scaling.gauge / 2))
 
 
 def _ratios(t: np.ndarray, V: np.ndarray, trial: Trial) -> Iterator[tuple[float, float]]:

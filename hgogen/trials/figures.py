@@ -40,21 +40,7 @@ STYLE: Any = {
     "svg.fonttype": "path",
 }
 GREEK = (
-    *(
-        "alpha",
-        "beta",
-        "gamma",
-        "delta",
-        "epsilon",
-        "zeta",
-        "eta",
-        "theta",
-        "kappa",
-        "lambda",
-        "mu",
-        "nu",
-        "xi",
-    ),
+    *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi"),
     *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
 )
 WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
@@ -100,15 +86,24 @@ def fitted(plant: System, t: np.ndarray, measured: np.ndarray, fitted: np.ndarra
 
 def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> Figure:
     """One panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
-    special = {"innovation": _innovation, "theta": _theta}
-    shown = [*(name for name in special if name in traces), *(name for name in traces if name not in special)]
+    first = [name for name in ("innovation", "theta") if name in traces]
+    shown = [*first, *(name for name in traces if name not in first)]
+    fields = {field.name: field for field in step.state}
     with rc_context(STYLE):
         figure, axes = panels(len(shown), t, step.time, top=0.24)
         for axis, name in zip(axes, shown, strict=True):
-            if name in special:
-                special[name](axis, step, t, traces[name])
+            values = traces[name]
+            if name == "innovation":
+                _innovation(axis, step, t, values)
+                continue
+            axis.plot(*thin(t, values), color=TRUTH)
+            if name == "theta":
+                axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
+                axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+                unit, meaning = "", "high-gain parameter (1: extended Kalman filter)"
             else:
-                _trace(axis, step, t, name, traces[name])
+                unit, meaning = (step.unit(fields[name]), fields[name].meaning) if name in fields else ("", name)
+            caption(axis, name, unit, meaning)
     return figure
 
 
@@ -136,8 +131,7 @@ def errors(
             for k, (name, error) in enumerate(of.items()):
                 size = np.maximum.reduceat(np.abs(error[:, i]), first)
                 shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
-                look: Any = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
-                axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look)
+                axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look(k))
             if signal.name in bounds:
                 axis.axhline(bounds[signal.name], color=TRUTH, linestyle=":", linewidth=0.8, label="proved")
             caption(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
@@ -158,9 +152,8 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
         )
         every = sorted({theta for points in noise.values() for theta, _ in points})
         for k, name in enumerate(noise):
-            look: Any = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
             for axis, points in zip(axes, (settled[name], noise[name]), strict=True):
-                axis.loglog(*np.array(points or [(np.nan, np.nan)]).T, marker=".", label=name, **look)
+                axis.loglog(*np.array(points or [(np.nan, np.nan)]).T, marker=".", label=name, **look(k))
         axes[0].set_xlim(every[0], every[-1] if len(every) > 1 else every[0] + 1)
         axes[0].set_title("time to settle", loc="left", pad=3)
         axes[0].set_ylabel(unit)
@@ -179,15 +172,20 @@ def response(continuous: Response, sampled: Response, unit: str) -> Figure:
         figure, axes = panels(len(continuous.states), continuous.omega, unit)
         for i, (axis, state) in enumerate(zip(axes, continuous.states, strict=True)):
             for j, output in enumerate(continuous.outputs):
-                for one, name, look in drawn:
+                for one, name, style in drawn:
                     label = f"{output}, {name}" if several else name
-                    axis.loglog(one.omega, one.gain[:, i, j], label=label, alpha=0.7**j, **look)
+                    axis.loglog(one.omega, one.gain[:, i, j], label=label, alpha=0.7**j, **style)
             axis.axhline(1, color=MEASURED, linewidth=0.6)
             axis.set_ylabel(f"|H| to {_symbol(state)}")
         axes[-1].set_xlabel(f"frequency of the noise (rad/{unit})")
         names = [str(line.get_label()) for line in axes[0].get_lines()]
         legend(figure, axes, [name for name in names if not name.startswith("_")])
     return figure
+
+
+def look(k: int) -> Any:
+    """The colour and the dashes of line number k of many."""
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
 
 
 def measured_as(step: Step, state: Signal) -> int | None:
@@ -220,20 +218,6 @@ def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> No
     units = {s.unit for s in step.outputs}
     unit = f"{units.pop()}² {step.time}" if len(units) == 1 and "" not in units else f"y² {step.time}"
     caption(axis, "I_d", unit, "innovation over the window d")
-
-
-def _theta(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
-    axis.plot(*thin(t, values), color=TRUTH)
-    axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
-    axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
-    caption(axis, "theta", "", "high-gain parameter (1: extended Kalman filter)")
-
-
-def _trace(axis: Axes, step: Step, t: np.ndarray, name: str, values: np.ndarray) -> None:
-    axis.plot(*thin(t, values), color=TRUTH)
-    fields = {field.name: field for field in step.state}
-    unit, meaning = (step.unit(fields[name]), fields[name].meaning) if name in fields else ("", name)
-    caption(axis, name, unit, meaning)
 
 
 def _symbol(name: str) -> str:
@@ -271,22 +255,17 @@ def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth"
     """Names the lines above the panels, once each."""
     lines = {line.get_label(): line for axis in axes for line in (*axis.get_lines(), *axis.collections)}
     order = [name for name in names if name in lines]
+    room = int(WIDTH / (HANDLE + LETTER * max(map(len, order))))  # for so many columns
     figure.legend(
         [lines[name] for name in order],
         order,
         loc="upper right",
-        ncols=_columns(order),
+        ncols=max(1, min(len(order), COLUMNS, room)),
         bbox_to_anchor=(0.96, 1.0),
         borderaxespad=0.2,
         handlelength=1.6,
         columnspacing=1.4,
     )
-
-
-def _columns(names: Sequence[str]) -> int:
-    """How many columns of a legend have room for all names."""
-    room = int(WIDTH / (HANDLE + LETTER * max(map(len, names))))
-    return max(1, min(len(names), COLUMNS, room))
 
 
 def thin(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

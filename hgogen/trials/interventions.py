@@ -1,6 +1,6 @@
 """When the law of recovery acted on an estimate: restarts from the sample and projections onto the ranges."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,16 +30,12 @@ class Interventions:
     def sentence(self, unit: str) -> str:
         """A clause such as "2 restarts from the sample (t = 1.2, 3 s), 1 projection onto the ranges (t = .4 s)"."""
         named = (("restart", "from the sample", self.restarts), ("projection", "onto the ranges", self.projections))
-        parts = [
-            f"{len(t)} {what}{'s' * (len(t) != 1)} {where} (t = {_times(t)} {unit})" for what, where, t in named if t
-        ]
+        parts = []
+        for what, where, times in named:
+            if times:
+                shown = ", ".join(f"{t:.4g}" for t in sorted(times)[:_SHOWN]) + ", .." * (len(times) > _SHOWN)
+                parts.append(f"{len(times)} {what}{'s' * (len(times) != 1)} {where} (t = {shown} {unit})")
         return ", ".join(parts) + f" in {self.runs} runs" * (self.runs > 1)
-
-
-def _times(times: Iterable[float]) -> str:
-    first, *others = sorted(times)
-    more = ", .." * (len(others) >= _SHOWN)
-    return ", ".join(f"{t:.4g}" for t in (first, *others[: _SHOWN - 1])) + more
 
 
 def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Interventions:

@@ -168,6 +168,7 @@ class Summary:
 def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:
     """The metrics of all seeds (at least one) in one; `unit`: that of the plant's time."""
     events = list(zip(*(m.responses for m in each), strict=True))
+    settled = [[r.settled for r in event] for event in events]
     peaks = [_present(r.peak for r in event) for event in events]
     triggers = [_present(r.triggers for r in event) for event in events]
     louds = [_present(r.loud for r in event) for event in events]
@@ -177,8 +178,8 @@ def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = N
         seeds=len(each),
         engine=each[0].engine,
         times=tuple(event[0].time for event in events),
-        settled=tuple(median(r.settled for r in event) for event in events),
-        worst=tuple(_worst(r.settled for r in event) for event in events),
+        settled=tuple(map(median, settled)),
+        worst=tuple(None if None in times else max(_present(times)) for times in settled),
         peak=tuple((min(p), max(p)) if p else None for p in peaks),
         calm=tuple(median(r.calm for r in event) for event in events),
         triggered=tuple(float(np.mean([n > 0 for n in count])) if count else None for count in triggers),
@@ -198,8 +199,3 @@ def median(values: Iterable[float | None]) -> float | None:
     """The middle of times, where None counts as infinitely late."""
     middle = float(np.median([math.inf if value is None else value for value in values]))
     return middle if math.isfinite(middle) else None
-
-
-def _worst(values: Iterable[float | None]) -> float | None:
-    listed = list(values)
-    return None if None in listed else max(_present(listed))

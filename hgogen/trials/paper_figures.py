@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from hgogen.guarantees.formulas import core_eigenvalues, gain_of_poles, inside_parabola
 from hgogen.kalman.mu import Logistic, Smoothstep
 from hgogen.program import sym
-from hgogen.trials.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, panels, thin
+from hgogen.trials.figures import COLOURS, DASHES, ESTIMATE, STYLE, TRUTH, WIDTH, look, panels, thin
 
 _HEIGHT, _POINTS = 2.6, 600
 _OUT = "#cc00cc"  # the paper's magenta
@@ -78,11 +78,14 @@ def sizes(t: np.ndarray, of: Mapping[str, np.ndarray], unit: str) -> Figure:
 
 def share(of: Mapping[str, Smoothstep | Logistic], most: float, unit: str) -> Figure:
     """mu over the innovation, from 0 to `most`, by names."""
-    innovation = np.linspace(0, most, _POINTS)
+    innovation, at = np.linspace(0, most, _POINTS), ca.SX.sym("I")
     with rc_context(STYLE):
         figure, (axis,) = panels(1, innovation, unit)
         for k, (name, law) in enumerate(of.items()):
-            axis.plot(innovation, _values(law, innovation), color=COLOURS[k % 7], linestyle=DASHES[k % 4], label=name)
+            gains, values = zip(*((sym("gain", gain.name), ca.SX(gain.initial[0])) for gain in law.gains), strict=True)
+            graph = ca.substitute([law.of(at)], list(gains), list(values))  # the program's own
+            mu = np.array(ca.Function("mu", [at], graph)(innovation[None])).ravel()
+            axis.plot(innovation, mu, color=COLOURS[k % 7], linestyle=DASHES[k % 4], label=name)
         axis.set_ylabel(r"$\mu$")
         axis.set_xlabel(f"innovation $I_d$ ({unit})")
         _named(figure)
@@ -96,18 +99,11 @@ def thetas(theta_0: float, rate: float, count: int, period: float, end: float, u
         figure, (axis,) = panels(1, t, unit)
         for k in range(count):
             since = np.where(t < k * period, t, (t - k * period) % (count * period))  # all begin at theta_0
-            axis.plot(t, 1 + (theta_0 - 1) * np.exp(-rate * since), color=COLOURS[k % 7], linestyle=DASHES[k // 7 % 4])
+            axis.plot(t, 1 + (theta_0 - 1) * np.exp(-rate * since), **look(k))
         axis.axhline(1, color=TRUTH, linewidth=0.5)
         axis.set_ylabel(r"$\theta$")
         axis.set_ylim(0, 1.05 * theta_0)
     return figure
-
-
-def _values(law: Smoothstep | Logistic, innovation: np.ndarray) -> np.ndarray:
-    """mu, of the program's own graph."""
-    at, gains = ca.SX.sym("I"), [(sym("gain", gain.name), ca.SX(gain.initial[0])) for gain in law.gains]
-    mu = ca.substitute([law.of(at)], *map(list, zip(*gains, strict=True)))
-    return np.array(ca.Function("mu", [at], mu)(innovation[None])).ravel()
 
 
 def _named(figure: Figure) -> None:

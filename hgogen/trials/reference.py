@@ -13,7 +13,7 @@ order 1, because it applies dt (y - h) at the samples in place of the integral, 
 step holds. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4)-(6).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -28,10 +28,10 @@ from hgogen.errors import HgogenError
 from hgogen.graph import CVODES, Graph
 from hgogen.kalman.covariance import information_ode
 from hgogen.kalman.predictor import Predictors
-from hgogen.kalman.riccati_part import HighGain, Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import Decaying
 from hgogen.observer import Observer
-from hgogen.part import Clock, Ode, Part, Pieces
+from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import Block, Place, sym
 from hgogen.reading.door import asks
 from hgogen.step import Step, plan
@@ -69,8 +69,11 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
     observer = source.observer if isinstance(source, Step) else source
     if isinstance(source, Step):
         dt, between = source.dt, source.between
-    fine = replace(observer, parts=tuple(map(_refined, observer.parts)))
-    step = plan(fine, Continuous(), dt, between)
+    fine = [
+        replace(part, predictor=replace(part.predictor, tableau=FINE)) if isinstance(part, Predictors) else part
+        for part in observer.parts
+    ]
+    step = plan(replace(observer, parts=tuple(fine)), Continuous(), dt, between)
     y = table("y", y, step.outputs, None)
     u = table("u", u, step.inputs, len(y))
     x, traces, status = Machine(step, partial(_bound, step)).record(u, y)
@@ -82,11 +85,6 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
         status=status,
         engine="cvodes",
     )
-
-
-def _refined(part: Part) -> Part:
-    """Predictors by small steps, any other part as it is."""
-    return replace(part, predictor=replace(part.predictor, tableau=FINE)) if isinstance(part, Predictors) else part
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,10 @@ class Continuous:
         """z and S, theta as it is between two samples."""
 
         def now(graph: Graph, time: Graph) -> Graph:
-            return ca.substitute(graph, part.theta.value, _after(part.theta, time))
+            if not isinstance(part.theta, Decaying):
+                return graph  # theta is held
+            theta = 1 + (part.theta.value - 1) * ca.exp(-sym("gain", "rate") * time)
+            return ca.substitute(graph, part.theta.value, theta)
 
         return self._moved(information_ode(part), clock, now)
 
@@ -131,13 +132,6 @@ class Continuous:
         return Pieces(fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True)
 
 
-def _after(theta: HighGain, time: Graph) -> Graph:
-    """The value of theta a time after the last sample: a decaying one decays on, any other is held."""
-    if isinstance(theta, Decaying):
-        return 1 + (theta.value - 1) * ca.exp(-sym("gain", "rate") * time)
-    return theta.value
-
-
 def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
     """A block that reads the time gives rates, along which its places move until the next sample."""
     arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
@@ -146,7 +140,10 @@ def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
     moving = {place: arrays.pop(place) for place in block.writes}
     results = [np.zeros_like(array) for array in moving.values()]
     ends = np.cumsum([len(array) for array in results])[:-1]
-    solver = _solver(block, moving, arrays, step.dt)
+    sizes = dict(block.reads)
+    state, fixed = (ca.vertcat(*(sym(*place, sizes[place]) for place in places)) for places in (moving, arrays))
+    ode = {"x": state, "p": fixed, "t": sym(*TIME), "ode": ca.vertcat(*block.writes.values())}
+    solver = ca.integrator("flow", "cvodes", ode, 0.0, step.dt, OPTIONS)
 
     def run() -> None:
         try:
@@ -157,11 +154,3 @@ def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
             result[:] = values
 
     return run, results
-
-
-def _solver(block: Block, moving: Iterable[Place], fixed: Iterable[Place], dt: float) -> Any:
-    """The integrator CVODES from one sample to the next, of the places `moving`; the places `fixed` are parameters."""
-    sizes = dict(block.reads)
-    state, parameters = (ca.vertcat(*(sym(*place, sizes[place]) for place in places)) for places in (moving, fixed))
-    ode = {"x": state, "p": parameters, "t": sym(*TIME), "ode": ca.vertcat(*block.writes.values())}
-    return ca.integrator("flow", "cvodes", ode, 0.0, dt, OPTIONS)

@@ -132,7 +132,12 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
     """The map that mends output j, if one fits."""
     values = y[np.isfinite(y[:, j]), j]
     unit = step.outputs[j].unit
-    maps = [one for one in (*MAPS, *_offset(values, ends)) if not one.units or not unit or unit in one.units]
+    maps = [one for one in MAPS if not one.units or not unit or unit in one.units]
+    middle = float(np.median(values)) - (ends[0] + ends[1]) / 2
+    shift = float(f"{-middle:.3g}") if math.isfinite(middle) else 0.0
+    if shift:  # an offset brings the middle of the values to that of the range
+        text = f"{{}} {'+' if shift > 0 else '-'} {abs(shift):g}"
+        maps.append(Map(text, 1.0, shift, f"an offset of about {-shift:g}, unless the range is too narrow"))
     fitting = [one for one in maps if _inside(one, values, ends) >= FITS]
     errors = [_error(step, u, y, j, one, engine) for one in fitting]
     as_well = [one for one, error in zip(fitting, errors, strict=True) if error <= AS_WELL * min(errors)]
@@ -142,15 +147,6 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
 def _known(one: Map) -> tuple[bool, bool, float]:
     """How well known the cause is: of units first, an offset last; then by how the values fill the range."""
     return bool(one.units), not one.shift, abs(one.scale)
-
-
-def _offset(values: Array, ends: tuple[float, float]) -> Iterator[Map]:
-    """The one that brings the middle of the values to that of the range, in three digits."""
-    middle = float(np.median(values)) - (ends[0] + ends[1]) / 2
-    shift = float(f"{-middle:.3g}") if math.isfinite(middle) else 0.0
-    if shift:
-        text = f"{{}} {'+' if shift > 0 else '-'} {abs(shift):g}"
-        yield Map(text, 1.0, shift, f"an offset of about {-shift:g}, unless the range is too narrow")
 
 
 def _inside(one: Map, values: Array, ends: tuple[float, float]) -> float:

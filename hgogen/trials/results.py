@@ -40,26 +40,19 @@ def outcome(each: Campaign, text: str) -> Outcome | None:
     """The outcome of a campaign that a line holds; None where it holds none."""
     try:
         row = json.loads(text)
-        one = Outcome(**{**row, "metrics": None if row["metrics"] is None else _metrics(row["metrics"])})
+        values = row["metrics"]
+        if values is not None:
+            responses = tuple(Response(**one) for one in values["responses"])
+            values = Metrics(**{**values, "responses": responses})
+        one = Outcome(**{**row, "metrics": values})
     except (ValueError, TypeError, KeyError, RecursionError):
         return None
-    return one if _was_drawn(each, one) and (_has_failed(one) or _was_measured(each, one)) else None
-
-
-def _metrics(values: Mapping[str, Any]) -> Metrics:
-    return Metrics(**{**values, "responses": tuple(Response(**one) for one in values["responses"])})
-
-
-def _was_drawn(each: Campaign, one: Outcome) -> bool:
-    """Whether the values of a run are those that were drawn for it. Of noise alone there may be more runs than are
-    asked for now."""
-    if not each.draws.varied:
-        return _is_count(one.run, MOST - 1) and one.varied == {}
-    return _is_count(one.run, len(each.draws) - 1) and one.varied == each.draws.named(one.run)
-
-
-def _has_failed(one: Outcome) -> bool:
-    return one.metrics is None and isinstance(one.failed, str) and one.failed != "" and one.failed.isprintable()
+    failed = one.metrics is None and isinstance(one.failed, str) and one.failed != "" and one.failed.isprintable()
+    if each.draws.varied:
+        drawn = _is_count(one.run, len(each.draws) - 1) and one.varied == each.draws.named(one.run)
+    else:  # of noise alone there may be more runs than are asked for now
+        drawn = _is_count(one.run, MOST - 1) and one.varied == {}
+    return one if drawn and (failed or _was_measured(each, one)) else None
 
 
 def _was_measured(each: Campaign, one: Outcome) -> bool:

@@ -68,10 +68,14 @@ def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -
     for signal, shift, sign, other_u, other_y in _others(step, u, y):
         squares = _squares(step, other_u, other_y, first, scale, engine)
         error = _typical(squares)
-        if error < CLEAR * now and error < (best.error if best else copying) and _steady(present - squares):
-            level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else None
-            if level is None or error < CLEAR * _typical(level):
-                best = Better(signal, shift, sign, error, now)
+        if not (error < CLEAR * now and error < (best.error if best else copying)):
+            continue
+        gains = _means(present - squares)
+        if sum(gain > 0 for gain in gains) < max(2, len(gains) - 1):
+            continue  # nearly all are above 0 by chance in one of 28 records
+        level = _squares(step, *_levelled(step, u, y, signal), first, scale, engine) if sign < 0 else None
+        if level is None or error < CLEAR * _typical(level):
+            best = Better(signal, shift, sign, error, now)
     return best
 
 
@@ -99,11 +103,8 @@ def _levelled(step: CallableStep, u: Array, y: Array, signal: str) -> tuple[Arra
 
 def _scale(y: Array) -> Array:
     """The RMS error of copying (p); 1 of an output that stands still."""
-    last, size = held_last(y), []
-    for j in range(y.shape[1]):
-        errors = (last[:-AHEAD] - y[AHEAD:])[:, j]
-        size.append(rms(errors[np.isfinite(errors)]) or 1.0)
-    return np.array(size)
+    errors = (held_last(y)[:-AHEAD] - y[AHEAD:]).T
+    return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
 
 
 def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
@@ -131,9 +132,3 @@ def _typical(squares: Array) -> float:
 def _means(values: Array) -> list[float]:
     """The mean of each segment in which there are some."""
     return [float(np.nanmean(part)) for part in np.array_split(values, SEGMENTS) if np.isfinite(part).any()]
-
-
-def _steady(gain: Array) -> bool:
-    """Whether the gain (N,) is above 0 in nearly all segments: by chance it is so in one of 28 records."""
-    means = _means(gain)
-    return len(means) > 1 and sum(mean > 0 for mean in means) >= max(2, len(means) - 1)

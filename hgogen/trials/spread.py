@@ -49,13 +49,18 @@ class Workers(Generic[Shared]):
         Raises: `NoScheduler`; `NotInstalled` without the package of a cluster; what work raises.
         """
         if self.jobs == 1 and self.scheduler is None:
-            return (work(self.shared, piece) for piece in pieces)
-        return self._spread(work, pieces)
-
-    def _spread(self, work: Callable[[Shared, Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
+            yield from (work(self.shared, piece) for piece in pieces)
+            return
         from joblib import Parallel, delayed, parallel_config
 
-        client, backend = (_client(self.scheduler), "dask") if self.scheduler else (nullcontext(), "loky")
+        client: Any = nullcontext()
+        backend = "loky"
+        if self.scheduler:
+            distributed = library("distributed", f"scheduler {self.scheduler}", "cluster")
+            try:
+                client, backend = distributed.Client(self.scheduler, timeout=PATIENCE), "dask"
+            except (OSError, ValueError) as error:
+                raise NoScheduler(f"scheduler {self.scheduler}", f"does not answer: {error}") from None
         with client, parallel_config(backend=backend):
             parallel = Parallel(n_jobs=self.jobs or -1, return_as="generator_unordered", batch_size=1)
             yield from parallel(delayed(_worked)(work, self._sent, piece) for piece in pieces)
@@ -73,12 +78,3 @@ def _opened(sent: bytes) -> Any:
 
 def _worked(work: Callable[[Any, Any], Any], sent: bytes, piece: Any) -> Any:
     return work(_opened(sent), piece)
-
-
-def _client(address: str) -> Any:
-    """A client of a Dask cluster. Raises: `NoScheduler`, `NotInstalled`."""
-    distributed = library("distributed", f"scheduler {address}", "cluster")
-    try:
-        return distributed.Client(address, timeout=PATIENCE)
-    except (OSError, ValueError) as error:
-        raise NoScheduler(f"scheduler {address}", f"does not answer: {error}") from None

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hgogen.trials.campaign import Outcome
-from hgogen.trials.metrics import Metrics
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,11 @@ class Tally:
             self.failed += 1
             self.failure = one if self.failure is None or one.run < self.failure.run else self.failure
             return
-        numbers = self._of(one.metrics)
+        responses = one.metrics.responses
+        numbers = {f"settled after {event.time:g} {self._unit}": event.settled for event in responses}
+        numbers |= {f"steady error of {state}": rms for state, rms in one.metrics.rms.items()}
+        if responses[0].peak is not None:
+            numbers["peak of theta"] = max(event.peak or 0.0 for event in responses)
         self._names = list(numbers)
         self._runs.append(one.run)
         self._numbers.extend(np.inf if value is None or np.isnan(value) else value for value in numbers.values())
@@ -62,13 +65,6 @@ class Tally:
         order, table = np.argsort(runs), np.frombuffer(self._numbers).reshape(len(runs), len(self._names))
         columns = zip(self._names, table.T, strict=True)
         return [_spread_of(name, column[order], runs[order]) for name, column in columns] if len(runs) else []
-
-    def _of(self, one: Metrics) -> dict[str, float | None]:
-        numbers = {f"settled after {event.time:g} {self._unit}": event.settled for event in one.responses}
-        numbers |= {f"steady error of {state}": rms for state, rms in one.rms.items()}
-        if one.responses[0].peak is not None:
-            numbers["peak of theta"] = max(event.peak or 0.0 for event in one.responses)
-        return numbers
 
 
 def _spread_of(name: str, values: np.ndarray, runs: np.ndarray) -> Spread:
