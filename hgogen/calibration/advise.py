@@ -19,7 +19,7 @@ from hgogen import observers as every
 from hgogen.calibration.grid import observers_named, reasons, step_of, thetas
 from hgogen.call import CallableStep
 from hgogen.calling import native
-from hgogen.check import Check, refuted
+from hgogen.check import refuted
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.evidence.grounds import Grounds
 from hgogen.form import Form
@@ -186,8 +186,11 @@ class _Ask:
             if isinstance(one, First) and self.trial is not None:
                 settled, rms = self._on(one.step, self.trial, base.noise)
                 every_theta.append(Tried(theta if reads else 0.0, settled, rms, tau(max(base.blocks)) / theta))
-        own, bound = base.theta if reads else None, _bound(first.step.observer.checks)
-        return Advised(first.observer, first, own, bound, tuple(every_theta), base.noise)
+        proofs = (proof for check in first.step.observer.checks for proof in check.proofs)
+        bounds = (getattr(proof.fact, "theta", None) for proof in proofs if isinstance(proof, Grounds))
+        certified = next((float(bound) for bound in bounds if bound is not None), None)
+        own = base.theta if reads else None
+        return Advised(first.observer, first, own, certified, tuple(every_theta), base.noise)
 
     def _on(
         self, step: CallableStep, trial: Trial, noise: Mapping[str, float]
@@ -223,10 +226,3 @@ def _first(name: str, row: Row, numbers: Scale) -> First | str:
     if isinstance(gains, str):
         return gains
     return First(name, row, Starting(gains, numbers.dt), step_of(name, row.form, gains, numbers.dt, {}))
-
-
-def _bound(checks: Iterable[Check]) -> float | None:
-    """The bound on theta that is proved."""
-    grounds = (proof for check in checks for proof in check.proofs if isinstance(proof, Grounds))
-    bounds: list[Any] = [getattr(ground.fact, "theta", None) for ground in grounds]
-    return next((float(bound) for bound in bounds if bound is not None), None)

@@ -92,9 +92,20 @@ class Judge:
 
     def errors(self, step: CallableStep) -> Array:
         """E_s (segments of all records in which something can be compared), infinite where the estimate is lost."""
+        errors = []
         with np.errstate(all="ignore"):
-            parts = zip(self._scales, self._parts, strict=True)
-            return np.concatenate([self._of(step, k, *each) for k, each in enumerate(parts)])
+            for k, (scale, parts) in enumerate(zip(self._scales, self._parts, strict=True)):
+                record = self.records[k].of(step.inputs)
+                step.reset()
+                run = step.run(u=record.u, y=record.y, engine=self.engine)
+                squares = self.yardstick.errors(k, step, run, record) ** 2
+                if not np.isfinite(run.x).all() or np.isinf(squares).any():
+                    errors.append(np.full(len(parts), np.inf))
+                    continue
+                means = [[_mean(column) for column in (squares / scale)[part].T] for part in parts]
+                each = np.array([_mean(np.array(columns)) for columns in means])
+                errors.append(np.where(np.isnan(each), np.inf, each))
+        return np.concatenate(errors)
 
     @property
     def most(self) -> int:
@@ -129,17 +140,6 @@ class Judge:
             parts = np.array_split(np.arange(round(BEGIN * len(squares)), len(squares)), count)
             every.append([part for part in parts if there[part].any()])
         return every
-
-    def _of(self, step: CallableStep, k: int, scale: Array, parts: Sequence[Array]) -> Array:
-        record = self.records[k].of(step.inputs)
-        step.reset()
-        run = step.run(u=record.u, y=record.y, engine=self.engine)
-        squares = self.yardstick.errors(k, step, run, record) ** 2
-        if not np.isfinite(run.x).all() or np.isinf(squares).any():
-            return np.full(len(parts), np.inf)
-        means = [[_mean(column) for column in (squares / scale)[part].T] for part in parts]
-        each = np.array([_mean(np.array(columns)) for columns in means])
-        return np.where(np.isnan(each), np.inf, each)
 
 
 def _mean(values: Array) -> float:

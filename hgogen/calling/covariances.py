@@ -20,6 +20,7 @@ from hgogen.kalman.factored import Moved
 from hgogen.kalman.riccati_part import AtSamples, Riccati
 from hgogen.part import Clock
 from hgogen.program import Field, Group, Place, address, sym
+from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.parallel import Parallel
 
@@ -85,27 +86,31 @@ class Uncertainty:
 
     def covariance(self, records: Array) -> Array:
         """P (N, n, n) of the form's coordinates."""
-        holds, n = self.members.fields if self.members else self.step.state, self.part.dynamics.n
-        fields = {f.name: f for f in holds}
-        if "P" in fields:
-            return _triangle(fields["P"], values_at(self.step, records, Place("state", "P")), n, symmetric=True)
-        if "S" in fields:
-            packed = _triangle(fields["S"], values_at(self.step, records, Place("state", "S")), n, symmetric=True)
-            return np.asarray(np.linalg.inv(packed))
-        if "root" in fields:
-            root = _triangle(fields["root"], values_at(self.step, records, Place("state", "root")), n)
+        if "P" in self._fields:
+            return self._triangle("P", records, symmetric=True)
+        if "S" in self._fields:
+            return np.asarray(np.linalg.inv(self._triangle("S", records, symmetric=True)))
+        if "root" in self._fields:
+            root = self._triangle("root", records)
             return np.asarray(root @ root.swapaxes(1, 2))
-        L, D = self._unit_lower(fields, records, n), values_at(self.step, records, Place("state", "D"))
-        return np.asarray((L * D[:, None, :]) @ L.swapaxes(1, 2))
+        L, D = np.eye(self.part.dynamics.n), values_at(self.step, records, Place("state", "D"))[:, None, :]
+        if "L" in self._fields:
+            L = self._triangle("L", records) + L
+        elif any(group.name == "column" for group in (self.members.groups if self.members else self.step.groups)):
+            state = selected(records) if self.members else records["state"]
+            L = np.tril(np.asarray(state["column"]["v"], dtype=float).swapaxes(1, 2), -1) + L
+        return np.asarray((L * D) @ L.swapaxes(-2, -1))
 
     @cached_property
     def rows(self) -> Evaluated:
         """dh/dz (N, p, n) at records (N)."""
         return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self._clock.u_now))
 
-    def variances(self, records: Array) -> Array:
-        """r (N, p), a sample's."""
-        return self._variances(records)[:, :, 0]
+    @cached_property
+    def variances(self) -> Evaluated:
+        """r (N, p, 1), a sample's, at records (N)."""
+        moved = Moved(self.part, self._clock)
+        return Evaluated(self.step, ca.vertcat(*(moved.variance(j) for j in range(len(self.step.outputs)))))
 
     def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
         """P (N, n, n) one sample on, Phi P Phi' + h Q_theta, where the past is forgotten exp(rho h) as much."""
@@ -114,23 +119,23 @@ class Uncertainty:
         growth = np.exp(self.step.dt * rho(records))
         return np.asarray(growth * (Phi @ P @ Phi.swapaxes(1, 2)) + self.step.dt * noise(records, signals))
 
-    def _unit_lower(self, fields: dict[str, Field], records: Array, n: int) -> Array:
-        L = np.zeros((len(records), n, n))
-        if "L" in fields:
-            L = _triangle(fields["L"], values_at(self.step, records, Place("state", "L")), n)
-        elif any(group.name == "column" for group in (self.members.groups if self.members else self.step.groups)):
-            state = selected(records) if self.members else records["state"]
-            L = np.tril(np.asarray(state["column"]["v"], dtype=float).swapaxes(1, 2), -1)
-        return L + np.eye(n)
+    @cached_property
+    def _fields(self) -> dict[str, Field]:
+        return {field.name: field for field in (self.members.fields if self.members else self.step.state)}
+
+    def _triangle(self, name: str, records: Array, symmetric: bool = False) -> Array:
+        """The matrices (N, n, n) whose entries a field holds."""
+        packed, n = values_at(self.step, records, Place("state", name)), self.part.dynamics.n
+        whole = np.zeros((len(packed), n, n))
+        for k, (i, j) in enumerate(self._fields[name].entries):
+            whole[:, i - 1, j - 1] = packed[:, k]
+            if symmetric:
+                whole[:, j - 1, i - 1] = packed[:, k]
+        return whole
 
     @property
     def _clock(self) -> Clock:
         return clock_of(self.step)
-
-    @cached_property
-    def _variances(self) -> Evaluated:
-        moved = Moved(self.part, self._clock)
-        return Evaluated(self.step, ca.vertcat(*(moved.variance(j) for j in range(len(self.step.outputs)))))
 
     @cached_property
     def _motion(self) -> tuple[Evaluated, ...]:
@@ -139,16 +144,6 @@ class Uncertainty:
         noise = sx(self.part.noise()) if self.part.factor.size else ca.SX(n, n)
         graphs = (moved.transition(moved.stages()), noise, sx(self.part.rho))
         return tuple(Evaluated(self.step, graph) for graph in graphs)
-
-
-def _triangle(field: Field, packed: Array, n: int, symmetric: bool = False) -> Array:
-    """The matrices (N, n, n) whose entries a field holds."""
-    whole = np.zeros((len(packed), n, n))
-    for k, (i, j) in enumerate(field.entries):
-        whole[:, i - 1, j - 1] = packed[:, k]
-        if symmetric:
-            whole[:, j - 1, i - 1] = packed[:, k]
-    return whole
 
 
 def uncertainty(step: Step) -> Uncertainty | None:
@@ -185,9 +180,14 @@ def shown(step: Step) -> Graph:
     return ca.substitute(slope, z, observer.dynamics.saturated(observer.z))
 
 
-def used(step: Step, status: Array, signals: Sequence[str]) -> Array:
+def used(step: Step, status: Array) -> Array:
     """Whether a step used the sample of each output (N, p), by its status (N)."""
+    return ~raised(step, status, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED"), step.outputs)
+
+
+def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Signal]) -> Array:
+    """Whether one of the bits of each signal, of those that the step has, is raised in each sample (N, k)."""
     names = [bit.place.name for bit in step.bits]
-    unused = ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED", "UNDATED")
-    masks = [sum(1 << names.index(f"{bit}_{s}") for bit in unused if f"{bit}_{s}" in names) for s in signals]
-    return np.asarray(status[:, None] & np.array(masks, step.word) == 0)
+    wanted = [[f"{bit}_{signal.name}" for bit in bits] for signal in signals]
+    masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
+    return np.asarray(status[:, None] & np.array(masks, step.word) != 0)

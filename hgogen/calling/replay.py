@@ -61,7 +61,7 @@ class Replay:
         """What it shows."""
         parts = list(self._parts())
         e = np.concatenate([one.e for one in parts]) if parts else np.zeros((0, len(self.step.outputs)))
-        taken = used(self.step, self.status, self.outputs) & np.isfinite(self.y[:, : len(self.outputs)])
+        taken = used(self.step, self.status) & np.isfinite(self.y[:, : len(self.outputs)])
 
         def whole(arrays: list[Array | None]) -> Array | None:
             there = [array for array in arrays if array is not None]
@@ -136,12 +136,21 @@ class _Look:
         e = np.column_stack([y[:, j] - self._read(records)[:, j, 0] for j, records in enumerate(before)])
         if self.uncertainty is None:
             return Innovations(e, None, None)
-        s = np.column_stack([self._variance(records, j) for j, records in enumerate(before)])
+        s = np.zeros_like(e)
+        for j, records in enumerate(before):
+            c, P = self.uncertainty.rows(records)[:, j, :], self.uncertainty.covariance(records)
+            s[:, j] = np.einsum("ki,kij,kj->k", c, P, c) + self.uncertainty.variances(records)[:, j, 0]
         return Innovations(e, s, self._of_plant(after))
 
     def moved(self, y: Array, before: Array, after: Array) -> Innovations:
         """Of a step that integrates with the measurement: `before` and `after` each sample."""
-        signals = self._signals(before, after)
+        fields = {field.name for field in self.step.state}
+        pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
+        signals = {
+            Place("work", name): values_at(self.step, records, Place("state", field))
+            for name, field, records in pairs
+            if field in fields
+        }
         at, onward, read, slopes = self._model
         first = (values_at(self.step, before, Place("state", "calls"))[:, 0] == 0)[:, None]
         z = np.where(first, at(before)[:, :, 0], onward(before, signals)[:, :, 0])
@@ -151,7 +160,7 @@ class _Look:
             return Innovations(e, None, None)
         P = self.uncertainty.covariance(before)
         P = np.where(first[:, :, None], P, self.uncertainty.predicted(P, before, signals))
-        r, s, shift = self.uncertainty.variances(before), np.zeros_like(e), np.zeros_like(z)
+        r, s, shift = self.uncertainty.variances(before)[:, :, 0], np.zeros_like(e), np.zeros_like(z)
         for j in range(e.shape[1]):
             c = C[:, j, :]
             e[:, j] -= np.einsum("ki,ki->k", c, shift)
@@ -161,25 +170,10 @@ class _Look:
             P = P - np.einsum("ki,kj->kij", gain, np.einsum("ki,kij->kj", c, P))
         return Innovations(e, s, self._of_plant(after))
 
-    def _variance(self, records: Array, j: int) -> Array:
-        assert self.uncertainty is not None
-        c, P = self.uncertainty.rows(records)[:, j, :], self.uncertainty.covariance(records)
-        return np.asarray(np.einsum("ki,kij,kj->k", c, P, c) + self.uncertainty.variances(records)[:, j])
-
     def _of_plant(self, after: Array) -> Array:
         assert self.uncertainty is not None
         J = self._slope(after)
         return np.asarray(J @ self.uncertainty.covariance(after) @ J.swapaxes(1, 2))
-
-    def _signals(self, before: Array, after: Array) -> dict[Place, Array]:
-        """The signals of a step from its memory on both sides."""
-        pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
-        fields = {field.name for field in self.step.state}
-        return {
-            Place("work", name): values_at(self.step, records, Place("state", field))
-            for name, field, records in pairs
-            if field in fields
-        }
 
     @cached_property
     def _read(self) -> Evaluated:

@@ -58,7 +58,7 @@ def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...
         begin = 0
         for record, table in zip(records, made, strict=True):
             there = np.isfinite(record.y[:, j])
-            end = begin + np.count_nonzero(there)
+            end = begin + int(there.sum())
             table[there, j] = values[begin:end]
             begin = end
     return tuple(made)

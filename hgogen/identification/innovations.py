@@ -92,16 +92,13 @@ class Innovations:
             s = row @ P @ row.T + r[j]
             e = y[j] - predicted[j] - row @ (x - before)
             gain = valid[j] * P @ row.T / s
-            x, P = x + gain * self._pulled(e, s), P - gain @ (row @ P)
-            cost += valid[j] * (self._loss(e, s) + ca.log(s) / 2)
+            pulled, loss, c = e, e * e / s / 2, self.corner
+            if c < math.inf:
+                pulled = e / ca.sqrt(1 + e * e / (s * c**2))
+                loss = c**2 * (ca.sqrt(1 + e * e / (s * c**2)) - 1)
+            x, P = x + gain * pulled, P - gain @ (row @ P)
+            cost += valid[j] * (loss + ca.log(s) / 2)
             errors.append(e)
             variances.append(s)
         x = column(clamp(x[i], *ends) for i, ends in enumerate(self.ends.T))
         return x, (P + P.T) / 2, cost, ca.vertcat(*errors), ca.vertcat(*variances)
-
-    def _pulled(self, e: Any, s: Any) -> Any:
-        return e if self.corner == math.inf else e / ca.sqrt(1 + e * e / (s * self.corner**2))
-
-    def _loss(self, e: Any, s: Any) -> Any:
-        c = self.corner
-        return e * e / s / 2 if c == math.inf else c**2 * (ca.sqrt(1 + e * e / (s * c**2)) - 1)

@@ -125,20 +125,21 @@ class Fit:
     def _not_told(self, parts: Mapping[str, float]) -> str:
         """Of a direction of parameters, whether another record would tell it, as far as that is known."""
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
-        what, fix = f"tell {total}, in units of ranges: where it ended says nothing", "fix one of them"
+        what = f"tell {total}, in units of ranges: where it ended says nothing"
+        fix = "fix one of them" if len(parts) > 1 else "fix it"
         joint, hidden = self.joint, set(self.joint.hidden if self.joint else ())
         doubtful = hidden.union(self.joint.doubtful if self.joint else ())
         inside = [set(each) <= hidden for each in self.untold]
         if joint is not None and set(parts) <= hidden and sum(inside) <= joint.count - joint.rank:
             measured = " or ".join(name for name in joint.repairs if name not in parts)
             more = f", or measure {measured} as well" if measured else ""
-            return f"no record of these outputs would {what}; {fix if len(parts) > 1 else 'fix it'}{more}"
+            return f"no record of these outputs would {what}; {fix}{more}"
         if set(parts) & doubtful:
             unknown = f"the records do not {what}, and whether another record would is not known"
-            return f"{unknown}; {fix if len(parts) > 1 else 'fix it'}, or move the plant more"
+            return f"{unknown}; {fix}, or move the plant more"
         others = ", though others would," if joint is not None else ""
         more = "" if len(parts) > 1 and not others else ", or move the plant more"
-        return f"the records do not{others} {what}; {fix if len(parts) > 1 else 'fix it'}{more}"
+        return f"the records do not{others} {what}; {fix}{more}"
 
     def _followed(self, name: str) -> Iterator[str]:
         """How well an output is followed."""

@@ -201,8 +201,9 @@ def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> No
     axis.plot(at, drawn, color=TRUTH)
     if (values > 0).any():
         axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # it may touch 0, where a logarithm has no end
+    aligned = {"gamma_0": "top", "gamma_1": "bottom", "centre": "center"}
     for gain in step.gains:
-        if gain.name in ("gamma_0", "gamma_1", "centre"):
+        if gain.name in aligned:
             level = gain.initial[0]
             axis.axhline(level, color=ESTIMATE, linewidth=0.7, dashes=(5, 3))
             axis.annotate(
@@ -211,7 +212,7 @@ def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> No
                 xycoords=("axes fraction", "data"),
                 xytext=(3, 0),
                 textcoords="offset points",
-                va="top" if gain.name == "gamma_0" else "bottom" if gain.name == "gamma_1" else "center",
+                va=aligned[gain.name],
                 color=ESTIMATE,
                 annotation_clip=False,
             )

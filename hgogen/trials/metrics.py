@@ -59,33 +59,27 @@ class Metrics:
 def metrics(step: Step, trajectory: Trajectory) -> Metrics:
     """The trajectory in numbers; `step` is the one that made it."""
     trial, t = trajectory.trial, trajectory.truth.t
-    error = trajectory.error
     ends = (*trial.events[1:], math.inf)
     responses = []
     for begin, end in zip(trial.events, ends, strict=True):
         span = (t >= begin - 1e-9) & (t < end - 1e-9)
-        theta = trajectory.traces["theta"][span] if "theta" in trajectory.traces else None
-        responses.append(Response(begin, _settled(step, trajectory, span), *_theta(theta, step.dt)))
-    steady = error[t >= trial.steady_from - 1e-9]
+        responses.append(_response(step, trajectory, begin, span))
+    steady = trajectory.error[t >= trial.steady_from - 1e-9]
     rms = np.sqrt(np.mean(steady**2, axis=0))
+    if step.guards == "all":
+        bits = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
+        outside = trajectory.status & trajectory.status.dtype.type(bits) != 0
+    else:  # the status says nothing
+        low, high = np.array([s.interval for s in step.states]).T
+        outside = ~((trajectory.x >= low) & (trajectory.x <= high)).all(axis=1)
     late = t > WARM_UP * trial.duration
     return Metrics(
         seed=trajectory.seed,
         engine=trajectory.engine,
         responses=tuple(responses),
         rms={s.name: float(value) for s, value in zip(step.states, rms, strict=True)},
-        clamped=int(np.count_nonzero(_outside(step, trajectory)[late])),
+        clamped=int(np.count_nonzero(outside[late])),
     )
-
-
-def _outside(step: Step, trajectory: Trajectory) -> np.ndarray:
-    """The samples, a mask (N,), with the estimate outside its box, by the status; where that says nothing, for want of
-    guards, with an estimated state out of its declared range."""
-    if step.guards == "all":
-        bits = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
-        return np.asarray(trajectory.status & trajectory.status.dtype.type(bits) != 0)
-    low, high = np.array([s.interval for s in step.states]).T
-    return np.asarray(~((trajectory.x >= low) & (trajectory.x <= high)).all(axis=1))
 
 
 def criterion(trial: Trial, unit: str = "s") -> str:
@@ -102,14 +96,33 @@ def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
     return np.array(widths, dtype=float)
 
 
-def _settled(step: Step, trajectory: Trajectory, span: np.ndarray) -> float | None:
-    """Time (s) to settle from the first sample of a span, a mask (N,), by the trial's criterion."""
+def _response(step: Step, trajectory: Trajectory, begin: float, span: np.ndarray) -> Response:
+    """What followed an event, in the span that begins there, a mask (N,)."""
     error, wanted = trajectory.error[span], trajectory.trial.settled
     if wanted:
-        return settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
-    outside = np.flatnonzero(~((np.abs(error) / ranges(step, trajectory)).max(axis=1) <= SHARE))
-    first = int(outside[-1]) + 1 if len(outside) else 0
-    return first * step.dt if first < len(error) else None
+        settled = settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
+    else:
+        share = (np.abs(error) / ranges(step, trajectory)).max(axis=1)
+        settled = _past(~(share <= SHARE), step.dt)
+    if "theta" not in trajectory.traces:
+        return Response(begin, settled, None, None, None, None)
+    theta = trajectory.traces["theta"][span]
+    late = theta[-max(1, len(theta) // LATE) :]
+    return Response(
+        time=begin,
+        settled=settled,
+        peak=float(theta.max()),
+        calm=_past(theta >= CALM, step.dt),
+        triggers=len(crossings(theta)),
+        loud=float(np.mean(late > TRIGGERED)),
+    )
+
+
+def _past(holds: np.ndarray, dt: float) -> float | None:
+    """Time (s) from the first sample until what holds, a mask (k,), does so no more; None where it does at the end."""
+    samples = np.flatnonzero(holds)
+    first = int(samples[-1]) + 1 if len(samples) else 0
+    return first * dt if first < len(holds) else None
 
 
 def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
@@ -119,17 +132,6 @@ def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
     inside = np.concatenate([[0], np.cumsum(np.abs(error) <= settled.band)])
     held = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)
     return float(held[0] * dt) if len(held) else None
-
-
-def _theta(theta: np.ndarray | None, dt: float) -> tuple[float | None, float | None, int | None, float | None]:
-    """(peak, time until calm for good, triggers, loud); the second None where theta is not calm at the end."""
-    if theta is None:
-        return None, None, None, None
-    late = theta[-max(1, len(theta) // LATE) :]
-    loud = np.flatnonzero(theta >= CALM)
-    after = 0 if not len(loud) else int(loud[-1]) + 1
-    calm = after * dt if after < len(theta) else None
-    return float(theta.max()), calm, len(crossings(theta)), float(np.mean(late > TRIGGERED))
 
 
 def crossings(theta: np.ndarray) -> np.ndarray:

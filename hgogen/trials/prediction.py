@@ -10,11 +10,12 @@ rejected is as good as missing: nothing is compared with it, and nothing copied 
 MOST samples k is one at random of each two, three, .., so that at most MOST predictions are made.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from hgogen.calling.covariances import raised
 from hgogen.calling.samples import Run, held_last
 from hgogen.discretisation.open_loop import evaluated, open_loop
 from hgogen.signal import Signal
@@ -78,7 +79,7 @@ def forecasts(
     """As `predictions`, sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
     model, held = open_loop(step.observer.form, step.dt, step.between), bool(step.observer.form.held)
-    u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
+    u = _as_the_step_takes_it(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
     wanted, last, count = sorted(set(ahead)), held_last(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)
     later = np.concatenate([u, np.repeat(u[-1:], farthest, axis=0)])  # of which the last one is repeated
@@ -128,15 +129,7 @@ def _compared(
 
 def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
     """Whether the step did not use a sample that there is (N, p)."""
-    return np.asarray(np.isfinite(y) & _raised(step, ("MISSING", "REJECTED"), step.outputs, run.status))
-
-
-def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: np.ndarray) -> np.ndarray:
-    """Whether one of the bits of each signal, of those that the step has, is raised in each sample (N, k)."""
-    names = [each.place.name for each in step.bits]
-    wanted = [[f"{bit}_{s.name}" for bit in bits] for s in signals]
-    masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
-    return np.asarray(status[:, None] & np.array(masks, step.word) != 0)
+    return np.asarray(np.isfinite(y) & raised(step, run.status, ("MISSING", "REJECTED"), step.outputs))
 
 
 def rms(error: np.ndarray) -> float:

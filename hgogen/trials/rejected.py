@@ -37,6 +37,15 @@ class Map:
     mends: str
     units: tuple[str, ...] = ()
 
+    def inside(self, values: Array, ends: tuple[float, float]) -> float:
+        """The share of values that it brings into a range."""
+        mapped = self.scale * values + self.shift
+        return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
+
+    def fits(self, unit: str, values: Array, ends: tuple[float, float]) -> bool:
+        """Whether it is one of this unit and mends the values."""
+        return (not self.units or not unit or unit in self.units) and self.inside(values, ends) >= FITS
+
 
 AS_IT_IS = Map("{}", 1.0, 0.0, "")
 MAPS = (
@@ -112,11 +121,10 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
     """A sentence for each input of u (N, m) that is beyond its range, where guards clamp it, in most samples."""
     for signal, values in zip(step.inputs, u.T, strict=True):
         values, ends = values[np.isfinite(values)], signal.interval
-        beyond = 1 - _inside(AS_IT_IS, values, ends) if len(values) else 0.0
+        beyond = 1 - AS_IT_IS.inside(values, ends) if len(values) else 0.0
         if beyond <= MOST:
             continue
-        maps = (one for one in MAPS if not one.units or not signal.unit or signal.unit in one.units)
-        best = max((one for one in maps if _inside(one, values, ends) >= FITS), key=_known, default=None)
+        best = max((one for one in MAPS if one.fits(signal.unit, values, ends)), key=_known, default=None)
         done = "clamped there" if step.guards == "all" else "taken as it is, by a step without guards"
         said = (
             f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
@@ -131,14 +139,13 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
 def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], engine: Engine) -> Map | None:
     """The map that mends output j, if one fits."""
     values = y[np.isfinite(y[:, j]), j]
-    unit = step.outputs[j].unit
-    maps = [one for one in MAPS if not one.units or not unit or unit in one.units]
+    maps = [*MAPS]
     middle = float(np.median(values)) - (ends[0] + ends[1]) / 2
     shift = float(f"{-middle:.3g}") if math.isfinite(middle) else 0.0
     if shift:  # an offset brings the middle of the values to that of the range
         text = f"{{}} {'+' if shift > 0 else '-'} {abs(shift):g}"
         maps.append(Map(text, 1.0, shift, f"an offset of about {-shift:g}, unless the range is too narrow"))
-    fitting = [one for one in maps if _inside(one, values, ends) >= FITS]
+    fitting = [one for one in maps if one.fits(step.outputs[j].unit, values, ends)]
     errors = [_error(step, u, y, j, one, engine) for one in fitting]
     as_well = [one for one, error in zip(fitting, errors, strict=True) if error <= AS_WELL * min(errors)]
     return max(as_well, key=_known, default=None)
@@ -147,11 +154,6 @@ def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, flo
 def _known(one: Map) -> tuple[bool, bool, float]:
     """How well known the cause is: of units first, an offset last; then by how the values fill the range."""
     return bool(one.units), not one.shift, abs(one.scale)
-
-
-def _inside(one: Map, values: Array, ends: tuple[float, float]) -> float:
-    mapped = one.scale * values + one.shift
-    return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
 
 
 def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Engine) -> float:

@@ -100,7 +100,15 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
     """
     ranged((*plant.states, *(() if trial else plant.inputs)))
     with np.errstate(all="ignore"):
-        return _along(plant, trial) if trial else _at_points(plant)
+        if trial:
+            return _along(plant, trial)
+        points, linearised, rates = on_box(plant)
+        window = rates.longest or 1.0
+        each = [_frozen(A, C, window) for A, C in zip(linearised.A, linearised.C, strict=True)]
+        names = [s.name for s in (*plant.states, *plant.inputs)]
+        at = [dict(zip(names, map(float, point), strict=True)) for point in points]
+        seen = replace(_least(plant, each, at), window=window)
+        return replace(seen, by_motion=seen.median < _NOTHING and not _shown_frozen(plant))
 
 
 def _along(plant: System, trial: Trial) -> Sight:
@@ -116,15 +124,6 @@ def _along(plant: System, trial: Trial) -> Sight:
     each = [_weakest(moves[k : k + length], linearised.C[k : k + length + 1]) for k in starts]
     at = [{"t": k * trial.duration / pieces} for k in starts]
     return replace(_least(plant, each, at), window=trial.duration / _SHARE, trial=trial.name)
-
-
-def _at_points(plant: System) -> Sight:
-    """The Sight of the linearisation frozen at points of the box."""
-    points, linearised, rates = on_box(plant)
-    each = [_frozen(A, C, rates.longest or 1.0) for A, C in zip(linearised.A, linearised.C, strict=True)]
-    at = [{s.name: float(v) for s, v in zip((*plant.states, *plant.inputs), point, strict=True)} for point in points]
-    seen = replace(_least(plant, each, at), window=rates.longest or 1.0)
-    return replace(seen, by_motion=seen.median < _NOTHING and not _shown_frozen(plant))
 
 
 def _shown_frozen(plant: System) -> bool:
