@@ -170,7 +170,7 @@ class _Ask:
             except HgogenError as error:
                 refusals.append(str(error))
                 continue
-            return name, first if isinstance(first, str) else self._tried(first, row, base)
+            return name, (first if isinstance(first, str) else self._tried(first, row, base))
         return name, refusals[:2][-1]
 
     def _tried(self, first: First, row: Row, base: Scale) -> Advised:

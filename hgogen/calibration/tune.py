@@ -122,12 +122,9 @@ def _truth(
         if not each or each.keys() != truth[0].keys():
             raise CannotTune(f"truth of record {k}", "must hold the same states as that of the first, and one at least")
         for name, course in each.items():
+            what = f"truth of {name!r:.60}"
             if name not in states:
-                raise CannotTune(
-                    f"truth of {name!r:.60}", nearest(name, states, f"is of no state; there are {', '.join(states)}")
-                )
+                raise CannotTune(what, nearest(name, states, f"is of no state; there are {', '.join(states)}"))
             if np.shape(course) != (len(log.y),):
-                raise CannotTune(
-                    f"truth of {name!r:.60}", f"of record {k} has the shape {np.shape(course)}; make it ({len(log.y)},)"
-                )
+                raise CannotTune(what, f"of record {k} has the shape {np.shape(course)}; make it ({len(log.y)},)")
     return tuple({name: np.asarray(course, dtype=float) for name, course in each.items()} for each in truth)

@@ -88,9 +88,8 @@ class Asked:
         """The values (B, size), or (size) for all, of what varies."""
         known = tunable(self.step)
         if not isinstance(self.parameters, Mapping):
-            raise BadShape(
-                f"parameters = {self.parameters!r}", f"is no mapping from some of {', '.join(known)} to numbers"
-            )
+            wanted = f"is no mapping from some of {', '.join(known)} to numbers"
+            raise BadShape(f"parameters = {self.parameters!r}", wanted)
         for name in self.parameters:
             if name not in known:
                 raise BadShape(f"parameters {name!r}", f"names nothing tunable; that is {', '.join(known)}")

@@ -240,9 +240,8 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     if width == 0 and array.size == 0:
         array = np.zeros((rows or 0, 0))
     if array.ndim != 2 or array.shape[1] != width or (rows is not None and len(array) != rows):
-        wanted = f"({'N' if rows is None else rows}, {width})" + (
-            f" or ({'N' if rows is None else rows},)" if width == 1 else ""
-        )
+        length = "N" if rows is None else rows
+        wanted = f"({length}, {width})" + f" or ({length},)" * (width == 1)
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{listed(signals)}")
     return np.ascontiguousarray(array)
 

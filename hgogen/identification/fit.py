@@ -131,17 +131,16 @@ def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
 
 def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, ...]:
     """The parameters that are fitted. Raises: `CannotFit`."""
+    what = f"plant {plant.name!r}"
     if plant.origin is not None:
-        raise CannotFit(f"plant {plant.name!r}", "is recast; fit the plant that it was recast from")
+        raise CannotFit(what, "is recast; fit the plant that it was recast from")
     chosen = plant.tunable if free is None else _named("parameter", free, plant.parameters)
     if not plant.parameters:
-        raise CannotFit(
-            f"plant {plant.name!r}", "has no parameter; declare what is unknown as one, with low= and high="
-        )
+        raise CannotFit(what, "has no parameter; declare what is unknown as one, with low= and high=")
     if not chosen:
         listed = ", ".join(map(str, plant.parameters))
         reason = f"has no parameter with a range; name those that are unknown, --free a,b or free=, among {listed}"
-        raise CannotFit(f"plant {plant.name!r}", reason)
+        raise CannotFit(what, reason)
     for p in chosen:
         if not p.bounded and not p.nominal:
             raise CannotFit(f"parameter {p.name!r}", "is 0 and has no range; declare low= and high=")

@@ -59,10 +59,8 @@ class Solver:
         if watch.raised:
             raise watch.raised[0]
         end = result["x"].full().ravel() * self.unit
-        stats = solver.stats()
-        return Solution(
-            end, float(self._cost(end)), stats["return_status"], stats["iter_count"], bool(stats["success"])
-        )
+        cost, stats = float(self._cost(end)), solver.stats()
+        return Solution(end, cost, stats["return_status"], stats["iter_count"], bool(stats["success"]))
 
     @property
     def _pulled(self) -> int:
