@@ -19,7 +19,7 @@ from plants import MODELS, chain, model, pendulum, two_outputs
 
 import hgogen as hg
 from hgogen.calling.native import run_check
-from hgogen.kalman.decay import log_growth
+from hgogen.kalman.theta import log_growth
 from hgogen.model import load
 from hgogen.program import Block, Loop, Place, address, walk
 from hgogen.reading.given import BadGain

@@ -16,8 +16,7 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.kalman.least_shown import LeastShown, _moving, _smallest
-from hgogen.kalman.transition import Course, Shown
+from hgogen.kalman.least_shown import Course, LeastShown, Shown, _smallest, _windows
 from hgogen.reading.given import BadGain
 from hgogen.recheck.verification import recheck
 from hgogen.trial import t
@@ -124,7 +123,7 @@ def test_the_neuron_has_the_windows_that_are_known(d: Fraction, low: float, high
     u_ = sp.sin(t)
     A = sp.Matrix([[0, -u_, 0], [0, -sp.Rational(4, 5), -sp.Rational(4, 5)], [0, 0, 0]])
     piece = Fraction(d, 65)
-    bound = min(_moving(Course(A, sp.Matrix([[1, 0, 0]]), t, ()), piece, 6, int(7 / piece)))
+    bound = min(_windows(Course(A, sp.Matrix([[1, 0, 0]]), t, ()), piece, 6, int(7 / piece)))
     assert low / 2 < bound < high
 
 

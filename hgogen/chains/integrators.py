@@ -79,12 +79,13 @@ class Integrators:
     @cached_property
     def reach(self) -> np.ndarray:
         """The ends (2, n) of the products on the parameters' ranges; nominal ones where no finite range is known."""
-        return np.array([self._ends(p, at) for p, at in zip(self.products, self.nominal, strict=True)]).T
-
-    def _ends(self, product: sp.Expr, nominal: float) -> tuple[float, float]:
-        exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
-        values = None if exactly.is_number else span(exactly, self.form)
-        return (values.low, values.high) if values and values.defined and values.finite else (nominal, nominal)
+        ends = []
+        for product, nominal in zip(self.products, self.nominal, strict=True):
+            exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
+            extent = None if exactly.is_number else span(exactly, self.form)
+            known = extent if extent and extent.defined and extent.finite else None
+            ends.append((known.low, known.high) if known else (nominal, nominal))
+        return np.array(ends).T
 
     def z(self, w: Graph) -> Graph:
         """The form's state (n)."""

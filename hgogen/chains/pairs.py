@@ -65,7 +65,10 @@ def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
         left, products = [mpmath.mpf(1), *map(mpmath.mpf, wanted)], [mpmath.mpf(1)]
         while len(left) > 1:
             *rest, constant = left
-            root = max((x for x in _real_roots(rest) if x < 0), default=None)
+            roots = mpmath.polyroots(rest, maxsteps=1000, extraprec=1000)
+            largest = max(map(abs, roots))
+            real = (mpmath.re(x) for x in roots if abs(mpmath.im(x)) <= _REAL * largest)
+            root = max((x for x in real if x < 0), default=None)
             if root is None or constant <= 0:
                 raise BadPoles(tuple(map(complex, poles)), "no positive gains were found that have them; give gains")
             slopes.insert(0, -root)
@@ -73,12 +76,6 @@ def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
             left = _divided(rest, root)
         ratios = (after / before for before, after in pairwise(products))
         return np.array([(float(a), float(b)) for a, b in zip(slopes, ratios, strict=True)])
-
-
-def _real_roots(polynomial: list[Any]) -> list[Any]:
-    roots = mpmath.polyroots(polynomial, maxsteps=1000, extraprec=1000)
-    largest = max(map(abs, roots))
-    return [mpmath.re(x) for x in roots if abs(mpmath.im(x)) <= _REAL * largest]
 
 
 def _divided(polynomial: list[Any], root: Any) -> list[Any]:

@@ -141,7 +141,13 @@ def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, _Updat
 def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     line = core(part, clock.outputs, tuple(map(float, seen)))
     assert line is not None
-    rest, suffix, label = _rest(part, clock, seen), _suffix(seen), _label(seen)
+    (label, suffix), valid = _named(seen), ca.SX(ca.DM(list(map(float, seen))))
+
+    def rest(x: Graph, c: float) -> Graph:
+        """The nonlinear rest r (N) of the fields' column (N) at an end of the step, 0 or 1."""
+        rates = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
+        return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
+
     start = rest(line.x, 0.0)
     bent = [i for i in range(start.numel()) if not start[i].is_zero()]  # the rows that have a rest
     whole = method.matrices(line, clock.dt)
@@ -168,17 +174,6 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     )
 
 
-def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Graph, float], Graph]:
-    """The nonlinear rest r (N) as a function of the fields' column (N) and of an end of the step, 0 or 1."""
-    valid = ca.SX(ca.DM(list(map(float, seen))))
-
-    def rest(x: Graph, c: float) -> Graph:
-        rates = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
-        return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
-
-    return rest
-
-
 def _source(part: Ode, clock: Clock, c: float) -> Graph:
     """The measurement without its offset, v (p), at an end of the step."""
     return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
@@ -195,15 +190,14 @@ def _held(place: Place, matrix: Graph) -> Graph:
     return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
 
-def _label(seen: Pattern) -> str:
-    return "" if all(seen) else "_blind" if not any(seen) else "_" + "".join("01"[there] for there in seen)
-
-
-def _suffix(seen: Pattern) -> str:
+def _named(seen: Pattern) -> tuple[str, str]:
+    """What ends the names of values for these samples, and what ends a sentence on them."""
     if all(seen):
-        return ""
+        return "", ""
     there = ", ".join(str(j) for j, valid in enumerate(seen, 1) if valid)
-    return f", with sample {there} only" if there else ", without a sample"
+    if not there:
+        return "_blind", ", without a sample"
+    return "_" + "".join("01"[valid] for valid in seen), f", with sample {there} only"
 
 
 # --- what methods compute their matrices with --------------------------------------------------------------

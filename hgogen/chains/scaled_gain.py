@@ -40,8 +40,12 @@ class ScaledGain:
     @property
     def field(self) -> Field:
         """The derived value, its entries called theta K_1, theta^2 K_2, ..; chain by chain of several."""
-        labels = tuple(f"{_power(place.power)}{self.name}_{_index(place.index)}" for place in self.places)
-        return Field(self.name, (0.0,) * len(self.values), labels=labels, meaning=self.meaning)
+        labels = []
+        for place in self.places:
+            powers = {0: "", 1: "theta "}.get(place.power, f"theta^{place.power} ")
+            index = ",".join(map(str, place.index))
+            labels.append(f"{powers}{self.name}_{index}" if len(place.index) == 1 else f"{powers}{self.name}_({index})")
+        return Field(self.name, (0.0,) * len(self.values), labels=tuple(labels), meaning=self.meaning)
 
     def tuned(self, form: Form) -> Block:
         """How it comes of theta and the parameters, SX of their places."""
@@ -58,14 +62,6 @@ class ScaledGain:
         for place, row in groupby(zip(self.places, entries, strict=True), lambda pair: pair[0].row):
             rows[place] = sum(k * e[at.chain] for at, k in row)
         return ca.vertcat(*rows)
-
-
-def _power(exponent: int) -> str:
-    return "" if exponent == 0 else "theta " if exponent == 1 else f"theta^{exponent} "
-
-
-def _index(index: tuple[int, ...]) -> str:
-    return str(index[0]) if len(index) == 1 else f"({','.join(map(str, index))})"
 
 
 def _powered(exponent: int) -> Graph:

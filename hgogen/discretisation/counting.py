@@ -53,14 +53,11 @@ def _statement(statement: Statement) -> Counter[int]:
 def instructions_of(graph: ca.Function) -> Counter[int]:
     """The instructions of a graph, and of the routines that it calls, but for what costs nothing."""
     times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
-    routines = [each for each in map(called, _calls(graph)) if isinstance(each, ca.Function)]
+    calls = (each for each in instructions(graph) if each.is_call())
+    routines = [each for each in map(called, calls) if isinstance(each, ca.Function)]
     times[ca.OP_CALL] -= len(routines)
     times = Counter({op: count for op, count in times.items() if op not in _FREE and count})
     return sum(map(instructions_of, routines), times)
-
-
-def _calls(graph: ca.Function) -> list[Any]:
-    return [each for each in instructions(graph) if each.is_call()]
 
 
 def _kernel(kernel: Kernel) -> Counter[int]:

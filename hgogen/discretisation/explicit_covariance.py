@@ -175,8 +175,12 @@ class _Transients:
         parts = [slice(first, first + many) for first in range(0, len(dt), many)]
         fails = np.concatenate([self._fails(every.only(part), dt[part]) for part in parts])
         ends = np.cumsum([len(starts) * len(lengths) for starts, lengths in asked])
-        each = zip(asked, np.split(fails, ends[:-1]), strict=True)
-        return [_first(starts, flags.reshape(len(lengths), -1)) for (starts, lengths), flags in each]
+        answers = []
+        for (starts, lengths), flags in zip(asked, np.split(fails, ends[:-1]), strict=True):
+            by_length = flags.reshape(len(lengths), -1)
+            place = int(by_length.any(axis=1).argmax()) if flags.any() else len(lengths) - 1
+            answers.append((place, starts.only(by_length[place])))
+        return answers
 
     def _fails(self, starts: _Starts, lengths: Array) -> Flags:
         """Which transients (m) fail by steps of the lengths (m)."""
@@ -231,12 +235,6 @@ def _definite(X: Array) -> Flags:
         scale = np.where(pivot > 0.0, pivot, 1.0)[..., None, None]
         X = X[..., 1:, 1:] - column[..., :, None] * column[..., None, :] / scale
     return good
-
-
-def _first(starts: _Starts, fails: Flags) -> Lost:
-    """What is lost first, of the starts (m) that fail by each of some lengths (d, m)."""
-    place = int(fails.any(axis=1).argmax()) if fails.any() else len(fails) - 1
-    return place, starts.only(fails[place])
 
 
 def _transient_limit(starts: _Starts, most: float) -> Search:

@@ -23,10 +23,14 @@ def kernel_graph(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, .
 
     The columns of a group, of a kernel that has some, come first, side by side (n, n).
     """
-    if name in _ON_ARRAYS:
-        return _on_columns(name, n, sizes, counts)
-    arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
-    return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
+    if name not in _ON_ARRAYS:
+        arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
+        return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
+    symbols = [ca.SX.sym(f"a{k}", *shape) for k, shape in enumerate([(n, n), *((size, 1) for size in sizes)])]
+    columns, *others = map(_array, symbols)
+    result = _ON_ARRAYS[name](columns if n > 1 else columns[None], *others, *counts)
+    after = [ca.horzcat(*(ca.vertcat(*map(_value, row)) for row in np.atleast_2d(each))) for each in (columns, *others)]
+    return ca.Function(name, symbols, [*after, ca.SX(0) if result is None else result])
 
 
 # --- on L D L', without a choice: the operations of numpy on arrays of scalars
@@ -62,18 +66,6 @@ def _array(matrix: Graph) -> np.ndarray:
     rows, columns = matrix.shape
     made = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
     return made if columns > 1 else made[0]
-
-
-def _matrix(array: np.ndarray) -> Graph:
-    return ca.horzcat(*(ca.vertcat(*map(_value, row)) for row in np.atleast_2d(array)))
-
-
-def _on_columns(name: str, n: int, sizes: tuple[int, ...], counts: tuple[int, ...]) -> ca.Function:
-    shapes = [(n, n), *((size, 1) for size in sizes)]
-    symbols = [ca.SX.sym(f"a{k}", *shape) for k, shape in enumerate(shapes)]
-    columns, *others = map(_array, symbols)
-    result = _ON_ARRAYS[name](columns if n > 1 else columns[None], *others, *counts)
-    return ca.Function(name, symbols, [*map(_matrix, (columns, *others)), ca.SX(0) if result is None else result])
 
 
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
@@ -173,40 +165,35 @@ def _squared(n: int) -> Graph:
 def _exponential(x: Graph, *_: Graph) -> tuple[Graph, ...]:
     n = int(np.sqrt(x.numel()))
     X = _rows(x)
-    norm = reduce(_larger, (_size(X[i, :].T, n) for i in range(n)))
+    sizes = (_size(X[i, :].T, n) for i in range(n))
+    norm = reduce(lambda a, b: ca.if_else(b > a, b, a), sizes)  # as Python's max has it
     halved = _halved(n * n)(ca.vertcat(norm, 0, ca.vec(X)))
-    X, series = ca.reshape(halved[2:], n, n), ca.SX.sym("X", n, n)
-    graph = ca.Function("series", [series], list(_series(series)))
-    squared = _squared(n)(ca.vertcat(halved[1], *map(ca.vec, graph(X))))
+    series = _series(n)(ca.reshape(halved[2:], n, n))
+    squared = _squared(n)(ca.vertcat(halved[1], *map(ca.vec, series)))
     results = (ca.reshape(squared[1 + k * n * n : 1 + (k + 1) * n * n], n, n) for k in range(3))
     return x, *map(_flat, results)
 
 
-def _larger(a: Graph, b: Graph) -> Graph:
-    return ca.if_else(b > a, b, a)  # as Python's max has it
-
-
-def _series(X: Graph) -> tuple[Graph, Graph, Graph]:
-    """phi_0, phi_1, phi_2."""
-    one = ca.SX.eye(X.shape[0])
+@cache
+def _series(n: int) -> Graph:
+    """(phi_0, phi_1, phi_2) of X."""
+    X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     a2 = one
     for j in range(DEGREE, 0, -1):
         a2 = one + _product(X, a2) / (j + 2)
     a2 = a2 / 2
     a1 = one + _product(X, a2)
-    return one + _product(X, a1), a1, a2
+    return ca.Function("series", [X], [one + _product(X, a1), a1, a2])
 
 
 def _resolvent(x: Graph, inverse: Graph) -> tuple[Graph, ...]:
-    n = int(np.sqrt(x.numel()))
-    X = ca.SX.sym("X", n, n)
-    graph = ca.Function("resolvent", [X], [ca.densify(each) for each in _resolved(X, n)])
-    return tuple(map(_flat, graph(_rows(x))))
+    return tuple(map(_flat, _resolved(int(np.sqrt(x.numel())))(_rows(x))))
 
 
-def _resolved(X: Graph, n: int) -> tuple[Graph, Graph]:
-    """What is left of 1 - X, and its inverse, by Gauss-Jordan with row pivots."""
-    one = ca.SX.eye(n)
+@cache
+def _resolved(n: int) -> Graph:
+    """(what is left of 1 - X, its inverse) of X by Gauss-Jordan with row pivots."""
+    X, one = ca.SX.sym("X", n, n), ca.SX.eye(n)
     rows = [list(ca.vertsplit(matrix)) for matrix in (ca.densify(one - X), ca.densify(one))]
     A = rows[0]
     for k in range(n):
@@ -227,7 +214,7 @@ def _resolved(X: Graph, n: int) -> tuple[Graph, Graph]:
             if i != k:
                 for each in rows:
                     each[i] = each[i] - factor * each[k]
-    return ca.vertcat(*rows[0]), ca.vertcat(*rows[1])
+    return ca.Function("resolvent", [X], [ca.densify(ca.vertcat(*each)) for each in rows])
 
 
 def _row(test: Graph, yes: Graph, no: Graph) -> Graph:

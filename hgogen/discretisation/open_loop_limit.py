@@ -86,17 +86,14 @@ def open_loop_lengths(slopes: Slopes, ranges: Ranges, tableau: Tableau, time: st
     if not np.isfinite(limit.dt):
         return Lengths()
     at = ", ".join(f"{name} = {value:.3g}" for name, value in zip(ranges.names, limit.point, strict=True))
+    eigenvalue, turning = f"{limit.eigenvalue.real:.3g}", abs(limit.eigenvalue.imag)
+    if turning > AXIS * abs(limit.eigenvalue):
+        eigenvalue += f" +- {turning:.3g}i"
     basis = (
         f"beyond it {limit.state} diverges while samples are missing, at {at}, where the model has the "
-        f"eigenvalue {_written(limit.eigenvalue)} 1/{time} and the step leaves the stability region; {SEARCHED}"
+        f"eigenvalue {eigenvalue} 1/{time} and the step leaves the stability region; {SEARCHED}"
     )
     return Lengths(take=limit.dt, basis=basis, rule=tableau.name)
-
-
-def _written(eigenvalue: complex) -> str:
-    if abs(eigenvalue.imag) <= AXIS * abs(eigenvalue):
-        return f"{eigenvalue.real:.3g}"
-    return f"{eigenvalue.real:.3g} +- {abs(eigenvalue.imag):.3g}i"
 
 
 def _started(slopes: Slopes, ranges: Ranges) -> tuple[Array, float]:

@@ -15,13 +15,8 @@ AXIS = 1e-9  # for eig's rounding: |Re z| below which a unit z is imaginary, |z|
 
 def spectral_limit(spectrum: NDArray[np.complex128], polynomial: Sequence[float]) -> float:
     """The largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and each lambda; inf for none."""
-    upper = spectrum[spectrum.imag >= 0.0]  # the others are conjugates
-    return min((_ray_limit(complex(eigenvalue), polynomial) for eigenvalue in upper), default=np.inf)
-
-
-def _ray_limit(eigenvalue: complex, polynomial: Sequence[float]) -> float:
-    """The first h at which |R(h lambda)| passes 1."""
-    return _passed(eigenvalue / abs(eigenvalue), tuple(polynomial)) / abs(eigenvalue)
+    upper = map(complex, spectrum[spectrum.imag >= 0.0])  # the others are conjugates
+    return min((_passed(each / abs(each), tuple(polynomial)) / abs(each) for each in upper), default=np.inf)
 
 
 @lru_cache(maxsize=1024)  # all real eigenvalues, and those of points with the same slopes, lie on the same rays

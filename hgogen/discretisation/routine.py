@@ -60,8 +60,11 @@ class Routine:
     @cached_property
     def arguments(self) -> tuple[Argument, ...]:
         """What it is given, in order."""
-        columns = zip(self.function.name_in(), self.function.sx_in(), strict=True)
-        return tuple(_argument(name, symbols) for name, symbols in columns)
+        arguments = []
+        for name, symbols in zip(self.function.name_in(), self.function.sx_in(), strict=True):
+            place = address(symbols[0])[0] if _lies(symbols[0]) else None
+            arguments.append(Argument(name, symbols.numel(), place))
+        return tuple(arguments)
 
     def elements(self, argument: int) -> tuple[int, ...]:
         """The elements that it reads of an argument."""
@@ -82,12 +85,6 @@ class Routine:
             return ["" if row == k else f"{name}{row + 1}" for k, row in enumerate(pattern.row())]
         between = "_" if max(pattern.shape) > 9 else ""
         return [f"{name}_{i + 1}{between}{j + 1}" for i, j in zip(*pattern.get_triplet(), strict=True)]
-
-
-def _argument(name: str, symbols: Graph) -> Argument:
-    first = symbols[0]
-    size = symbols.numel()
-    return Argument(name, size, address(first)[0]) if _lies(first) else Argument(name, size)
 
 
 def _lies(symbol: Graph) -> bool:

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
+from operator import add
 
 from hgogen.graph import Graph
 
@@ -99,8 +101,12 @@ def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Va
     arguments: list[dict[str, Graph]] = []
     slopes: list[dict[str, Graph]] = []
     for row, c in zip(tableau.a, tableau.c, strict=True):
-        arguments.append(_combined(start, slopes, [h * a for a in row]))
-        slopes.append(dict(rate(arguments[-1], c)))
+        stage = dict(start)
+        for a, slope in zip(row, slopes, strict=False):
+            if a:
+                stage = {key: value + h * a * slope[key] for key, value in stage.items()}
+        arguments.append(stage)
+        slopes.append(dict(rate(stage, c)))
     return Stages(_weighted(start, slopes, tableau.b, h), tuple(arguments), tuple(slopes))
 
 
@@ -121,30 +127,15 @@ def rounds(tableau: Tableau, h: float) -> Rounds:
     return Rounds(tuple(tableau.c), tuple(_ratios(tableau.b)), ahead, h * tableau.b[0])
 
 
-def _combined(start: Values, slopes: list[dict[str, Graph]], weights: list[float]) -> dict[str, Graph]:
-    result = dict(start)
-    for slope, weight in zip(slopes, weights, strict=False):
-        if weight:
-            result = {key: value + weight * slope[key] for key, value in result.items()}
-    return result
-
-
 def _weighted(start: Values, slopes: list[dict[str, Graph]], b: tuple[float, ...], h: float) -> dict[str, Graph]:
     """z + h b_1 (k_1 + b_2/b_1 k_2 + ...): whole ratios cost no multiplication."""
     result = {}
     for key, value in start.items():
-        total: Graph = None
-        for ratio, slope in zip(_ratios(b), slopes, strict=True):
-            total = _added(total, ratio, slope[key])
+        shares = zip(_ratios(b), slopes, strict=True)
+        total = reduce(add, (slope[key] if ratio == 1 else ratio * slope[key] for ratio, slope in shares))
         result[key] = value + h * b[0] * total
     return result
 
 
 def _ratios(b: tuple[float, ...]) -> list[float]:
     return [round(weight / b[0], 12) for weight in b]
-
-
-def _added(total: Graph | None, ratio: float, slope: Graph) -> Graph:
-    """A sum of slopes with one more."""
-    more = slope if ratio == 1 else ratio * slope
-    return more if total is None else total + more

@@ -88,14 +88,15 @@ class Loops:
             inverse, bound = _solved(settled, one), self._shares(settled).max(axis=1)
         half, now = self.starts, self.starts
         largest = np.zeros(len(self.F))
-        for steps in doubled:
-            moved = _moved(np.concatenate((now, half)), steps)
-            half, now = now, moved[: len(now)]
-            largest = np.maximum(largest, self._shares(moved).max(axis=(0, 2)))
-            with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):
+            for A, G, H in doubled:
+                P = np.concatenate((now, half))
+                moved = H + A.swapaxes(1, 2) @ P @ _solved(one + G @ P, A)
+                half, now = now, moved[: len(now)]
+                largest = np.maximum(largest, self._shares(moved).max(axis=(0, 2)))
                 later = np.maximum(1.0, (inverse * now).sum(axis=(2, 3))) * bound
-            if (later <= enough).all():
-                break
+                if (later <= enough).all():
+                    break
         return largest
 
     def settles(self, h: float) -> Array:
@@ -198,6 +199,8 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops
     there, settled = _definite(P), _definite(rested)
     starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(settled[:, None, None], rested, P)])
     F, C, P, starts = F[there], C[there], P[there], starts[:, there]
+    corners = len(there) // 2  # after the middle, and before as many points inside
+    most = np.concatenate(([GROWTH], np.full(corners, PASSING), np.full(len(there) - 1 - corners, GROWTH)))
     N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(part.nominal[1]), theta)[:, None])
     L = np.linalg.cholesky(P)
     inverse = np.linalg.inv(L)
@@ -211,14 +214,8 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops
         inverse @ starts @ back,
         L,
         np.full(n, np.inf) if rho else part.cap,
-        _most(len(there))[there],
+        most[there],
     )
-
-
-def _most(points: int) -> Array:
-    """`Loops.most` of the middle, the corners, and as many points inside."""
-    corners = points // 2
-    return np.concatenate(([GROWTH], np.full(corners, PASSING), np.full(points - 1 - corners, GROWTH)))
 
 
 def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
@@ -255,13 +252,6 @@ def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array
             if not (np.abs(more) > SETTLED * np.abs(H).max(axis=(1, 2), keepdims=True)).any():
                 break
     yield A, G, H
-
-
-def _moved(P: Array, steps: tuple[Array, Array, Array]) -> Array:
-    """P (s, k, n, n) after them."""
-    A, G, H = steps
-    with np.errstate(all="ignore"):
-        return np.asarray(H + A.swapaxes(1, 2) @ P @ _solved(np.eye(A.shape[-1]) + G @ P, A))
 
 
 def _solved(W: Array, B: Array) -> Array:

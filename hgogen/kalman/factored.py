@@ -10,7 +10,7 @@ The second is a scalar update for each state, of a sample that is the estimate: 
 together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h but for Q_0.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
@@ -109,6 +109,13 @@ class Moved:
         """The variance r = R_theta/h of an output, h its sampling period."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
+    def corrected(
+        self, gain: Graph, error: Graph, factors: Mapping[Place, Graph], title: str = "correct by the scalar update"
+    ) -> Block:
+        """z moved by a gain (n) times an error, with the writes of the factors of P."""
+        z = {Place("state", self.part.z.name): self.z + gain * error}
+        return Block(title, {**z, **factors}, {f"K{i + 1}": k for i, k in enumerate(ca.vertsplit(gain))})
+
 
 def entries(name: str, matrix: Graph) -> dict[str, Graph]:
     """The computed entries of a sparse SX matrix by name, for the C printer."""
@@ -118,11 +125,22 @@ def entries(name: str, matrix: Graph) -> dict[str, Graph]:
 
 
 def common(part: Riccati, clock: Clock) -> dict[str, Any]:
-    """What the pieces of every factored covariance have: the status bit, and what a step forgets."""
+    """What the pieces of every factored covariance have: the status bit, and of one that forgets exp(rho h) and the
+    roots of (1 - exp(-rho h)) S_0. Both come of one rounding of exp, so that S tends to S_0 however small rho h is."""
+    always = {"bits": (part.limited,), "uses_output": part.known is not None}
+    if part.forgetting is None:
+        return always
+    growth = ca.exp(part.rho * clock.dt)
+    share = ca.fmax(growth - 1, 0) / growth
+    prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
+    meaning = "roots of (1 - exp(-rho dt)) S_0, what a step adds of the prior"
     return {
-        "bits": (part.limited,),
-        "uses_output": part.known is not None,
-        **({} if part.forgetting is None else _forgotten(part, clock)),
+        **always,
+        "derived": (
+            scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
+            Field("prior", (0.0,) * len(part.cap), meaning=meaning),
+        ),
+        "tune": (Block("what a step forgets", {Place("derived", "growth"): growth, Place("derived", "prior"): prior}),),
     }
 
 
@@ -131,25 +149,6 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
     refused, take = advised(part, dt)
     why = "beyond it no error settles, wherever in the declared box it was tried"
     return Lengths(refused=refused, take=take, why=why, basis=BY_TRIAL)
-
-
-def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:
-    """The pieces that forget: exp(rho h), and the roots of (1 - exp(-rho h)) S_0. Both come from one rounding of exp,
-    so that S tends to S_0 however small rho h is."""
-    growth = ca.exp(part.rho * clock.dt)
-    share = ca.fmax(growth - 1, 0) / growth
-    prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
-    return {
-        "derived": (
-            scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
-            Field(
-                "prior",
-                (0.0,) * len(part.cap),
-                meaning="roots of (1 - exp(-rho dt)) S_0, what a step adds of the prior",
-            ),
-        ),
-        "tune": (Block("what a step forgets", {Place("derived", "growth"): growth, Place("derived", "prior"): prior}),),
-    }
 
 
 def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
@@ -188,12 +187,18 @@ def diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
 
 def unrolled(part: Riccati, clock: Clock) -> Pieces:
     """Straight-line code; L packed by columns."""
+    L, d = _symbols(part)
+    bounded = _cap(part, clock) if part.forgetting is None else _renewed(part, clock)
+    moved, update = Moved(part, clock), []
+    for j in range(clock.outputs):
+        *factors, gain = measurement_update(L, d, moved.row(j), moved.variance(j))
+        update.append((moved.corrected(gain, sym("work", "e"), _written(*factors)),))
     return Pieces(
         fields=(part.z, *_factors(part, clock)),
-        covariance=_covariance(part),
+        covariance=L @ ca.diag(d) @ L.T,
         **common(part, clock),
-        predict=(_predict(part, clock), *(_cap(part, clock) if part.forgetting is None else _renewed(part, clock))),
-        update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
+        predict=(_predict(part, clock), *bounded),
+        update=tuple(update),
     )
 
 
@@ -218,12 +223,6 @@ def _symbols(part: Riccati) -> tuple[Graph, Graph]:
     n = part.dynamics.n
     lower = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
     return lower, sym("state", "D", n)
-
-
-def _covariance(part: Riccati) -> Graph:
-    """P (n, n) of the factors in the state."""
-    L, d = _symbols(part)
-    return L @ ca.diag(d) @ L.T
 
 
 def _written(L: Graph, d: Graph) -> dict[Place, Graph]:
@@ -272,24 +271,9 @@ def capped(clock: Clock, part: Riccati, variance: list[Graph], scaled: Factors) 
         return ()
     caps = [float(value) for value in part.cap]
     scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
+    beyond = reduce(ca.logic_or, [value > cap for cap, value in zip(caps, variance, strict=True)])
     limited = {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}
     return (
-        Block("largest variances", {Place("work", "capped"): _beyond(variance, caps)}),
+        Block("largest variances", {Place("work", "capped"): beyond}),
         When(Place("work", "capped"), (Block("cap", {**scaled(scale), **limited}),)),
-    )
-
-
-def _beyond(variance: list[Graph], limits: list[float]) -> Graph:
-    return reduce(ca.logic_or, [value > limit for value, limit in zip(variance, limits, strict=True)])
-
-
-def _update(part: Riccati, clock: Clock, output: int) -> Program:
-    moved = Moved(part, clock)
-    L, d, gain = measurement_update(*_symbols(part), moved.row(output), moved.variance(output))
-    return (
-        Block(
-            "correct by the scalar update",
-            {Place("state", part.z.name): moved.z + gain * sym("work", "e"), **_written(L, d)},
-            {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
-        ),
     )

@@ -56,9 +56,8 @@ def _positive(d: float) -> None:
 def _tableau(method: Any) -> Tableau:
     tableau = HEUN if method is None else getattr(method, "tableau", None)
     if not isinstance(tableau, Tableau):
-        raise BadWindowSize(
-            f"method = {method!r}", "must be an explicit one: methods.euler, methods.heun or methods.rk4"
-        )
+        reason = "must be an explicit one: methods.euler, methods.heun or methods.rk4"
+        raise BadWindowSize(f"method = {method!r}", reason)
     return tableau
 
 

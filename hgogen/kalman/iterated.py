@@ -84,30 +84,24 @@ class _Sample:
 def _update(part: Iterated, clock: Clock, output: int) -> Program:
     """The passes, each a block of its own, then z and S."""
     sample, n = _Sample(part, clock, output), part.plain.dynamics.n
-    w, share = sym("work", "offset", n), sym("work", "share")
+    w, share, before = sym("work", "offset", n), sym("work", "share"), sym("work", "cost")
     begin = {Place("work", "offset"): ca.SX.zeros(n), Place("work", "share"): ca.SX(1)}
-    S, _ = carlson(sample.S, sample.row(w), sample.moved.variance(output))
+    f, r = sample.row(w), sample.moved.variance(output)
+    target = f * (sample.error(w) + ca.dot(f, w)) / (r + ca.sumsqr(f))
+    tried = w + share * (target - w)
+    cost = sample.cost(tried)
+    better = cost < before
+    again = {
+        Place("work", "offset"): ca.if_else(better, tried, w),
+        Place("work", "cost"): ca.if_else(better, cost, before),
+        Place("work", "share"): ca.if_else(better, 1, share / 2),
+    }
+    S, _ = carlson(sample.S, f, r)
     return (
         Block("begin at the prediction", {**begin, Place("work", "cost"): sample.cost(ca.SX.zeros(n))}),
-        *(_pass(sample, w, share, k + 1) for k in range(part.passes)),
+        *(Block(f"pass {k + 1}", again) for k in range(part.passes)),
         Block(
             "correct by the offset, and P at the estimate",
             {Place("state", part.plain.z.name): sample.moved.z + sample.S @ w, **written(S)},
         ),
-    )
-
-
-def _pass(sample: _Sample, w: Graph, share: Graph, number: int) -> Block:
-    f, r = sample.row(w), sample.moved.variance(sample.output)
-    target = f * (sample.error(w) + ca.dot(f, w)) / (r + ca.sumsqr(f))
-    tried = w + share * (target - w)
-    cost, before = sample.cost(tried), sym("work", "cost")
-    better = cost < before
-    return Block(
-        f"pass {number}",
-        {
-            Place("work", "offset"): ca.if_else(better, tried, w),
-            Place("work", "cost"): ca.if_else(better, cost, before),
-            Place("work", "share"): ca.if_else(better, 1, share / 2),
-        },
     )

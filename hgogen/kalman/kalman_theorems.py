@@ -22,6 +22,11 @@ _DEFINITE = Hypothesis(
     reason="else the observer is refused",
     reference="(4)",
 )
+_OF_LOWER_RANK = replace(
+    _DEFINITE,
+    verdict=Verdict.UNKNOWN,
+    reason="Q has an eigenvalue 0; its noise reaches every state of the model as it is linearised at a point",
+)
 _BUILT = (
     Hypothesis(
         "b is smooth and of compact support",
@@ -188,22 +193,12 @@ ALIGNMENTS = {  # by the alignment of the chains
 }
 
 
-def _of_lower_rank(hypothesis: Hypothesis) -> Hypothesis:
-    """The hypothesis on Q of a Q that is not positive definite, any other as it is."""
-    if hypothesis is not _DEFINITE:
-        return hypothesis
-    return replace(
-        hypothesis,
-        verdict=Verdict.UNKNOWN,
-        reason="Q has an eigenvalue 0; its noise reaches every state of the model as it is linearised at a point",
-    )
-
-
 def of_form(theorem: Theorem, form: Form, *, definite: bool = True) -> Theorem:
     """The theorem with what the form brings: chains of several outputs, coordinates in which the filter does not
     work; and whether Q is positive definite."""
     if not definite:
-        theorem = replace(theorem, hypotheses=tuple(map(_of_lower_rank, theorem.hypotheses)))
+        ranked = (_OF_LOWER_RANK if each is _DEFINITE else each for each in theorem.hypotheses)
+        theorem = replace(theorem, hypotheses=tuple(ranked))
     if form.kind == "block_triangular":
         more = ALIGNMENTS.get(form.alignment)
         chains = theorem.with_chains().under(*((more,) if more else ()))

@@ -10,6 +10,7 @@ import numpy as np
 from hgogen.graph import Graph
 from hgogen.kalman.factored import Moved, common, diagonal
 from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.weights import is_diagonal
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, When, column, sym
 from hgogen.reading.given import BadGain
@@ -25,7 +26,7 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
     """
     n = part.dynamics.n
     for name, matrix in _matrices(part).items():
-        if not _diagonal(matrix):
+        if not is_diagonal(matrix):
             raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
     columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
     return Pieces(
@@ -39,15 +40,11 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
 
 def admits(part: Riccati) -> bool:
     """Whether loops can take the part's Q and P(0)."""
-    return all(map(_diagonal, _matrices(part).values()))
+    return all(map(is_diagonal, _matrices(part).values()))
 
 
 def _matrices(part: Riccati) -> dict[str, np.ndarray]:
     return {"Q": part.nominal[0], "covariance": part.covariance}
-
-
-def _diagonal(matrix: np.ndarray) -> bool:
-    return not np.count_nonzero(matrix - np.diag(np.diag(matrix)))
 
 
 def _predict(part: Riccati, clock: Clock) -> Program:
@@ -58,13 +55,21 @@ def _predict(part: Riccati, clock: Clock) -> Program:
     advanced, entries, said = _applied(sym("column", "v", n), F, Phi, clock.dt)
     band = max(1, Phi.sparsity().bw_upper())
     z = {Place("state", part.z.name): stages.result["z"]}
+    forgetting: Program = ()
+    noise: Program = ()
+    if part.forgetting is not None:
+        forgetting = (Block("forgetting", {_D: moved.grown(sym("state", "D", n))}),)
+    if part.factor.size:
+        w = Place("work", "w")
+        scaled = Block("h Q_theta", {w: moved.weights() * part.spread() ** 2})
+        noise = (scaled, Kernel("add", n, _COLUMNS, ((_D, n), (w, n))))
     return (
         Block(f"z by classical Runge-Kutta; {said}, but for constants, by columns", z | entries, stages.names),
         Kernel("expand", n, _COLUMNS),
         Loop("column", n, (Block("a column of Phi L", {_COLUMNS: advanced}, spelled=clock.prefer == "speed"),)),
-        *_forgetting(moved),
+        *forgetting,
         Kernel("triangularise", n, _COLUMNS, ((_D, n),), counts=(band,)),
-        *_noise(moved),
+        *noise,
         *(_limit(part) if clock.guarded or part.forgetting is not None else ()),
     )
 
@@ -91,36 +96,18 @@ def _held(name: str, matrix: Graph) -> tuple[Graph, dict[Place, Graph]]:
     return ca.SX(matrix.sparsity(), column(values)), {Place("work", name): computed}
 
 
-def _forgetting(moved: Moved) -> Program:
-    if moved.part.forgetting is None:
-        return ()
-    return (Block("forgetting", {_D: moved.grown(sym("state", "D", moved.part.dynamics.n))}),)
-
-
-def _noise(moved: Moved) -> Program:
-    if not moved.part.factor.size:
-        return ()
-    n, w = moved.part.dynamics.n, Place("work", "w")
-    scaled = Block("h Q_theta", {w: moved.weights() * moved.part.spread() ** 2})
-    return (scaled, Kernel("add", n, _COLUMNS, ((_D, n), (w, n))))
-
-
 def _limit(part: Riccati) -> Program:
+    """What limits a variance beyond its cap, or not a number, as it is where an entry of L is none."""
     n, limited = part.dynamics.n, Place("work", "limited")
+    v = sym("column", "v", n)
+    restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
+    restart = Block("a lost value restarts", {_COLUMNS: restarted})
+    said = Block("limited", {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)})
     limits = Block("largest variances", {Place("work", "caps"): ca.SX(ca.DM(part.cap))})
     name, more = ("cap", ()) if part.forgetting is None else ("renew", ((Place("derived", "prior"), n),))
     arguments = ((_D, n), (Place("work", "caps"), n), *more)
-    return (limits, Kernel(name, n, _COLUMNS, arguments, result=limited), When(limited, _limited(n)))
-
-
-def _limited(n: int) -> Program:
-    """Where a variance was beyond its cap or is not a number, as it is where an entry of L is none."""
-    v = sym("column", "v", n)
-    restarted = column(ca.if_else(ca.fabs(v[i]) <= LOST, v[i], 0) for i in range(n))
-    return (
-        Block("limited", {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}),
-        Loop("column", n, (Block("a lost value restarts", {_COLUMNS: restarted}),)),
-    )
+    limit = Kernel(name, n, _COLUMNS, arguments, result=limited)
+    return (limits, limit, When(limited, (said, Loop("column", n, (restart,)))))
 
 
 def _update(part: Riccati, clock: Clock, output: int) -> Program:

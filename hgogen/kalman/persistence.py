@@ -253,9 +253,8 @@ def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> s
 
 def _size(rows: sp.Matrix) -> sp.Expr:
     """The sum of squares of the minors of n rows, which is det(N'N): 0 where the rank is below n."""
-    if rows.rows == rows.cols:
-        return determinant(rows.tolist()).value
-    return determinant((rows.T * rows).tolist()).value
+    square = rows if rows.rows == rows.cols else rows.T * rows
+    return determinant(square.tolist()).value
 
 
 def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Expr = sp.S.One) -> bool:

@@ -36,15 +36,17 @@ def square_root(part: Riccati, clock: Clock) -> Pieces:
     n = part.dynamics.n
     if n > LARGEST:
         raise BadGain("cholesky", f"takes up to {LARGEST} states, there are {n}; take continuous_discrete, which loops")
+    moved, S, update = Moved(part, clock), symbols(part), []
+    for j in range(clock.outputs):
+        after, gain = carlson(S, S.T @ moved.row(j).T, moved.variance(j))
+        update.append((moved.corrected(gain, sym("work", "e"), written(after)),))
+    bounded = within_cap(part, clock) if part.forgetting is None else _renewed(part, clock)
     return Pieces(
         fields=(part.z, _root(part, clock)),
-        covariance=symbols(part) @ symbols(part).T,
+        covariance=S @ S.T,
         **common(part, clock),
-        predict=(
-            _predict(part, clock),
-            *(within_cap(part, clock) if part.forgetting is None else _renewed(part, clock)),
-        ),
-        update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
+        predict=(_predict(part, clock), *bounded),
+        update=tuple(update),
     )
 
 
@@ -151,15 +153,3 @@ def within_cap(part: Riccati, clock: Clock) -> Program:
         return written(ca.diag(scale) @ S)
 
     return capped(clock, part, _variances(part), scaled)
-
-
-def _update(part: Riccati, clock: Clock, output: int) -> Program:
-    moved, S = Moved(part, clock), symbols(part)
-    S, gain = carlson(S, S.T @ moved.row(output).T, moved.variance(output))
-    return (
-        Block(
-            "correct by the scalar update",
-            {Place("state", part.z.name): moved.z + gain * sym("work", "e"), **written(S)},
-            {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
-        ),
-    )

@@ -95,7 +95,6 @@ class _Copies:
 
     @property
     def pieces(self) -> Pieces:
-        oldest = Loop("predictor", 1, (self._read(),), start=_OLDEST)
         return Pieces(
             fields=(
                 INNOVATION,
@@ -105,7 +104,7 @@ class _Copies:
             groups=(self._group(),),
             predict=(Loop("predictor", self.members, self._move()),),
             update=tuple(self._accumulate(j) for j in range(self.clock.outputs)),
-            adapt=(oldest, self._due(), When(_RESTART, self._restart())),
+            adapt=self._adapt(),
         )
 
     def _group(self) -> Group:
@@ -140,30 +139,25 @@ class _Copies:
         tally = Block("one more sample", {_SAMPLES: _with(valid, output, more)})
         return (Loop("predictor", self.members, (add, tally)),)
 
-    def _read(self) -> Block:
-        wanted = self._wanted()
+    def _adapt(self) -> Program:
+        """The innovation is read of the oldest predictor, which then restarts if it is due."""
+        numbers = [max(1, self.count // every) for every in self.clock.every] or [self.count]
+        wanted = ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0]  # of each output in the window
         scaled = self.total * (wanted / ca.fmax(self.valid, wanted))
         text = "innovation: the sum of the oldest predictor, scaled to the window, never scaled up"
-        return Block(text, {Place("state", "innovation"): summed(self.weights, scaled)})
-
-    def _wanted(self) -> Graph:
-        """How many samples of each output the window has; a number where all have as many."""
-        numbers = [max(1, self.count // every) for every in self.clock.every]
-        return ca.SX(ca.DM(numbers)) if len({*numbers}) > 1 else numbers[0] if numbers else self.count
-
-    def _due(self) -> Block:
-        tick = sym("state", "tick") + 1
+        read = Block(text, {Place("state", "innovation"): summed(self.weights, scaled)})
+        tick, after = sym("state", "tick") + 1, sym("state", "oldest") + 1
         over = tick >= self.period
-        text = f"one predictor restarts every {self.period} samples"
-        return Block(text, {_RESTART: over, _TICK: ca.if_else(over, 0, tick)})
-
-    def _restart(self) -> Program:
+        due = {_RESTART: over, _TICK: ca.if_else(over, 0, tick)}
         none, estimate = ca.SX.zeros(self.clock.outputs), sym("state", self.predictor.z.name, self.n)
         restart = Block("the oldest predictor restarts from the estimate", {_Z: estimate, _SUM: none})
         empty = Block("no sample yet", {_SAMPLES: none})
-        after = sym("state", "oldest") + 1
         rotate = Block("the next one is the oldest", {_OLDEST: ca.if_else(after >= self.members, 0, after)})
-        return (Loop("predictor", 1, (restart, empty), start=_OLDEST), rotate)
+        return (
+            Loop("predictor", 1, (read,), start=_OLDEST),
+            Block(f"one predictor restarts every {self.period} samples", due),
+            When(_RESTART, (Loop("predictor", 1, (restart, empty), start=_OLDEST), rotate)),
+        )
 
 
 def _with(values: Graph, index: int, value: Graph) -> Graph:

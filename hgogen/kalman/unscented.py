@@ -17,7 +17,6 @@ transformation", ACC 2002; van der Merwe, Wan, "The square-root unscented Kalman
 parameter-estimation", ICASSP 2001; the sums by pairs as in Norgaard, Poulsen, Ravn, Automatica 36 (2000).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import sqrt
 
@@ -99,43 +98,30 @@ def _predict(part: Unscented, clock: Clock) -> Program:
     noise = part.plain.scaled_factor() @ ca.diag(ca.sqrt(moved.weights()))
     S, names = triangle(ca.horzcat(sums.slopes, sums.bends, sqrt(max(0.0, part.more)) * sums.drift, noise))
     after = {Place("state", part.plain.z.name): sums.middle + sums.drift, **written(S)}
-    return (
-        *(_move(moved, name, title, point) for name, (title, point) in points.items()),
-        Block("the mean of the points, and P = S S' of their covariance + h Q", after, names),
-    )
-
-
-def _move(moved: Moved, name: str, title: str, point: Graph) -> Block:
-    """Moves a sigma point into a place of the work."""
-    stages = moved.stages_from(point)
-    return Block(f"{title} by classical Runge-Kutta", {Place("work", name): stages.result["z"]}, stages.names)
+    blocks = []
+    for name, (title, point) in points.items():
+        stages = moved.stages_from(point)
+        result = {Place("work", name): stages.result["z"]}
+        blocks.append(Block(f"{title} by classical Runge-Kutta", result, stages.names))
+    return (*blocks, Block("the mean of the points, and P = S S' of their covariance + h Q", after, names))
 
 
 def _update(part: Unscented, clock: Clock, output: int) -> Program:
     moved, S = Moved(part.plain, clock), symbols(part.plain)
     row, r = moved.row(output), moved.variance(output)
-    drift = ca.SX(0)
+
+    def h(z: Graph) -> Graph:
+        return part.plain.dynamics.output(z, clock.u_now)[output]
+
     if linear(part.plain, clock, output):
-        f = S.T @ row.T
+        f, drift, title = S.T @ row.T, ca.SX(0), "correct by the scalar update"
     else:
-        h = _reading(part.plain, clock, output)
         above, below = _points(part, moved.z)
         sums = _transformed(part, h(moved.z), [h(z) for z in above], [h(z) for z in below])
-        f, drift = sums.slopes.T, sums.drift
+        f, drift, title = sums.slopes.T, sums.drift, "correct by what the sigma points read"
         r = r + ca.sumsqr(sums.bends) + max(0.0, part.more) * drift**2
     S, gain = carlson(S, f, r)
-    return (
-        Block(
-            "correct by what the sigma points read" if drift.n_dep() else "correct by the scalar update",
-            {Place("state", part.plain.z.name): moved.z + gain * (sym("work", "e") - drift), **written(S)},
-            {f"K{i + 1}": gain[i] for i in range(part.plain.dynamics.n)},
-        ),
-    )
-
-
-def _reading(plain: Riccati, clock: Clock, output: int) -> Callable[[Graph], Graph]:
-    """The output h_j of a state."""
-    return lambda z: plain.dynamics.output(z, clock.u_now)[output]
+    return (moved.corrected(gain, sym("work", "e") - drift, written(S), title),)
 
 
 def linear(plain: Riccati, clock: Clock, output: int) -> bool:

@@ -67,7 +67,8 @@ def spd(name: str, value: Any, n: int, reaches: Callable[[np.ndarray], bool] | N
     if even is None:
         raise BadGain(name, unsymmetric(name))
     matrix = np.array(even, dtype=float)
-    if not is_definite(matrix) and not (reaches and _nonnegative_diagonal(matrix) and reaches(matrix)):
+    semidefinite = is_diagonal(matrix) and bool((np.diag(matrix) >= 0).all())
+    if not is_definite(matrix) and not (reaches and semidefinite and reaches(matrix)):
         raise BadGain(name, _WANTED if reaches else "must be positive definite")
     return matrix
 
@@ -86,17 +87,14 @@ def reached_by(matrix: np.ndarray, jacobians: np.ndarray) -> bool:
     return False
 
 
-def _is_diagonal(matrix: np.ndarray) -> bool:
+def is_diagonal(matrix: np.ndarray) -> bool:
+    """Whether a matrix has no entry beside its diagonal."""
     return not np.count_nonzero(matrix - np.diag(np.diag(matrix)))
-
-
-def _nonnegative_diagonal(matrix: np.ndarray) -> bool:
-    return _is_diagonal(matrix) and bool((np.diag(matrix) >= 0).all())
 
 
 def is_definite(matrix: np.ndarray) -> bool:
     """Whether a matrix is positive definite, by exact arithmetic: a float eigenvalue near 0 may have the wrong sign."""
-    if _is_diagonal(matrix):
+    if is_diagonal(matrix):
         return bool((np.diag(matrix) > 0).all())
     return definite.positive(definite.exact(definite.rationals(matrix)))
 

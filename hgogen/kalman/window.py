@@ -71,8 +71,15 @@ class _Ring:
 
     @property
     def pieces(self) -> Pieces:
-        zeros = (0.0,) * self.clock.outputs
-        oldest = Block("the model starts from the estimate d ago", self._start())
+        p = self.clock.outputs
+        zeros, after = (0.0,) * p, sym("state", "newest") + 1
+        newest = {_NEWEST: ca.if_else(after >= self.size, 0, after)}
+        sample = {"z": sym("state", self.predictor.z.name, self.n)}
+        sample |= {"y": sym("state", "recent_y", p), "valid": sym("state", "recent_valid", p)}
+        sample |= {"u": sym("state", "u", self.clock.inputs)} if self.clock.inputs else {}
+        store = Block("store", {Place("past", name): value for name, value in sample.items()})
+        start = {_Z: sym("past", "z", self.n), _SUM: ca.SX(0), **self._input()}
+        oldest = Block("the model starts from the estimate d ago", start)
         again = Block(f"the model again by {self.predictor.tableau.name}, its squared output error", self._replay())
         return Pieces(
             fields=(
@@ -83,11 +90,11 @@ class _Ring:
                 Field("recent_valid", zeros, meaning="1 where it counts"),
             ),
             groups=(self._group(),),
-            predict=(Block("no sample yet", {_RECENT_VALID: ca.SX.zeros(self.clock.outputs)}),),
-            update=tuple(self._remember(j) for j in range(self.clock.outputs)),
+            predict=(Block("no sample yet", {_RECENT_VALID: ca.SX.zeros(p)}),),
+            update=tuple(self._remember(j) for j in range(p)),
             adapt=(
-                self._push(),
-                Loop("past", 1, (Block("store", self._stored()),), start=_NEWEST),
+                Block("the newest sample takes the place of the oldest", newest),
+                Loop("past", 1, (store,), start=_NEWEST),
                 self._find(),
                 Loop("past", 1, (oldest,), start=_OLDEST),
                 Loop("past", self.steps, (again,), start=_FIRST, active=_STEPS),
@@ -109,18 +116,6 @@ class _Ring:
         y[output], valid[output] = sym("work", "measurement"), 1
         return (Block("this sample", {_RECENT_Y: y, _RECENT_VALID: valid}),)
 
-    def _push(self) -> Block:
-        after = sym("state", "newest") + 1
-        text = "the newest sample takes the place of the oldest"
-        return Block(text, {_NEWEST: ca.if_else(after >= self.size, 0, after)})
-
-    def _stored(self) -> dict[Place, Graph]:
-        p, m = self.clock.outputs, self.clock.inputs
-        z = {"z": sym("state", self.predictor.z.name, self.n)}
-        y = {"y": sym("state", "recent_y", p), "valid": sym("state", "recent_valid", p)}
-        u = {"u": sym("state", "u", m)} if m else {}
-        return {Place("past", name): value for name, value in (z | y | u).items()}
-
     def _find(self) -> Block:
         newest, filled, size = sym("state", "newest"), sym("state", "filled"), self.size
         count = ca.if_else(filled < size, filled + 1, size)
@@ -128,9 +123,6 @@ class _Ring:
         first = ca.if_else(oldest + 1 >= size, 0, oldest + 1)
         writes = {_FILLED: count, _OLDEST: oldest, _FIRST: first, _STEPS: count - 1}
         return Block("the window starts at the oldest sample", writes)
-
-    def _start(self) -> dict[Place, Graph]:
-        return {_Z: sym("past", "z", self.n), _SUM: ca.SX(0), **self._input()}
 
     def _input(self) -> dict[Place, Graph]:
         """The input of a sample, which is the one before the next sample's; none where the plant has none."""

@@ -110,12 +110,6 @@ def _age(name: str) -> str:
     return f"{name.rstrip('_')}_age"
 
 
-def _age_of(output: Signal, most: int) -> Signal:
-    """What tells with a sample of an output how many periods ago it was taken."""
-    meaning = f"periods ago in which {output.name} was taken, a whole number"
-    return Signal(_age(output.name), "", meaning, nominal=0, low=0, high=most)
-
-
 def arranged(step: Step) -> Step:
     """The step that takes late samples of the outputs that its observer's `delays` name; without any, the step.
 
@@ -132,12 +126,17 @@ class _Delayed:
 
     @property
     def step(self) -> Step:
-        plain = self.plain
+        plain, periods = self.plain, self._count
         if not plain.apart:
             raise CannotUpdate(plain.observer.name, plain.rule)
+        clock = (
+            scalar(AT.name, 0, kind="index", high=periods - 1, meaning="index of the period of now"),
+            scalar(FILLED.name, 0, kind="index", high=periods, meaning="periods remembered since the last reset"),
+            scalar(DUE.name, 0, kind="index", high=periods, meaning="periods, the last this one, that adapt completes"),
+        )
         made = replace(
             plain,
-            state=(*plain.state, *self._fields),
+            state=(*plain.state, *clock, *self._signals),
             groups=(*plain.groups, *self._rings),
             sections=tuple(map(_pruned, (self._predict, *map(self._update, plain.outputs), self._adapt))),
             timed=(),
@@ -151,7 +150,11 @@ class _Delayed:
     def _ages(self) -> Mapping[Signal, Signal]:
         """By output, those of samples that may come late."""
         outputs = {output.name: output for output in self.plain.outputs}
-        return {outputs[name]: _age_of(outputs[name], most) for name, most in self.plain.observer.delays}
+        meaning = "periods ago in which {} was taken, a whole number"
+        return {
+            outputs[name]: Signal(_age(name), "", meaning.format(name), nominal=0, low=0, high=most)
+            for name, most in self.plain.observer.delays
+        }
 
     @property
     def _count(self) -> int:
@@ -159,17 +162,6 @@ class _Delayed:
         return 1 + max(most for _, most in self.plain.observer.delays)
 
     # --- memory
-
-    @property
-    def _fields(self) -> tuple[Field, ...]:
-        """The clock of the ring, and what is given to the period that runs."""
-        periods = self._count
-        return (
-            scalar(AT.name, 0, kind="index", high=periods - 1, meaning="index of the period of now"),
-            scalar(FILLED.name, 0, kind="index", high=periods, meaning="periods remembered since the last reset"),
-            scalar(DUE.name, 0, kind="index", high=periods, meaning="periods, the last this one, that adapt completes"),
-            *self._signals,
-        )
 
     @cached_property
     def _signals(self) -> tuple[Field, ...]:

@@ -39,8 +39,10 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
             return method.riccati(part, clock)
         case Curved():
             return curved(part, method, clock)
-        case AtSamples():
-            return _at_samples(part, method, clock)
+        case AtSamples(plain=plain, name=name, build=build):
+            if not method.riccati(plain, clock).update:  # it would not correct the filter that this stands on
+                raise MovesAtSamples(method.name, name)
+            return build(clock)
         case Predictors(predictor=predictor, build=build):
             return build(predictor, clock)
         case Jump(build=build):
@@ -59,13 +61,6 @@ class MovesAtSamples(HgogenError):
 
     def __str__(self) -> str:
         return f"{self.method} integrates, {self.filter} predicts and corrects: take continuous_discrete or cholesky"
-
-
-def _at_samples(part: AtSamples, method: Method, clock: Clock) -> Pieces:
-    """Raises: `MovesAtSamples` by a method that would not correct the filter that it stands on at a sample."""
-    if not method.riccati(part.plain, clock).update:
-        raise MovesAtSamples(method.name, part.name)
-    return part.build(clock)
 
 
 @dataclass(eq=False)

@@ -8,6 +8,7 @@ estimate     (state, u, p) -> x                     from the state of these
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from itertools import chain
 from math import prod
 from operator import add
 from typing import Literal
@@ -90,9 +91,14 @@ class Graphs:
         """The continuous observer. Raises: `NoEquation`."""
         if self.made.ages:
             raise NoEquation("a delayed observer", "it goes back to samples of the past")
-        name, fields = self.made.name, self._moving
+        own = [field for ode in self._odes for field in ode.fields]
+        others = read_fields([self.made.observer.z, *self._rates.values()]) | self._rates.keys()
+        others -= {"u", *(field.name for field in own)}
+        name, fields = self.made.name, [*own, *(f for f in self.made.state if f.name in others)]
         state = ca.MX.sym("state", sum(field.size for field in fields))
-        memory = {**self._tuned(self._tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}
+        derived = chain.from_iterable(tuned(part, self._clock) for part in self.made.observer.parts)
+        tuning = limit_parameters(*self.made.limited, tuple(derived))
+        memory = {**self._tuned(tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}
         memory |= {Place("state", "u"): self._u, Place("work", "u"): self._u} if self._u.numel() else {}
         memory[Place("work", "valid")] = valid = ca.fabs(self._y) <= LARGEST_NUMBER
         memory[Place("work", "y")] = ca.if_else(valid, self._y, 0)  # which leaves no trace, see `Ode`
@@ -116,12 +122,10 @@ class Graphs:
         return Clock(self.made.dt, self.made.between, len(self.made.inputs), len(self.made.outputs))
 
     @cached_property
-    def _view(self) -> Literal["information", "covariance"]:
-        return self.made.method.view if isinstance(self.made.method, Explicit) else "covariance"
-
-    @cached_property
     def _odes(self) -> list[Ode]:
-        return [ode for part in self.made.observer.parts if (ode := equation(part, self._view))]
+        method = self.made.method
+        view: Literal["information", "covariance"] = method.view if isinstance(method, Explicit) else "covariance"
+        return [ode for part in self.made.observer.parts if (ode := equation(part, view))]
 
     @cached_property
     def _rates(self) -> dict[str, Graph]:
@@ -132,18 +136,6 @@ class Graphs:
             values = {field.name: sym("state", field.name, field.size) for field in ode.fields}
             rates |= ode.rhs(values, u, y, clock.valid)
         return rates
-
-    @cached_property
-    def _moving(self) -> list[Field]:
-        """The fields of the differential equations, and others of the step that they move or read."""
-        own = [field for ode in self._odes for field in ode.fields]
-        others = read_fields([self.made.observer.z, *self._rates.values()]) | self._rates.keys()
-        return own + [f for f in self.made.state if f.name in others - {"u", *(field.name for field in own)}]
-
-    @property
-    def _tuning(self) -> Program:
-        parts = (tuned(part, self._clock) for part in self.made.observer.parts)
-        return limit_parameters(*self.made.limited, tuple(s for program in parts for s in program))
 
     # --- what both share
 

@@ -322,7 +322,8 @@ def guard_state(
         return ()
     written, known = _written(program), _written(before)
     values = ca.vertcat(*(sym("state", f.name, f.size) for f in fields))
-    asked = [k in written[place] or place not in known for place, size in _places(fields) for k in range(size)]
+    places = [(Place("state", field.name), field.size) for field in fields]
+    asked = [k in written[place] or place not in known for place, size in places for k in range(size)]
     ends = [end for f in fields for end in f.box_within(LOST)]
     usual = inside(values[[k for k, ask in enumerate(asked) if ask]], [*compress(ends, asked)])
     beyond = Block("is a value beyond its box, or lost?", {Place("work", "beyond"): ca.logic_not(usual)})
@@ -348,10 +349,6 @@ def boxed(fields: list[Field], state: tuple[Field, ...], others: Program = (), e
     fresh = {place: value for place, value in real.items() if place not in by_others}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
     return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(field, each) for field in fields))
-
-
-def _places(fields: Iterable[Field]) -> list[tuple[Place, int]]:
-    return [(Place("state", field.name), field.size) for field in fields]
 
 
 def _written(program: Program) -> dict[Place, set[int]]:

@@ -14,20 +14,16 @@ LIMITED = Place("status", "PARAMETER_LIMITED")
 
 def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
     """The program that limits the parameters and then computes the derived gains."""
-    fields = [(kind, field) for kind, fields in (("plant", plant), ("gain", gains)) for field in fields]
-    limits = [_limits(kind, field) for kind, field in fields]
-    bounded = [limit for group in limits for limit in group if limit.low > -INF and limit.high < INF]
-    if len(bounded) == sum(map(len, limits)) >= FEWEST:
-        return (_block("each parameter in its range", bounded, rows=True), *derived)
-    blocks = (_block(f"{field.name} in its range", group) for (_, field), group in zip(fields, limits, strict=True))
+    limits: dict[Place, list[Limit]] = {}  # of each field
+    for kind, fields in (("plant", plant), ("gain", gains)):
+        for field in fields:
+            place, ends = Place(kind, field.name), zip(field.box, field.initial, strict=True)
+            limits[place] = [Limit(place, k, field.size, *end, nominal) for k, (end, nominal) in enumerate(ends)]
+    every = [limit for each in limits.values() for limit in each]
+    if len(every) >= FEWEST and all(limit.low > -INF and limit.high < INF for limit in every):
+        return (_block("each parameter in its range", every, rows=True), *derived)
+    blocks = (_block(f"{place.name} in its range", each) for place, each in limits.items())
     return (*blocks, *derived)
-
-
-def _limits(kind: str, field: Field) -> list[Limit]:
-    """Those of the elements of a field."""
-    place = Place(kind, field.name)
-    ends = zip(field.box, field.initial, strict=True)
-    return [Limit(place, k, field.size, low, high, nominal) for k, ((low, high), nominal) in enumerate(ends)]
 
 
 def _block(title: str, limits: Iterable[Limit], rows: bool = False) -> Block:

@@ -68,7 +68,10 @@ class Moved:
     def _statement(self, statement: Statement) -> Statement:
         match statement:
             case Block():
-                return self._block(statement)
+                values = self.values(*statement.writes.values(), *statement.names.values())
+                writes = dict(zip(map(self.place, statement.writes), values, strict=False))
+                names = dict(zip(statement.names, values[len(writes) :], strict=True))
+                return Block(statement.title, writes, names, part=statement.part)
             case Loop(start=start, active=active, index=index):
                 moved = (place and self.place(place) for place in (start, active, index))
                 group, body = self.groups.get(statement.group, statement.group), self.program(statement.body)
@@ -89,12 +92,6 @@ class Moved:
                 result = statement.result and self.place(statement.result)
                 columns = statement.columns and self.place(statement.columns)
                 return replace(statement, columns=columns, arguments=arguments, result=result)
-
-    def _block(self, block: Block) -> Block:
-        values = self.values(*block.writes.values(), *block.names.values())
-        writes = dict(zip(map(self.place, block.writes), values, strict=False))
-        names = dict(zip(block.names, values[len(writes) :], strict=True))
-        return Block(block.title, writes, names, part=block.part)
 
 
 def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
@@ -152,7 +149,13 @@ def fresh(group: str, fields: Iterable[Field], part: str = "") -> Program:
 def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
     """The groups in `above`, a member or the state of these fields, as after a reset, but for what lasts, and but for
     their estimates, which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
-    return tuple(Loop(group.name, group.count, _fresh(above, fields, group, z)) for group in groups)
+    loops = []
+    for group in groups:
+        shown, start = _copied(above, fields, group, z)
+        rest = fresh(group.name, [f for f in group.fields if f not in shown and not f.lasting])
+        inner = fresh_groups(group.name, group.fields, group.groups, z)
+        loops.append(Loop(group.name, group.count, (*start, *rest, *inner)))
+    return tuple(loops)
 
 
 def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
@@ -163,12 +166,6 @@ def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group
         body = (*start, *following_groups(group.name, group.fields, group.groups, z))
         loops += [Loop(group.name, group.count, body)] if body else []
     return tuple(loops)
-
-
-def _fresh(above: str, fields: Iterable[Field], group: Group, z: Graph) -> Program:
-    shown, start = _copied(above, fields, group, z)
-    rest = fresh(group.name, [f for f in group.fields if f not in shown and not f.lasting])
-    return (*start, *rest, *fresh_groups(group.name, group.fields, group.groups, z))
 
 
 def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tuple[list[Field], Program]:

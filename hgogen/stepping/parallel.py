@@ -82,12 +82,16 @@ class Parallel(Part):
 
 def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> Pieces:
     """The members in loops, with the pieces of their parts."""
-    period = _samples(part, clock.dt)
+    period = round(part.period / clock.dt)
+    if period < 1 or abs(period * clock.dt - part.period) > 1e-9 * part.period:
+        raise BadPeriod(part.period, clock.dt)
     alone = joined(map(pieces, part.member.parts))
     score = _score(part, clock, alone.fields, pieces)
     every = joined((alone, score))
-    shown = tuple(field for field in alone.fields if field.name in part.shown)
-    show = _show(shown)
+    shown = [field for field in alone.fields if field.name in part.shown]
+    writes = {Place("state", f.name): sym("member", f.name, f.size) for f in shown}
+    chosen = Block("the estimate is the selected member's", writes)
+    show = Loop("member", 1, (chosen,), start=Place("state", "selected"))
     moved = Moved({Place("state", f.name): Place("member", f.name) for f in every.fields}, {})
 
     both = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
@@ -103,9 +107,15 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
         none = Block("no member has left its box yet", {_LEFT: ca.SX(0)})
         return (none, members, When(_LEFT, (Call(keep),), idle=True))
 
+    copies = (replace(f, outer=False, meaning=f"{f.meaning} (the selected member's)") for f in shown)
     return replace(
         every,
-        fields=(*map(_copy, shown), *_counters(part, period)),
+        fields=(
+            *copies,  # whose box, too, is the member's
+            scalar("selected", 0, kind="index", high=part.count - 1, meaning="index of the selected member"),
+            scalar("oldest", 0, kind="index", high=part.count - 1, meaning="index of the oldest member"),
+            scalar("tick", 0, kind="index", high=period - 1, meaning="samples since the last restart"),
+        ),
         bits=(*every.bits, RESTARTED),
         groups=(Group("member", part.count, every.fields, "the observers in parallel", every.groups),),
         predict=(*loop(every.predict), show),
@@ -184,21 +194,6 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
 # --- choice and restart
 
 
-def _counters(part: Parallel, period: int) -> tuple[Field, ...]:
-    return (
-        scalar("selected", 0, kind="index", high=part.count - 1, meaning="index of the selected member"),
-        scalar("oldest", 0, kind="index", high=part.count - 1, meaning="index of the oldest member"),
-        scalar("tick", 0, kind="index", high=period - 1, meaning="samples since the last restart"),
-    )
-
-
-def _samples(part: Parallel, dt: float) -> int:
-    count = round(part.period / dt)
-    if count < 1 or abs(count * dt - part.period) > 1e-9 * part.period:
-        raise BadPeriod(part.period, dt)
-    return count
-
-
 def _choose(part: Parallel, period: int) -> Program:
     """The choice of the member with the smallest score among those that stay, if it is better by the hysteresis."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
@@ -252,16 +247,3 @@ def _restart(part: Parallel, alone: Pieces) -> Program:
 def _after_the_oldest(part: Parallel) -> Graph:
     after = sym("state", "oldest") + 1
     return ca.if_else(after >= part.count, 0, after)
-
-
-def _copy(field: Field) -> Field:
-    """What the step shows of a member's field; its box, too, is the member's."""
-    return replace(field, outer=False, meaning=f"{field.meaning} (the selected member's)")
-
-
-def _show(shown: tuple[Field, ...]) -> Loop:
-    """The selected member's estimate as the step's."""
-    writes = {Place("state", f.name): sym("member", f.name, f.size) for f in shown}
-    return Loop(
-        "member", 1, (Block("the estimate is the selected member's", writes),), start=Place("state", "selected")
-    )

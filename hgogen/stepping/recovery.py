@@ -7,9 +7,9 @@ for being absurdly far from the prediction among them:
     range   the estimate is outside a declared range by more than MARGIN of its width, at the samples of any output
 
 with s_j what y_j can span; where a filter has them, S_j the variance of e_j, and r_j >= 1 how many times noisier than
-the best sensor this one is, in units of what they span (stepping/trust.py). So a sensor whose R is large restarts
-nothing by what R explains, unless all sensors are like that: then Q and R may be known up to a factor only. The count c
-of y_j has the sign of the last error that showed it:
+the best sensor this one is, in units of what they span. So a sensor whose R is large restarts nothing by what R
+explains, unless all sensors are like that: then Q and R may be known up to a factor only. The count c of y_j has the
+sign of the last error that showed it:
 
     |c| <- |c| + 1           where the sign shows and e_j has the sign of c, or c = 0
     |c| <- max(|c| - m, 0)   where it shows and e_j has the other sign, which c takes
@@ -44,6 +44,13 @@ convergence holds from the last restart on.
 Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
 from, which fit the sample (stepping/nearest.py). A cold restart would fall into the same attractor.
 
+A Riccati observer is told by R how far each sensor is trusted: in units of what they can span, s_j^2/R_j. One that is
+trusted less than LEAST times as much as another, and whose declared noise at a sample is wider than all that it can
+span, R_j/period_j > s_j^2, says nothing of the estimate, which is not judged by it: it may be off for ever. S_j, before
+the correction by y_j with r = R_theta/period_j and c = dh_j/dz, is c P c' + r. After it, as this law reads P, c P c'
+has become p = r c P c'/(c P c' + r), so that S_j is r^2/(r - p). A method that integrates with the measurement corrects
+by little in a step: p + r.
+
 An observer without a model of its last row, whose error never tends to 0, has no sign range; nor has one without a
 range of a state, nor an output without a range a sign y_j. An observer without a sign has no such law.
 """
@@ -51,7 +58,6 @@ range of a state, nor an output without a range a sign y_j. An observer without 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import chain
 from math import ceil
 
 import casadi as ca
@@ -59,21 +65,24 @@ import numpy as np
 
 from hgogen.chains.core import nominal, numbers
 from hgogen.graph import Graph
+from hgogen.kalman.riccati_part import Around, Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
-from hgogen.program import INF, Block, Call, Field, Place, Program, Section, When, scalar, sym
+from hgogen.program import INF, Block, Call, Field, Place, Program, Section, Statement, When, scalar, sym
 from hgogen.stepping.fault_signs import Sign
 from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups
 from hgogen.stepping.nearest import nearest
+from hgogen.stepping.parallel import Parallel
 from hgogen.stepping.projection import estimate_fields, projection
 from hgogen.stepping.resolution import demand_countable
 from hgogen.stepping.settling import plant_rate, settling_time
-from hgogen.stepping.trust import innovation_variance, noisier_than_best, trusted
 
 SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
 SIGMAS = 3  # standard deviations of the innovation: up to them it is none, of a sensor that is noisier than the best
 MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
+LEAST = 0.01  # of the trust in the best sensor
+ROUNDED = 2.0**-20  # of r: what is left of it by a sample is rounding below
 FAR = 0.5  # of a range: the estimate is at a false equilibrium, from where a projection does not bring it back
 FEWEST = 30  # samples that show a sign before a guard acts: independent noise does not get there
 DOUBLED = 1024  # times the first limit: the largest
@@ -103,8 +112,20 @@ class Recovery:
 
     @cached_property
     def judged(self) -> tuple[int, ...]:
-        """The outputs by which the estimate is judged."""
-        return trusted(self.observer, self.clock)
+        """The outputs by which the estimate is judged, the least trusted one first, one without a range before the
+        others; all, in their order, where nothing says how far to trust them."""
+        trust, bounded = self._trust, np.isfinite(self._spans)
+        if trust is None or not bounded.any():
+            return tuple(range(len(bounded)))
+        periods = np.array([self.clock.period(j) for j in range(len(bounded))])
+        worthless = (trust < LEAST * trust.max()) & (trust * periods < 1) & bounded
+        return tuple(int(j) for j in np.argsort(trust, kind="stable") if not worthless[j])
+
+    @cached_property
+    def _trust(self) -> np.ndarray | None:
+        """How far a filter trusts each output, 0 where that has no range; None of an observer without a noise."""
+        riccati, spans = _riccati(self.observer), np.array(self._spans)
+        return None if riccati is None else np.where(np.isfinite(spans), spans, 0.0) ** 2 / riccati.nominal[1]
 
     @cached_property
     def signs(self) -> tuple[Sign, ...]:
@@ -179,14 +200,20 @@ class Recovery:
         return (Section("project_onto_ranges", "project the estimate onto its declared ranges", self._projection),)
 
     def _counted_range(self, weight: int) -> Program:
-        """The check of fault counts and limits, and the count of range moved by a weight."""
+        """Fault counts and limits as after a reset, where they are out of their ranges or not what they were left at;
+        and the count of range moved by a weight."""
+        same = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
+        counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
+        inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
+        sound = reduce(ca.logic_and, inside, same)
+        spoiled = Block("was a fault count or limit spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
+        program: list[Statement] = [spoiled, When(Place("work", "spoiled"), self.cleared)]
         moves = ca.if_else(outside(self.observer, MARGIN), weight, -weight)
-        ranges = [sign for sign in self.signs if sign.output is None]
-        counts = (
-            (Block("is the estimate out of a range?", {Place("work", f"moves_{sign.name}"): moves}), sign.counted)
-            for sign in ranges
-        )
-        return (*self._checked, *chain.from_iterable(counts))
+        for sign in self.signs:
+            if sign.output is None:
+                moved = {Place("work", f"moves_{sign.name}"): moves}
+                program += [Block("is the estimate out of a range?", moved), sign.counted]
+        return tuple(program)
 
     @cached_property
     def _projection(self) -> Program:
@@ -203,6 +230,9 @@ class Recovery:
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
             return (Block("is the estimate outside the declared box?", bit),) if bit else ()
+        weight = len(samples)  # of a judgement by these outputs, so that all add up to p, of those judged, in a time dt
+        if weight < len(self.judged):
+            weight = self.clock.every[next(iter(samples))] if self.clock.every else 1
         signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
         rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
         sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
@@ -212,7 +242,7 @@ class Recovery:
         ]
         suspect = any_of([*beyond, ca.logic_not(sym("state", "fault_checksum") <= 0), rejected])
         judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
-        ranges = tuple(map(Call, self._counting)) or self._counted_range(self._weight(tuple(samples)))
+        ranges = tuple(map(Call, self._counting)) or self._counted_range(weight)
         outputs = [sign for sign in signs if sign.output is not None]
         moves = {place: value for sign in outputs for place, value in self._moves(sign, samples).items()}
         counts = (Block("which signs show?", moves), *(sign.counted for sign in outputs)) if outputs else ()
@@ -222,17 +252,6 @@ class Recovery:
             Block("is the estimate where it cannot be for long?", {**bit, Place("work", "suspect"): suspect}),
             When(Place("work", "suspect"), (judged_by, When(Place("work", "sampled"), judged))),
         )
-
-    @property
-    def _checked(self) -> Program:
-        """Fault counts and limits as after a reset, where they are out of their ranges or not what they were left
-        at."""
-        same = ca.fabs(self._sum - sym("state", "fault_checksum")) < 0.5
-        counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
-        inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
-        sound = reduce(ca.logic_and, inside, same)
-        spoiled = Block("was a fault count or limit spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
-        return (spoiled, When(Place("work", "spoiled"), self.cleared))
 
     @cached_property
     def cleared(self) -> Program:
@@ -265,32 +284,42 @@ class Recovery:
 
     def _limit(self, j: int) -> Graph:
         """The error of an output beyond which it shows the sign."""
-        least, noisier = SHARE * self._spans[j], noisier_than_best(self.observer, j)
-        variance = innovation_variance(self.observer, self.clock, self.pieces, j) if noisier > 1 else None
-        if variance is None:
+        least, trust, riccati = SHARE * self._spans[j], self._trust, _riccati(self.observer)
+        noisier = float(np.sqrt(trust.max() / trust[j])) if trust is not None and trust[j] > 0 else 1.0
+        if riccati is None or noisier <= 1:
             return ca.SX(least)
+        variance = riccati.R[j] / self.clock.period(j)
+        if self.pieces.covariance is not None:
+            c = ca.sparsify(riccati.dynamics.output_jacobian(self.observer.z, self.clock.u_now)[j, :])
+            r = riccati.scaling.variance(riccati.R[j], riccati.theta.value, j, self.clock.period(j))
+            p = ca.dot(c, c @ self.pieces.covariance)
+            variance = r * r / ca.fmax(r - p, ROUNDED * r) if self.pieces.update else r + p
         return ca.fmax(least, ca.fmin(SIGMAS * ca.sqrt(variance), least * noisier))
 
     def _plausible(self, j: int, sample: Sampled) -> Graph:
         """Whether the estimate is judged by a sample: a valid one, or one that is absurdly far from the prediction."""
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 
-    def _weight(self, judged: tuple[int, ...]) -> int:
-        """The count p_j of a judgement by these outputs, so that all of them add up to p in a time dt."""
-        if len(judged) == len(self.judged):
-            return len(self.judged)
-        return self.clock.every[judged[0]] if self.clock.every else 1
-
     def _guard(self, signs: list[Sign], samples: Samples) -> Program:
         """What acts where a count is at its limit."""
         acts, lost = Place("work", "acts"), Place("work", "lost")
         over = {sign: Place("work", f"over_{sign.name}") for sign in signs}
-        helpless = [
-            sign.over if sign.output is not None else ca.logic_and(sign.over, self._strayed(sign)) for sign in signs
-        ]
+        helpless = []
+        for sign in signs:
+            if sign.output is not None:
+                helpless.append(sign.over)
+            else:  # a projection has not helped, by the limit of the sign, or would not: the estimate is far outside
+                strayed = ca.logic_or(sym("state", sign.limit) > sign.wait, outside(self.observer, FAR))
+                helpless.append(ca.logic_and(sign.over, strayed))
         writes = {place: sign.over for sign, place in over.items()}
         later = (When(place, (sign.later,)) for sign, place in over.items())
         project = tuple(map(Call, self._projecting)) or self._projection
+        fitted = {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}
+        restart = (  # memory as after a reset, but for the estimate, which is the nearest to it that fits the samples
+            *nearest(self.observer, self.clock, self._shown(), fitted),
+            Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
+            *self.rest,
+        )
         return (
             Block("does a guard act?", {acts: any_of(sign.over for sign in signs)}),
             When(
@@ -298,22 +327,9 @@ class Recovery:
                 (
                     Block("by which sign, and is the estimate lost?", {**writes, lost: any_of(helpless)}),
                     *later,
-                    When(lost, self._restart(samples), project),
+                    When(lost, restart, project),
                 ),
             ),
-        )
-
-    def _strayed(self, sign: Sign) -> Graph:
-        """Whether a projection has not helped, by the limit of the sign, or would not: the estimate is far outside."""
-        return ca.logic_or(sym("state", sign.limit) > sign.wait, outside(self.observer, FAR))
-
-    def _restart(self, samples: Samples) -> Program:
-        """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
-        fitted = {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}
-        return (
-            *nearest(self.observer, self.clock, self._shown(), fitted),
-            Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
-            *self.rest,
         )
 
     def _shown(self) -> tuple[Field, ...]:
@@ -332,3 +348,13 @@ class Recovery:
         reach = slope @ np.where(np.isfinite(outer), outer, 0.0)
         known = np.isfinite(inner) & np.isfinite(reach) & (inner > 0)
         return float(np.clip(np.max(reach[known] / inner[known], initial=1.0), 1.0, 1e9))
+
+
+def _riccati(observer: Observer) -> Riccati | None:
+    """The Riccati part of an observer, or of a bank's member; None without one."""
+    for part in observer.parts:
+        inner = _riccati(part.member) if isinstance(part, Parallel) else part
+        plain = inner.plain if isinstance(inner, Around) else inner
+        if isinstance(plain, Riccati):
+            return plain
+    return None

@@ -88,8 +88,9 @@ class Assembly:
 
     @cached_property
     def still(self) -> bool:
-        """Whether the estimate of this call stands before `adapt`."""
-        return not self.adapt or not _moves(self.adapt, self.observer)
+        """Whether the estimate of this call stands before `adapt`, which writes nothing to it."""
+        shown = {place for place, _, _ in map(address, ca.symvar(self.observer.z))}
+        return not any(shown & s.writes.keys() for s in walk(self.adapt) if isinstance(s, Block))
 
     @cached_property
     def correcting(self) -> tuple[int, ...]:
@@ -111,34 +112,36 @@ class Assembly:
         system = self.observer.form.system
         counted = sensors.fields(system.outputs, bool(self.adapt)) if self.rated else order_fields(self._ordered)
         parts = flat(piece.fields for piece in self.pieces)
-        input = _last_input(system.inputs) if system.inputs else ()
-        sample = _last_sample(system.outputs, self.clock.guarded) if self.uses_output else ()
-        fields = (
-            *parts,
-            *held_fields(self.observer),
-            *self.law.fields,
-            _calls(bool(self.adapt)),
-            *counted,
-            *input,
-            *sample,
-        )
-        return fields if self.clock.guarded else tuple(replace(field, low=(), high=()) for field in fields)
+        most, later = (2, ", then 2") if self.adapt else (1, "")
+        meaning = f"0 before the first call, 1 after it{later}"
+        fields = [*parts, *held_fields(self.observer), *self.law.fields]
+        fields += [scalar("calls", 0, kind="index", high=most, meaning=meaning), *counted]
+        if system.inputs:
+            start, names = tuple(map(resting, system.inputs)), tuple(s.name for s in system.inputs)
+            low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
+            fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
+        if self.uses_output:
+            zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
+            meaning = "sample of the last call" + ", or its estimate where there was none" * self.clock.guarded
+            fields.append(Field("y", zeros, labels=names, meaning=meaning))
+            valid = Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample")
+            fields += [valid] if self.clock.guarded else []
+        return tuple(fields if self.clock.guarded else (replace(field, low=(), high=()) for field in fields))
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
         """The sections in order, without what is written and never read."""
         sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.adapt and self.still else 1)  # after it the estimate of this call stands
-        return tuple(
-            replace(section, program=self._finished((*section.program, *self._notices)))
-            if k == last or (self.rated and section.corrects)
-            else replace(section, program=self._finished(section.program))
-            for k, section in enumerate(sections)
-        )
-
-    def _finished(self, program: Program) -> Program:
-        """A section without what nothing reads, and without guards without what it would say."""
-        return pruned(program if self.clock.guarded else unguarded.silent(program))
+        outside = () if self.still and not self.rated else (outside_bit(self.observer),)
+        notices = (*outside, *unrecovered(self.observer), *self.observer.notices)
+        finished = []
+        for k, section in enumerate(sections):
+            says = k == last or (self.rated and section.corrects)
+            program = (*section.program, *notices) if says else section.program
+            program = program if self.clock.guarded else unguarded.silent(program)
+            finished.append(replace(section, program=pruned(program)))
+        return tuple(finished)
 
     @property
     def timed(self) -> tuple[Section, ...]:
@@ -154,11 +157,6 @@ class Assembly:
         values = observer.dynamics.estimate(observer.z, sym("state", "u", len(observer.form.system.inputs)))
         writes = {Place("estimate", s.name): values[i] for i, (s, _) in enumerate(observer.form.estimates)}
         return (Block("the plant's state", writes),)
-
-    @property
-    def _notices(self) -> Program:
-        outside = () if self.still and not self.rated else (outside_bit(self.observer),)
-        return (*outside, *unrecovered(self.observer), *self.observer.notices)
 
     @cached_property
     def _fresh(self) -> Program:
@@ -257,32 +255,3 @@ class Assembly:
 def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
     """All entries of all tuples."""
     return tuple(item for items in tuples for item in items)
-
-
-def _moves(program: Program, observer: Observer) -> bool:
-    """Whether a program writes to the estimate."""
-    shown = {place for place, _, _ in map(address, ca.symvar(observer.z))}
-    return any(shown & s.writes.keys() for s in walk(program) if isinstance(s, Block))
-
-
-def _calls(adapts: bool) -> Field:
-    most, later = (2, ", then 2") if adapts else (1, "")
-    return scalar("calls", 0, kind="index", high=most, meaning=f"0 before the first call, 1 after it{later}")
-
-
-def _last_input(inputs: tuple[Signal, ...]) -> tuple[Field, ...]:
-    start = tuple(resting(signal) for signal in inputs)
-    low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in inputs) for end in (0, 1))
-    names = tuple(s.name for s in inputs)
-    return (Field("u", start, low=low, high=high, labels=names, meaning="last valid input"),)
-
-
-def _last_sample(outputs: tuple[Signal, ...], guarded: bool) -> tuple[Field, ...]:
-    zeros, names = (0.0,) * len(outputs), tuple(s.name for s in outputs)
-    if not guarded:
-        return (Field("y", zeros, labels=names, meaning="sample of the last call"),)
-    meaning = "sample of the last call, or its estimate where there was none"
-    return (
-        Field("y", zeros, labels=names, meaning=meaning),
-        Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample"),
-    )

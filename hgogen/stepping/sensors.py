@@ -36,23 +36,22 @@ def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
     """
     names = [signal.name for signal in plant.outputs]
     if not isinstance(periods, Mapping):
-        raise BadRate(
-            f"periods = {periods!r}", f"must name outputs with their sampling periods in {plural(plant.time)}"
-        )
+        fix = f"must name outputs with their sampling periods in {plural(plant.time)}"
+        raise BadRate(f"periods = {periods!r}", fix)
     for name in periods:
         if name not in names:
             raise BadRate(f"periods names {name!r},", f"which is no output; the outputs are {', '.join(names)}")
-    return tuple(_multiple(name, periods.get(name, dt), dt, plant.time) for name in names)
-
-
-def _multiple(name: str, period: Any, dt: float, unit: str) -> int:
-    what = f"the period {name} = {period!r}"
-    if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < float("inf"):
-        raise BadRate(what, f"must be a positive time in {plural(unit)}")
-    count = max(1, round(period / dt))
-    if abs(count * dt - period) > 1e-9 * period:
-        raise BadRate(what, f"is no whole multiple of dt = {dt:g}; take {count * dt:.6g}, or another dt")
-    return count
+    counts = []
+    for name in names:
+        period = periods.get(name, dt)
+        what = f"the period {name} = {period!r}"
+        if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < float("inf"):
+            raise BadRate(what, f"must be a positive time in {plural(plant.time)}")
+        count = max(1, round(period / dt))
+        if abs(count * dt - period) > 1e-9 * period:
+            raise BadRate(what, f"is no whole multiple of dt = {dt:g}; take {count * dt:.6g}, or another dt")
+        counts.append(count)
+    return tuple(counts)
 
 
 def fields(outputs: tuple[Signal, ...], adapts: bool) -> tuple[Field, ...]:

@@ -65,36 +65,41 @@ class Symbolic:
         return memory
 
     def _written(self, statement: Statement, memory: Memory) -> Memory:
+        """The places that a statement writes, with their values after it."""
         match statement:
-            case Block():
-                return self._block(statement, memory)
-            case When():
-                return self._when(statement, memory)
+            case Block(writes=writes, reads=reads):
+                results = self.graph(statement).call([memory[place] for place, _ in reads])
+                after = dict(zip(writes, results, strict=False))
+                raised = {p: ca.logic_or(memory[p], value != 0) for p, value in after.items() if p.struct == "status"}
+                return after | raised
+            case When(flag=flag, body=body, otherwise=otherwise):
+                symbols = _symbols(memory)
+                ends = self.after(body, symbols), self.after(otherwise, symbols)
+                return _Choice(symbols, ends).at(memory[flag], memory)
             case Loop():
                 return self._loop(statement, memory)
             case Repeat():
                 return self.after(statement.unrolled, memory)
-            case Copy():
-                return self._copy(statement, memory)
-            case Kernel():
-                return self._kernel(statement, memory)
+            case Copy(group=group):
+                total = self.lines[group][-1].count
+                source, target = (_number(memory[place], total) for place in (statement.source, statement.target))
+                tables = {place: memory[place] for place in self._inside(group, memory)}
+                return {place: _with_column(table, target, _column(table, source)) for place, table in tables.items()}
+            case Kernel(name=name, size=size, columns=columns, arguments=arguments, result=result):
+                changed = [*([columns] if columns else []), *(place for place, _ in arguments)]
+                graph = kernel_graph(name, size, tuple(length for _, length in arguments), statement.counts)
+                *values, returned = graph.call([memory[place] for place in changed])
+                return dict(zip(changed, values, strict=True)) | ({result: returned} if result else {})
             case Call():
                 return self.section(statement.section.program, memory)
 
-    def _block(self, block: Block, memory: Memory) -> Memory:
-        results = self.graph(block).call([memory[place] for place, _ in block.reads])
-        written = dict(zip(block.writes, results, strict=False))
-        raised = {p: ca.logic_or(memory[p], value != 0) for p, value in written.items() if p.struct == "status"}
-        return written | raised
-
-    def _when(self, when: When, memory: Memory) -> Memory:
-        symbols = _symbols(memory)
-        ends = self.after(when.body, symbols), self.after(when.otherwise, symbols)
-        return _Choice(symbols, ends).at(memory[when.flag], memory)
-
     def _loop(self, loop: Loop, memory: Memory) -> Memory:
         total = self.lines[loop.group][-1].count
-        rows = {place: self._row(place, loop.group, memory) for place in self._inside(loop.group, memory)}
+        rows = {}
+        for place in self._inside(loop.group, memory):  # the shape of one member's share
+            line, size = self.lines[place.struct], memory[place].shape[0]
+            deeper = line[[each.name for each in line].index(loop.group) + 1 :]
+            rows[place] = (size // deeper[0].count, deeper[0].count) if deeper else (size, 1)
         symbols = _symbols(memory, rows)
         body = _Choice(symbols, (self.after(loop.body, symbols), symbols))
         first, memory = _number(memory[loop.start], total) if loop.start else None, dict(memory)
@@ -108,26 +113,9 @@ class Symbolic:
             memory |= {p: _with_column(memory[p], member, value) if p in rows else value for p, value in then.items()}
         return memory
 
-    def _copy(self, copy: Copy, memory: Memory) -> Memory:
-        source, target = (_number(memory[p], self.lines[copy.group][-1].count) for p in (copy.source, copy.target))
-        tables = {place: memory[place] for place in self._inside(copy.group, memory)}
-        return {place: _with_column(table, target, _column(table, source)) for place, table in tables.items()}
-
-    def _kernel(self, kernel: Kernel, memory: Memory) -> Memory:
-        changed = [*([kernel.columns] if kernel.columns else []), *(place for place, _ in kernel.arguments)]
-        graph = kernel_graph(kernel.name, kernel.size, tuple(size for _, size in kernel.arguments), kernel.counts)
-        *results, returned = graph.call([memory[place] for place in changed])
-        return dict(zip(changed, results, strict=True)) | ({kernel.result: returned} if kernel.result else {})
-
     def _inside(self, group: str, memory: Memory) -> list[Place]:
         """The fields of a group, and of those in it."""
         return [place for place in memory if any(each.name == group for each in self.lines.get(place.struct, ()))]
-
-    def _row(self, place: Place, group: str, memory: Memory) -> Shape:
-        """The shape of one member's share in a field of a group, or of one in it."""
-        names, rows = [each.name for each in self.lines[place.struct]], memory[place].shape[0]
-        deeper = self.lines[place.struct][names.index(group) + 1 :]
-        return (rows // deeper[0].count, deeper[0].count) if deeper else (rows, 1)
 
 
 class _Choice:

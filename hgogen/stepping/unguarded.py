@@ -1,9 +1,8 @@
 """What stands in the place of guards in a step without: signals as they come, every sample used, and a status of 0."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import Block, Loop, Place, Program, Repeat, Statement, When, column, sym
@@ -37,19 +36,13 @@ def silent(program: Sequence[Statement]) -> Program:
 
 def _silent(statement: Statement) -> Program:
     if isinstance(statement, Block):
-        writes = _quiet(statement.writes)
-        return (
-            (statement,)
-            if len(writes) == len(statement.writes)
-            else (replace(statement, writes=writes),) * bool(writes)
-        )
+        writes = {place: value for place, value in statement.writes.items() if place.struct != "status"}
+        if len(writes) == len(statement.writes):
+            return (statement,)
+        return (replace(statement, writes=writes),) * bool(writes)
     if isinstance(statement, When):
         body, otherwise = silent(statement.body), silent(statement.otherwise)
         return (replace(statement, body=body, otherwise=otherwise),) * bool(body or otherwise)
     if isinstance(statement, Loop | Repeat):
         return (replace(statement, body=body),) if (body := silent(statement.body)) else ()
     return (statement,)
-
-
-def _quiet(writes: Mapping[Place, Graph]) -> dict[Place, Graph]:
-    return {place: value for place, value in writes.items() if place.struct != "status"}
