@@ -52,7 +52,10 @@ class ScaledGain:
         constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
         parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
         values: list[Graph] = to_casadi([k.subs(constants) for k in self.values], parameters)
-        powered = (_powered(place.power) * value for place, value in zip(self.places, values, strict=True))
+        theta, powered = sym("gain", "theta"), []
+        for place, value in zip(self.places, values, strict=True):
+            scale = power(theta, place.power) if place.power >= 0 else 1 / power(theta, -place.power)
+            powered.append(scale * value)
         return Block(self.meaning, {Place("derived", self.name): ca.vertcat(*powered)})
 
     def onto(self, e: Graph, n: int) -> Graph:
@@ -62,9 +65,3 @@ class ScaledGain:
         for place, row in groupby(zip(self.places, entries, strict=True), lambda pair: pair[0].row):
             rows[place] = sum(k * e[at.chain] for at, k in row)
         return ca.vertcat(*rows)
-
-
-def _powered(exponent: int) -> Graph:
-    """theta^exponent as products."""
-    theta = sym("gain", "theta")
-    return power(theta, exponent) if exponent >= 0 else 1 / power(theta, -exponent)

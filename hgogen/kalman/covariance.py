@@ -19,36 +19,36 @@ from hgogen.part import Ode
 from hgogen.program import Field, sym
 
 
+def lower(n: int, first: int = 0) -> list[tuple[int, int]]:
+    """The places of a lower triangle (n, n), column by column, from its diagonal on or the `first` below that."""
+    return [(i, j) for j in range(n) for i in range(j + first, n)]
+
+
 def pack(matrix: Graph) -> Graph:
     """The lower triangle of a symmetric SX matrix, column by column (n (n + 1)/2)."""
-    n = matrix.shape[0]
-    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j, n)))
+    return ca.vertcat(*(matrix[i, j] for i, j in lower(matrix.shape[0])))
 
 
 def unpack(packed: Graph, n: int) -> Graph:
     """The symmetric SX matrix (n, n) of its packed lower triangle."""
     matrix = ca.SX(n, n)
-    entries = iter(range(n * (n + 1) // 2))
-    for j in range(n):
-        for i in range(j, n):
-            matrix[i, j] = matrix[j, i] = packed[next(entries)]
+    for k, (i, j) in enumerate(lower(n)):
+        matrix[i, j] = matrix[j, i] = packed[k]
     return matrix
 
 
 def unit_lower(packed: Graph, n: int) -> Graph:
     """The unit lower triangular SX matrix (n, n) of its packed strict lower triangle (n (n - 1)/2)."""
     matrix = ca.SX.eye(n)
-    entries = iter(range(n * (n - 1) // 2))
-    for j in range(n):
-        for i in range(j + 1, n):
-            matrix[i, j] = packed[next(entries)]
+    for k, (i, j) in enumerate(lower(n, 1)):
+        matrix[i, j] = packed[k]
     return matrix
 
 
 def pack_unit_lower(matrix: Graph) -> Graph:
     """The strict lower triangle of an SX matrix, column by column (n (n - 1)/2)."""
     n = matrix.shape[0]
-    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1, n))) if n > 1 else ca.SX(0, 1)
+    return ca.vertcat(*(matrix[i, j] for i, j in lower(n, 1))) if n > 1 else ca.SX(0, 1)
 
 
 def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,12 +115,10 @@ def _along(part: Riccati, z: Graph, u: Graph, y: Graph, valid: Graph) -> tuple[G
 
 
 def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
-    n = len(start)
-    pairs = [(i, j) for j in range(n) for i in range(j, n)]
     return Field(
         name,
-        tuple(float(start[i, j]) for i, j in pairs),
-        entries=tuple((i + 1, j + 1) for i, j in pairs),
+        tuple(float(start[i, j]) for i, j in lower(len(start))),
+        entries=tuple((i + 1, j + 1) for i, j in lower(len(start))),
         meaning=f"{meaning}, lower triangle by columns",
     )
 

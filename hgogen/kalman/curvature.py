@@ -48,7 +48,10 @@ class Curved(Around):
 
         def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
             slopes, X = plain.rhs(values, u, y, valid), unpack(values[name], n)
-            D = self._pull(values[self.plain.z.name], u, y, valid)
+            z, dynamics = values[self.plain.z.name], self.plain.dynamics
+            pull = valid * (y - dynamics.output(z, u)) / self.plain.R
+            curvatures = dynamics.output_curvature(z, u)
+            D = sum((pull[j] * curvature for j, curvature in enumerate(curvatures)), ca.SX(n, n))
             PD = X @ D if name == "P" else ca.horzcat(*(solve(X, D[:, j]) for j in range(n)))
             size = ca.sum1(ca.sum2(PD * PD.T))  # nu^2, which rounding can make negative
             share = self.rate / ca.sqrt(ca.fmax(self.rate**2, size))
@@ -56,15 +59,6 @@ class Curved(Around):
             return {**slopes, name: slopes[name] + pack(share * term)}
 
         return Ode(plain.fields, rate)
-
-    def _pull(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
-        """The matrix D (n, n) of the output errors and the outputs' second derivatives."""
-        dynamics = self.plain.dynamics
-        pull = valid * (y - dynamics.output(z, u)) / self.plain.R
-        return sum(
-            (pull[j] * slope for j, slope in enumerate(dynamics.output_curvature(z, u))),
-            ca.SX(dynamics.n, dynamics.n),
-        )
 
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:

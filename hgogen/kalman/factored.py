@@ -24,7 +24,7 @@ from hgogen.discretisation.routine import routine
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
 from hgogen.graph import Graph
 from hgogen.kalman.closed_loop import advised
-from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
+from hgogen.kalman.covariance import factor, lower, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.kalman.prior import prior_status
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
@@ -188,7 +188,12 @@ def diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
 def unrolled(part: Riccati, clock: Clock) -> Pieces:
     """Straight-line code; L packed by columns."""
     L, d = _symbols(part)
-    bounded = _cap(part, clock) if part.forgetting is None else _renewed(part, clock)
+
+    def scaled(scale: Graph) -> dict[Place, Graph]:
+        return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
+
+    forgets = part.forgetting is not None
+    bounded = _renewed(part, clock) if forgets else capped(clock, part, _variances(part), scaled)
     moved, update = Moved(part, clock), []
     for j in range(clock.outputs):
         *factors, gain = measurement_update(L, d, moved.row(j), moved.variance(j))
@@ -205,7 +210,7 @@ def unrolled(part: Riccati, clock: Clock) -> Pieces:
 def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
     n, deviation = part.dynamics.n, np.sqrt(part.cap)
     start, values = factor(part.covariance)
-    pairs = [(i, j) for j in range(n) for i in range(j + 1, n)]
+    pairs = lower(n, 1)
     if not pairs:
         return (diagonal(part, clock, values),)
     L = Field(
@@ -221,13 +226,13 @@ def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
 
 def _symbols(part: Riccati) -> tuple[Graph, Graph]:
     n = part.dynamics.n
-    lower = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
-    return lower, sym("state", "D", n)
+    L = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
+    return L, sym("state", "D", n)
 
 
 def _written(L: Graph, d: Graph) -> dict[Place, Graph]:
-    lower = {Place("state", "L"): ca.densify(pack_unit_lower(L))} if d.numel() > 1 else {}
-    return lower | {Place("state", "D"): d}
+    written = {Place("state", "L"): ca.densify(pack_unit_lower(L))} if d.numel() > 1 else {}
+    return written | {Place("state", "D"): d}
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
@@ -253,15 +258,6 @@ def _renewed(part: Riccati, clock: Clock) -> Program:
 def _variances(part: Riccati) -> list[Graph]:
     L, d = _symbols(part)
     return [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
-
-
-def _cap(part: Riccati, clock: Clock) -> Program:
-    L, d = _symbols(part)
-
-    def scaled(scale: Graph) -> dict[Place, Graph]:
-        return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
-
-    return capped(clock, part, _variances(part), scaled)
 
 
 def capped(clock: Clock, part: Riccati, variance: list[Graph], scaled: Factors) -> Program:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
-from hgogen.kalman.covariance import factor
+from hgogen.kalman.covariance import factor, lower
 from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
 from hgogen.kalman.prior import prior_status
 from hgogen.kalman.riccati_part import Riccati
@@ -84,20 +84,16 @@ def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
     return after, b / alpha
 
 
-def _pairs(n: int) -> list[tuple[int, int]]:
-    return [(i, j) for j in range(n) for i in range(j, n)]
-
-
 def _root(part: Riccati, clock: Clock) -> Field:
     n, deviation = part.dynamics.n, np.sqrt(largest(part))
     start = np.linalg.cholesky(part.covariance)
     floor = np.sqrt(smallest(part, clock, factor(part.covariance)[1]))
     return Field(
         "root",
-        tuple(float(start[i, j]) for i, j in _pairs(n)),
-        low=tuple(float(floor[i] if i == j else -deviation[i]) for i, j in _pairs(n)),
-        high=tuple(float(deviation[i]) for i, j in _pairs(n)),
-        entries=tuple((i + 1, j + 1) for i, j in _pairs(n)),
+        tuple(float(start[i, j]) for i, j in lower(n)),
+        low=tuple(float(floor[i] if i == j else -deviation[i]) for i, j in lower(n)),
+        high=tuple(float(deviation[i]) for i, j in lower(n)),
+        entries=tuple((i + 1, j + 1) for i, j in lower(n)),
         meaning="S of the covariance P = S S', lower triangle by columns",
     )
 
@@ -106,14 +102,14 @@ def symbols(part: Riccati) -> Graph:
     """S (n, n) as it stands in the state."""
     n = part.dynamics.n
     packed, S = sym("state", "root", n * (n + 1) // 2), ca.SX(n, n)
-    for k, (i, j) in enumerate(_pairs(n)):
+    for k, (i, j) in enumerate(lower(n)):
         S[i, j] = packed[k]
     return S
 
 
 def written(S: Graph) -> dict[Place, Graph]:
     """What makes S (n, n) that of the state."""
-    return {Place("state", "root"): column(S[i, j] for i, j in _pairs(S.shape[0]))}
+    return {Place("state", "root"): column(S[i, j] for i, j in lower(S.shape[0]))}
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
