@@ -14,15 +14,16 @@ LIMITED = Place("status", "PARAMETER_LIMITED")
 
 def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
     """The program that limits the parameters and then computes the derived gains."""
-    limits: dict[Place, list[Limit]] = {}  # of each field
+    limits = list[tuple[Field, list[Limit]]]()
     for kind, fields in (("plant", plant), ("gain", gains)):
         for field in fields:
             place, ends = Place(kind, field.name), zip(field.box, field.initial, strict=True)
-            limits[place] = [Limit(place, k, field.size, *end, nominal) for k, (end, nominal) in enumerate(ends)]
-    every = [limit for each in limits.values() for limit in each]
+            each = [Limit(place, k, field.size, *end, nominal) for k, (end, nominal) in enumerate(ends)]
+            limits.append((field, each))
+    every = [limit for _, each in limits for limit in each]
     if len(every) >= FEWEST and all(limit.low > -INF and limit.high < INF for limit in every):
         return (_block("each parameter in its range", every, rows=True), *derived)
-    blocks = (_block(f"{place.name} in its range", each) for place, each in limits.items())
+    blocks = (_block(f"{field.name} in its range", each) for field, each in limits)
     return (*blocks, *derived)
 
 
