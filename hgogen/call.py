@@ -320,13 +320,9 @@ class CallableStep(Step):
     def _many(self) -> Many:
         return Many(self, self.real)
 
-    @property
-    def _engine(self) -> Engine:
-        return self.engine or native.engine()
-
     @cached_property
     def _entries(self) -> Mapping[str, Entry]:
-        return self._kept.entries(self._engine)
+        return self._kept.entries(self.engine or native.engine())
 
     @cached_property
     def _step(self) -> Entry:

@@ -136,13 +136,10 @@ class Refuted(HgogenError):
         head = f"{self.where}: refuted" if self.where else "refuted"
         sentences = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
         sentences += dict.fromkeys(check.fix for check in self.checks)
-        sentences += [self._elsewhere, self.other, self.never or self._offer]
+        # a form says it to whom it does not suit; which others do is not known to it
+        elsewhere = ELSEWHERE if self.form is not None and not self.form.structured else ""
+        sentences += [elsewhere, self.other, self.never or self._offer]
         return " ".join(filter(None, sentences))
-
-    @property
-    def _elsewhere(self) -> str:
-        """What every form can say to whom it does not suit; which others do is not known to it."""
-        return ELSEWHERE if self.form is not None and not self.form.structured else ""
 
     @property
     def _offer(self) -> str:

@@ -314,7 +314,10 @@ def to_sympy(function: ca.Function, symbols: Sequence[Sequence[sp.Symbol]]) -> l
         if op == ca.OP_INPUT:
             work[wrote[0]] = symbols[read[0]][read[1]]
         elif op == ca.OP_CONST:
-            work[wrote[0]] = _exact(function.instruction_constant(k))
+            number = function.instruction_constant(k)
+            if not math.isfinite(number):
+                raise NoSymbols(f"constant {number}")
+            work[wrote[0]] = sp.Rational(Fraction(repr(number)))
         elif op == ca.OP_OUTPUT:
             results[wrote[0]][wrote[1]] = _value(work[read[0]])
         elif op == ca.OP_IF_ELSE_ZERO:
@@ -327,9 +330,3 @@ def to_sympy(function: ca.Function, symbols: Sequence[Sequence[sp.Symbol]]) -> l
             names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == op]
             raise NoSymbols((names or [f"OP_{op}"])[0].removeprefix("OP_").lower())
     return results
-
-
-def _exact(number: float) -> sp.Rational:
-    if not math.isfinite(number):
-        raise NoSymbols(f"constant {number}")
-    return sp.Rational(Fraction(repr(number)))

@@ -3,7 +3,7 @@
 import linecache
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -36,10 +36,10 @@ from hgogen.reading.content import Unread, content_of
 from hgogen.reading.door import Misfit
 from hgogen.reading.folding import Fold
 from hgogen.reading.languages import BYTES, READERS
-from hgogen.reading.text_model import BadModelFile, PlainModel, read
+from hgogen.reading.text_model import BadModelFile, read
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.which_forms import Row, of
+from hgogen.which_forms import of
 
 _PYTHON = MappingProxyType(
     {
@@ -202,7 +202,7 @@ class Model:
         Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
         """
         if observer is None and not self.take and (hasattr(self.module, "step") or not self.has("step")):
-            return self._own_step()
+            return self.setting.on(self._written_step())
         name = self._first if observer is None else observer
         tuning = self.tuned(name, dt)
         step: CallableStep = _guarded(self.path, lambda: tuning.step(name, period or self._period, dt, start))
@@ -220,19 +220,11 @@ class Model:
         if name not in observers.__all__:
             raise MissingPart(self.path, "tuning", self._untuned(name))
         own = dt or self.setting.dt or (self._own_period if self.has("step") else None)
-        one = first(name, self._places, own)
+        rows = [of(self.setting.form, self.plant)] if self.setting.form else everywhere(self.plant)
+        one = first(name, rows, own)
         if isinstance(one, NoFirst):
             raise MissingPart(self.path, "tuning", self._unstarted(name, one))
         return replace(tuning, tables={**tuning.tables, name: one.table()})
-
-    @property
-    def _places(self) -> Iterator[Row]:
-        """The forms on which an observer without a tuning is asked: those that take seconds where no other admits
-        it."""
-        if self.setting.form:
-            yield of(self.setting.form, self.plant)
-            return
-        yield from everywhere(self.plant)
 
     @property
     def _first(self) -> str:
@@ -271,9 +263,6 @@ class Model:
         fix = self.fixes["tuning"].format(observer=name, arguments=", ".join(needed))
         besides = ", ".join(key for key in every if key not in needed)
         return f"{known}, none for {name}; add {fix} (it also takes {besides})"
-
-    def _own_step(self) -> CallableStep:
-        return self.setting.on(self._written_step())
 
     def _written_step(self) -> CallableStep:
         """What `step()` returns, without what is set of steps, which may be set for another observer."""
@@ -336,7 +325,10 @@ def _plain(path: Path) -> Model:
         __doc__=declared.meaning,
         __name__=path.stem,
     )
-    default = _default(declared) if declared.observer else ""
+    default = ""
+    if declared.observer:
+        kind = declared.observer.get("kind")  # its observer's name is the table's, if that is free
+        default = kind if isinstance(kind, str) and kind not in declared.tuning else "observer"
     if declared.observer or declared.tuning:
         parts.tuning = {default: declared.observer} | dict(declared.tuning) if default else dict(declared.tuning)
     if declared.dissipation:
@@ -346,12 +338,6 @@ def _plain(path: Path) -> Model:
     if declared.trial:
         parts.trial = lambda: trial_of(declared)
     return Model(path.stem, str(path), parts, _PLAIN, default, declared.folds)
-
-
-def _default(declared: PlainModel) -> str:
-    """The name of the table `observer` among the tunings: its observer's, if that is free."""
-    kind = declared.observer.get("kind")
-    return kind if isinstance(kind, str) and kind not in declared.tuning else "observer"
 
 
 def _python(path: Path) -> Model:

@@ -201,8 +201,12 @@ class Block:
     @cached_property
     def copies(self) -> Mapping[Place, frozenset[Place]]:
         """Of the places each of whose elements becomes a copy of another's: the places those are of."""
-        sources = {place: _sources(sx(value)) for place, value in self.writes.items()}
-        return {place: frozenset(source) for place, source in sources.items() if source is not None}
+        elements = {place: dense(sx(value)).nonzeros() for place, value in self.writes.items()}
+        return {
+            place: frozenset(address(one)[0] for one in each)
+            for place, each in elements.items()
+            if all(one.is_symbolic() for one in each)
+        }
 
     @cached_property
     def graph(self) -> ca.Function:
@@ -210,12 +214,6 @@ class Block:
         inputs = [sym(*place, size) for place, size in self.reads]
         values = [dense(value) for value in (*self.writes.values(), *self.names.values())]
         return ca.Function("block", inputs, values, {"cse": True})
-
-
-def _sources(value: Graph) -> set[Place] | None:
-    """The places whose symbols the elements of an SX are; None where one is no symbol."""
-    elements = dense(value).nonzeros()
-    return {address(each)[0] for each in elements} if all(each.is_symbolic() for each in elements) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.reading.door import remembers
 from hgogen.reading.given import BadGain, positive
-from hgogen.signal import LOST, Signal
+from hgogen.signal import LOST
 from hgogen.stepping.guards import readings
 from hgogen.system import System
 
@@ -197,7 +197,7 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
         dt = two(min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf))
     else:
         theta = max(1.0, min(theta, two(1 / (20 * dt))))
-    states = dict(zip(form.names, map(_half, form.states), strict=True))
+    states = {name: _span(*z.interval) for name, z in zip(form.names, form.states, strict=True)}
     outputs = {y.name: _span(*ends) for y, ends in zip(form.system.outputs, readings(form), strict=True)}
     deviations = {name: noise.get(name, y / 100) for name, y in outputs.items()}
     longest = rates.longest or 1.0
@@ -257,10 +257,6 @@ def evenly(count: int) -> list[float]:
 def whole(value: float) -> float:
     """A number, of those that are whole as it is written."""
     return int(value) if value == int(value) else value
-
-
-def _half(signal: Signal) -> float:
-    return _span(*signal.interval)
 
 
 def _span(low: float, high: float) -> float:

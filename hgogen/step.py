@@ -90,17 +90,14 @@ class StepTooLong(HgogenError):
 
 
 def _time(value: float, unit: str) -> str:
-    return rounded_down(value) + f" {unit}" * (unit != "s")
+    """A time to three digits, never above it: what a sentence names as admissible is admitted."""
+    rounded = decimal.Context(prec=3, rounding=decimal.ROUND_FLOOR).create_decimal(value)
+    return f"{float(rounded):g}" + f" {unit}" * (unit != "s")
 
 
 def _advice(take: float, unit: str, basis: str) -> str:
     """The end of a sentence on a step that is too long."""
     return f"take dt <= {_time(take, unit)} ({basis}), or another method"
-
-
-def rounded_down(value: float) -> str:
-    """A number to three digits, never above it: what a sentence names as admissible is admitted."""
-    return f"{float(decimal.Context(prec=3, rounding=decimal.ROUND_FLOOR).create_decimal(value)):g}"
 
 
 _CERTIFIED = (

@@ -76,9 +76,11 @@ class System:
         groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
         for kind, signals in groups.items():
             object.__setattr__(self, kind, _signals(name, kind, signals))
+        if not is_unit(time):
+            raise BadSystem(name, f'time = {time!r} is no unit of time; write one plain word of letters, such as "h"')
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "origin", origin)
-        object.__setattr__(self, "time", _time(name, time))
+        object.__setattr__(self, "time", str(time))
         object.__setattr__(self, "flow", _expressions(name, "flow", flow))
         object.__setattr__(self, "output", _expressions(name, "output", output))
         _validate(self)
@@ -127,12 +129,6 @@ class System:
     def nominal(self) -> dict[Signal, sp.Rational]:
         """Parameter to nominal value, as the exact rational of its shortest decimal."""
         return {p: sp.Rational(str(p.nominal)) for p in self.parameters}
-
-
-def _time(system: str, time: Any) -> str:
-    if not is_unit(time):
-        raise BadSystem(system, f'time = {time!r} is no unit of time; write one plain word of letters, such as "h"')
-    return str(time)
 
 
 def _signals(system: str, kind: str, signals: Iterable[Signal]) -> tuple[Signal, ...]:

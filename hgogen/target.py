@@ -186,9 +186,12 @@ def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
     try:
         if _kind(root, follow=True) not in (None, stat.S_IFDIR):
             raise _misplaced(root, "a folder")
-        for first, second in _twins(names):
-            reason = f"{shown(first)} and {shown(second)} are one name on some systems"
-            raise CannotWrite(str(root), reason, "rename one of them")
+        seen: dict[str, str] = {}
+        for name in names:
+            if same(name) in seen:
+                reason = f"{shown(seen[same(name)])} and {shown(name)} are one name on some systems"
+                raise CannotWrite(str(root), reason, "rename one of them")
+            seen[same(name)] = name
         paths = [_below(root, name) for name in names]
         for there in {next(above for above in path.parents if above.exists()) for path in paths}:
             if not os.access(there, os.W_OK | os.X_OK):
@@ -229,14 +232,6 @@ def _misplaced(path: Path, wanted: str) -> CannotWrite:
     return CannotWrite(str(path), f"it is {there}, where {wanted} belongs", "remove it, or take another path")
 
 
-def _twins(names: list[str]) -> Iterator[tuple[str, str]]:
-    seen: dict[str, str] = {}
-    for name in names:
-        if same(name) in seen:
-            yield seen[same(name)], name
-        seen[same(name)] = name
-
-
 def _staged(folder: Path, opened: ExitStack) -> tuple[int, Path]:
     """A new file, open and locked until `opened` is closed: no other process takes it for one that was left."""
     while True:
@@ -256,10 +251,10 @@ def _clear(folder: Path) -> None:
                     path.unlink(missing_ok=True)
 
 
+def _failed(error: OSError, folder: Path) -> CannotWrite:
+    return CannotWrite(str(error.filename or folder), error.strerror or str(error))
+
+
 def _fill(handle: int, content: str | bytes) -> None:
     with os.fdopen(handle, "wb", closefd=False) as stream:
         stream.write(content.encode() if isinstance(content, str) else content)
-
-
-def _failed(error: OSError, folder: Path) -> CannotWrite:
-    return CannotWrite(str(error.filename or folder), error.strerror or str(error))

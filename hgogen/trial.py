@@ -205,14 +205,11 @@ class Plant:
                     now[index[jump.state]] = jump.value
             states[segment.here] = now
             if segment.stops:
-                reached = self._reached(segment, now, p)
+                reached = self._marches[segment.begin](now, p) if self._marches else None
+                if reached is None:
+                    reached = self._by_cvodes(segment, now, p)
                 states[segment.inside], now = reached[: len(segment.inside)], reached[-1].copy()
         return states
-
-    def _reached(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """The states at a segment's stops. Raises: `BadTrial`."""
-        reached = self._marches[segment.begin](now, p) if self._marches else None
-        return self._by_cvodes(segment, now, p) if reached is None else reached
 
     def _by_cvodes(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:
         begin, stops, options = segment.begin, segment.stops, {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
@@ -342,8 +339,7 @@ def demand_trial(plant: System, trial: Trial, dt: float) -> None:
         raise BadTrial(trial.name, reason)
 
 
-def _too_long_or_short(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
-    """Why the trial cannot last as long as it says."""
+def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
     if not dt <= trial.duration < math.inf:
         yield f"duration = {trial.duration!r} must be a time in {plural(unit)}, at least dt = {dt:g}"
     elif (rows := trial.duration / dt) * width > MEMORY / 8:
@@ -353,10 +349,6 @@ def _too_long_or_short(trial: Trial, dt: float, unit: str, width: int) -> Iterat
             f"{8 * rows * width / 2**30:.3g} GiB of memory; take a duration of at most {longest:.2g} {unit}, or a "
             "longer dt"
         )
-
-
-def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
-    yield from _too_long_or_short(trial, dt, unit, width)
     if not 0 <= trial.steady_from <= trial.duration:
         yield f"steady = {trial.steady_from:g} must lie within 0..{trial.duration:g} {unit}"
     if not trial.seeds:

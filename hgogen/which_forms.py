@@ -4,7 +4,7 @@ Every form of the folder `forms` is asked, each in its variants, and the test of
 real input and does not know of the box. What one says of the plant as a whole is the worst of what its checks say.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -116,17 +116,17 @@ class Survey:
 def survey(plant: System, *, deep: bool = False) -> Survey:
     """Every form of the plant on its declared box; those that take seconds only if `deep`."""
     names = sorted(forms.__all__, key=lambda name: asking(name).place)
-    rows = [row for name in names for row in _rows(name, asking(name), plant, deep)]
+    rows = []
+    for name in names:
+        case = asking(name)
+        refusal = case.refusal(len(plant.outputs))
+        if refusal:
+            rows.append(Row(name, None, (), because("{refusal}", refusal=refusal)))
+        elif case.costly and not deep:
+            rows.append(Row(name, None, (), NOT_ASKED))
+        else:
+            rows += [_row(name, options, plant) for options in case.options]
     return Survey(plant, (*rows, _gauthier_bornard(plant)))
-
-
-def _rows(name: str, case: Asking, plant: System, deep: bool) -> Iterator[Row]:
-    refusal = case.refusal(len(plant.outputs))
-    if refusal or (case.costly and not deep):
-        yield Row(name, None, (), because("{refusal}", refusal=refusal) if refusal else NOT_ASKED)
-    else:
-        for options in case.options:
-            yield _row(name, options, plant)
 
 
 def of(name: str, plant: System) -> Row:
@@ -140,7 +140,8 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
     except HgogenError as refusal:  # the plant is not one that the form takes
         return Row(name, None, (), because("{refusal}", refusal=str(refusal)), options=options)
     weakest = worst(form.checks)
-    order = _order(form) if form.structured else ()
+    permuted = all(any(z in (x, -x) for x in form.system.states) for z in form.to_form)
+    order = tuple(map(sp.sstr, form.to_form)) if form.structured and permuted else ()
     if weakest.verdict is Verdict.PROVED:
         proved = because("all {count} checks proved", count=len(form.checks))
         return Row(name, weakest.verdict, order, proved, {}, "", form, options)
@@ -154,12 +155,6 @@ def _short(check: Check) -> Reason:
     of_subject = check.verdict is Verdict.REFUTED and check.subject is not None
     names_itself = of_subject or check.id.fact == "structure" or check.id.maker == MAKER
     return reason if names_itself else because("{check}: {reason}", check=check.id.short, reason=reason)
-
-
-def _order(form: Form) -> tuple[str, ...]:
-    states = form.system.states
-    permuted = all(any(z in (x, -x) for x in states) for z in form.to_form)
-    return tuple(map(sp.sstr, form.to_form)) if permuted else ()
 
 
 def _gauthier_bornard(plant: System) -> Row:

@@ -1,6 +1,7 @@
 """Determinants of matrices of expressions, exactly, and the factors of their zero sets; which rows are independent."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from math import prod
@@ -106,16 +107,15 @@ def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> P
     doubtful = branches(made)
     if doubtful or made.relations:
         try:
-            return _expanded(made, matrix, Work([limit]))
+            top, bottom = expanded(made, matrix, Work([limit]))
         except TooLarge:
             if doubtful:
                 raise
-    return _eliminated(made, matrix, Work([limit]))
-
-
-def _eliminated(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> Product:
-    """Raises: `ZeroDivisionError` where it is 0."""
-    elimination = Elimination(made, work)
+        else:
+            if top.is_zero():
+                raise ZeroDivisionError
+            return [(top, 1), (bottom, -1)]
+    elimination = Elimination(made, Work([limit]))
     product: Product = []
     for entries in matrix:
         common, (row,) = cleared([entries])
@@ -123,14 +123,6 @@ def _eliminated(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -
         product += [(e, -power) for e, power in ((common, 1), *scales)]
         product.append((elimination.pivot, 1))
     return [*product, (made.ring.constant(-1 if elimination.odd else 1), 1)]
-
-
-def _expanded(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> Product:
-    """Raises: `ZeroDivisionError` where it is 0."""
-    top, bottom = expanded(made, matrix, work)
-    if top.is_zero():
-        raise ZeroDivisionError
-    return [(top, 1), (bottom, -1)]
 
 
 def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
@@ -167,32 +159,19 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
     program = tape([exact(e) for row in rows.values() for e in row], symbols)
     best: tuple[_Row, ...] = ()
     points = 0
-    for point in _points(len(symbols)):
+    draw = Random(1)
+    for _ in range(_TRIES):
+        point = [Fraction(draw.randint(200, 1800), 997) for _ in symbols]
         for bits in (256, SURE_BITS):
             balls = values(program, point, bits)
             if all(ball.is_finite() for ball in balls):
                 points += bits == SURE_BITS
-                taken = _new([balls[k * n : (k + 1) * n] for k in range(len(rows))], bits)
+                taken: list[int] = []
+                with flint.ctx.workprec(bits), suppress(Blurred):
+                    taken = new_rows([balls[k * n : (k + 1) * n] for k in range(len(rows))], 0)
                 best = max(best, tuple(list(rows)[k] for k in taken[:n]), key=len)
             if len(best) == n:
                 return best
         if points == _POINTS:
             break
     return best
-
-
-def _points(count: int) -> Iterator[list[Fraction]]:
-    draw = Random(1)
-    for _ in range(_TRIES):
-        yield [Fraction(draw.randint(200, 1800), 997) for _ in range(count)]
-
-
-def _new(rows: Sequence[Sequence[object]], bits: int) -> list[int]:
-    before = flint.ctx.prec
-    flint.ctx.prec = bits
-    try:
-        return new_rows(rows, 0)
-    except Blurred:
-        return []
-    finally:
-        flint.ctx.prec = before

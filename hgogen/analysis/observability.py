@@ -226,7 +226,14 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
     Raises: `BadGain` for names of no parameter; `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a
     function without a rule.
     """
-    loose = plant.tunable if unknown is None else _named(plant, unknown)
+    loose: tuple[sp.Symbol, ...] = plant.tunable
+    if unknown is not None:
+        loose = signals_named(
+            "unknown",
+            unknown,
+            plant.parameters,
+            lambda name, fix: BadGain(f"unknown names {name!r}", f"which is no parameter; {fix}"),
+        )
     reached = on_branches(plant, loose)
     generic: dict[tuple[sp.Expr, ...], Ranks | None] = {}
     asked: list[tuple[_Question, Ranks]] = []
@@ -254,16 +261,6 @@ def _asked(plant: System, loose: Sequence[sp.Symbol], reached: Reached, count: i
     without = because("{free} without a range: sampled from 0.01 to 100 in size, of either sign", free=free)
     many = because(pattern, count=count, points=reached.points)
     return joined(many, more if len(reached.branches) + reached.more > count else NONE, without if free else NONE)
-
-
-def _named(plant: System, unknown: Any) -> tuple[sp.Symbol, ...]:
-    """The parameters of these names. Raises: `BadGain`."""
-    return signals_named(
-        "unknown",
-        unknown,
-        plant.parameters,
-        lambda name, fix: BadGain(f"unknown names {name!r}", f"which is no parameter; {fix}"),
-    )
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
 def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, Reason]:
     """The expression, the box, and where the text has no value though its expression has one, or `NONE`."""
     plant = where if isinstance(where, System) else None
-    around = _declared(plant) if plant else _ranges(where)
+    around = box((*plant.states, *plant.inputs, *plant.parameters), plant.nominal) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
     names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
     tables = {cells.name: cells for cells in plant.tables} if plant else {}
@@ -86,28 +86,19 @@ def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box
     return expression.xreplace(equations), around, written.on(around)
 
 
-def _declared(plant: System) -> Box:
-    return box((*plant.states, *plant.inputs, *plant.parameters), plant.nominal)
-
-
 def _ranges(where: Any) -> Box:
     """The box that a user's mapping declares. Raises: `BadRange`."""
     if not isinstance(where, Mapping):
         raise BadRange(str(where), "is neither a plant nor a mapping")
-    return {_symbol(key): _ends(key, value) for key, value in where.items()}
-
-
-def _symbol(key: Any) -> sp.Symbol:
-    if not isinstance(key, sp.Symbol | str):
-        raise BadRange(str(key), "is no name")
-    return key if isinstance(key, sp.Symbol) else sp.Symbol(key)
-
-
-def _ends(key: Any, value: Any) -> tuple[End, End]:
-    if not isinstance(value, Sequence) or len(value) != 2:
-        raise BadRange(str(key), f"has {value!r} for its range")
-    low, high = (_end(key, end) for end in value)
-    return low, high
+    ranges: dict[sp.Symbol, tuple[End, End]] = {}
+    for key, value in where.items():
+        if not isinstance(key, sp.Symbol | str):
+            raise BadRange(str(key), "is no name")
+        if not isinstance(value, Sequence) or len(value) != 2:
+            raise BadRange(str(key), f"has {value!r} for its range")
+        low, high = (_end(key, end) for end in value)
+        ranges[key if isinstance(key, sp.Symbol) else sp.Symbol(key)] = low, high
+    return ranges
 
 
 def _end(key: Any, end: Any) -> End:
@@ -116,8 +107,6 @@ def _end(key: Any, end: Any) -> End:
         return Fraction(end)
     if isinstance(end, bool) or not isinstance(end, Real):
         raise BadRange(str(key), f"has the end {end!r}, which is no number")
-    return Fraction(repr(float(end))) if isinstance(end, float) and math.isfinite(end) else _number(end)
-
-
-def _number(end: Any) -> End:
+    if isinstance(end, float) and math.isfinite(end):
+        return Fraction(repr(float(end)))
     return Fraction(end) if isinstance(end, Rational) else float(end)

@@ -1,7 +1,6 @@
 """The zero set of the observability determinant with the inputs at 0, by exact algebra: for a library of models."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import sympy as sp
 
@@ -42,14 +41,15 @@ def singular_set(
     try:
         choices = _choices(drift, h, states)
         full = all(len(rows) == len(states) for rows in choices)
-        if not full and not any(_rooted(e) for e in (*drift, *h)):
+        if not full and all(p.exp.is_Integer for e in (*drift, *h) for p in e.atoms(sp.Pow)):
             return "all"
         plant = tower(drift, h, states)
         if branches(plant.field):
             return None
         if not full:
             return "all"
-        zero_sets = {_zero_set(plant, rows, limit) for rows in _different(choices)}
+        different = {frozenset(rows): rows for rows in choices}.values()  # of those in another order one
+        zero_sets = {_zero_set(plant, rows, limit) for rows in different}
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
     factors = zero_sets.pop()
@@ -64,11 +64,6 @@ def _zero_set(plant: Tower, rows: Sequence[Row], limit: int) -> tuple[sp.Expr, .
     return zero_set(plant.field, split(plant.field, powers(plant.field, factors)[1]))
 
 
-def _different(choices: Sequence[tuple[Row, ...]]) -> list[tuple[Row, ...]]:
-    """One of those that choose the same rows in another order."""
-    return list({frozenset(rows): rows for rows in choices}.values())
-
-
 def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:
     """The first independent rows, by order of derivative and by output, at a random point."""
     plant, _ = plant_of(flow, output, states, ())
@@ -78,17 +73,12 @@ def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequenc
     def chosen(numbers: Arithmetic, point: Point) -> list[tuple[Row, ...]]:
         every = [matrix_rows(matrix) for matrix in first_gradients(plant, numbers, point, n)]
         prime = modulus(numbers)
-        choices = [_independent(every, order, prime) for order in (by_order, sorted(by_order))]
+        choices = []
+        for order in (by_order, sorted(by_order)):
+            new = new_rows([every[k][j] for j, k in order], prime)
+            choices.append(tuple(order[i] for i in new))
         if any(len(rows) < n for rows in choices):
             believe_zeros(prime)
         return choices
 
     return somewhere(plant, chosen)
-
-
-def _independent(every: Sequence[Sequence[Sequence[Any]]], order: Sequence[Row], prime: int) -> tuple[Row, ...]:
-    return tuple(order[i] for i in new_rows([every[k][j] for j, k in order], prime))
-
-
-def _rooted(e: sp.Expr) -> bool:
-    return any(not power.exp.is_Integer for power in e.atoms(sp.Pow))

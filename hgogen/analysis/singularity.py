@@ -127,7 +127,8 @@ class Singularity:
         """The determinants as LaTeX, one line of an align environment a jet."""
         rows, dots = [], _latex_dots(self.plant)
         for jet in self.jets:
-            names = ", ".join(_latex_name(self.plant, row) for row in jet.rows)
+            outputs = [(sp.latex(self.plant.outputs[j]), order) for j, order in jet.rows]
+            names = ", ".join(f"{y}^{{({order})}}" if order else y for y, order in outputs)
             at = ", ".join(
                 f"{sp.latex(s, symbol_names=dots)} = {sp.latex(value, symbol_names=dots)}" for s, value in jet.where
             )
@@ -305,16 +306,11 @@ def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
 def _brief(e: sp.Expr) -> sp.Expr:
     """An expression as it is read; of a sum of many terms the first ones and their number."""
     sums = [a for a in e.atoms(sp.Add) if len(a.args) > _SHOWN]
-    stands = {a: sp.Symbol(f"({_first(a)} + .., {len(a.args)} terms)") for a in sums}
+    stands = {}
+    for a in sums:
+        first = sp.Add(*a.as_ordered_terms()[:2], evaluate=False)
+        stands[a] = sp.Symbol(f"({first} + .., {len(a.args)} terms)")
     return e.xreplace(stands)
-
-
-def _first(e: sp.Add) -> str:
-    return str(sp.Add(*e.as_ordered_terms()[:2], evaluate=False))
-
-
-def _primes(k: int) -> str:
-    return "'" * k if k < 4 else f"^({k})"
 
 
 def _latex_dots(plant: System) -> dict[sp.Symbol, str]:
@@ -327,14 +323,10 @@ def _latex_dots(plant: System) -> dict[sp.Symbol, str]:
     }
 
 
-def _latex_name(plant: System, row: Row) -> str:
-    output, order = row
-    return f"{sp.latex(plant.outputs[output])}^{{({order})}}" if order else sp.latex(plant.outputs[output])
-
-
 def _check(plant: System, jet: Jet, k: int) -> Check:
     """proved: the determinant has no zero on the box; where: it may have; unknown: no full rank was found."""
-    rows = ", ".join(f"{plant.outputs[j]}{_primes(order)}" for j, order in jet.rows)
+    marks = (f"{plant.outputs[j]}" + ("'" * order if order < 4 else f"^({order})") for j, order in jet.rows)
+    rows = ", ".join(marks)
     id = ClaimId("singularity", "jet", k) if k else _STATES
     claim = Sentence.of("{rows} determine the state locally", rows=rows or "derivatives of the outputs")
     if jet.where:

@@ -40,7 +40,8 @@ class Symmetry:
 
     def __str__(self) -> str:
         how = "" if self.proved else " (at random points)"
-        return (_scaling(self.field) or _translation(self.field) or _direction(self.field)) + how
+        direction = ", ".join(f"{s}: {v}" for s, v in self.field)
+        return (_scaling(self.field) or _translation(self.field) or f"along d/ds ({direction})") + how
 
 
 @dataclass(frozen=True)
@@ -265,13 +266,15 @@ def _scaling(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
         return ""
     c = _letter(field)
     whole = lcm(*(int(p.q) for p in powers.values()))
-    moves = (_factor(s, int(powers[s] * whole), c) if s in powers else str(s + v * whole * sp.log(c)) for s, v in field)
-    return ", ".join(f"{s} -> {move}" for (s, _), move in zip(field, moves, strict=True))
-
-
-def _factor(s: sp.Symbol, power: int, c: sp.Symbol) -> str:
-    factor = f"{c}" if abs(power) == 1 else f"{c}^{abs(power)}"
-    return f"{factor} {s}" if power > 0 else f"{s}/{factor}"
+    moves = []
+    for s, v in field:
+        if s not in powers:
+            moves.append(f"{s} -> {s + v * whole * sp.log(c)}")
+            continue
+        power = int(powers[s] * whole)
+        factor = f"{c}" if abs(power) == 1 else f"{c}^{abs(power)}"
+        moves.append(f"{s} -> {factor} {s}" if power > 0 else f"{s} -> {s}/{factor}")
+    return ", ".join(moves)
 
 
 def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
@@ -282,7 +285,3 @@ def _translation(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
     c = _letter(field)
     shifts = ((s, v if v.is_Number else sp.factor(v)) for s, v in field)
     return ", ".join(f"{s} -> {s + c * v}" for s, v in shifts)
-
-
-def _direction(field: Sequence[tuple[sp.Symbol, sp.Expr]]) -> str:
-    return "along d/ds (" + ", ".join(f"{s}: {v}" for s, v in field) + ")"

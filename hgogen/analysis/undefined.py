@@ -112,7 +112,8 @@ def _check(
     verdicts = [gap.verdict for gap in failures]
     worst = next(v for v in (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE) if v in verdicts)
     worse = [gap for gap in failures if gap.verdict is worst]
-    loose = _loose(plant, worse)
+    read = set[sp.Symbol]().union(*(gap.condition.of.free_symbols for gap in worse))
+    loose = [s.name for s in (*plant.states, *plant.inputs) if s in read and not s.bounded]
     reason = because(_REASONS[worst], what=what, places=[gap.condition.failure for gap in worse], names=loose)
     claim = Sentence.of("{what} has a finite value on the declared ranges", what=what)
     follows = (_LEFT_OUT if signal in plant.outputs else accepted).format(name=signal.name)
@@ -121,11 +122,6 @@ def _check(
         return replace(check, fix=f"Declare low= and high= for {', '.join(loose)}.")
     point = worse[0].point
     return replace(check, witness={s.name: float(value) for s, value in point.items()})
-
-
-def _loose(plant: System, failures: Iterable[Gap]) -> list[str]:
-    read = set[sp.Symbol]().union(*(gap.condition.of.free_symbols for gap in failures))
-    return [s.name for s in (*plant.states, *plant.inputs) if s in read and not s.bounded]
 
 
 def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
@@ -213,7 +209,8 @@ def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
         if condition.relation == NONZERO:
             sign = nonzero(condition.of, around)
             return dict(sign.witness) if sign.cause in (Cause.ZERO, Cause.CROSSING) else None
-        if condition.relation not in _INSIDE or not _real_power(part):
+        unknown_exponent = isinstance(part, sp.Pow) and (part.exp.is_Integer or not part.exp.is_Rational)
+        if condition.relation not in _INSIDE or unknown_exponent:  # that may have a value outside of its domain
             return None
         low, high = _INSIDE[condition.relation]
         known = bound(condition.of, around)
@@ -222,8 +219,3 @@ def _failure(part: sp.Expr, condition: Condition, around: Box) -> Point | None:
     if known.least is not None and known.least.value < low:
         return dict(known.least.point)
     return dict(known.most.point) if known.most is not None and known.most.value > high else None
-
-
-def _real_power(part: sp.Expr) -> bool:
-    """Whether a part has no value for an argument outside of its domain: not a power of an unknown exponent."""
-    return not isinstance(part, sp.Pow) or bool(part.exp.is_Rational and not part.exp.is_Integer)

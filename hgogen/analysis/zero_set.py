@@ -1,6 +1,6 @@
 """The zero set of a product of polynomials over a field, as readable factors: without what never vanishes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from math import inf, prod
 from random import Random
@@ -33,7 +33,9 @@ def alive(field: Field, product: Product) -> bool:
     left = [p for p, _ in product if field.kernels(p)]
     symbols = sorted({s for e in field.meaning for s in e.free_symbols}, key=str)
     program = tape(field.meaning, symbols)
-    for point in _points(len(symbols), 1):
+    draw = Random(1)
+    for _ in range(_SAMPLES):
+        point = [Fraction(draw.randint(1, _GRID), draw.randint(1, _GRID)) for _ in symbols]
         if left:
             balls = values(program, point, _BITS)
             left = [p for p in left if not _not_zero(p, balls)]
@@ -46,13 +48,6 @@ def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
     for exponents, c in polynomial.terms():
         total += prod((ball**k for ball, k in zip(balls, exponents, strict=False) if k), start=arb(c))
     return bool(total.is_finite() and not total.contains(0))
-
-
-def _points(count: int, least: int) -> Iterator[list[Fraction]]:
-    """Random points with coordinates of at least `least`/9, or of either sign."""
-    draw = Random(1)
-    for _ in range(_SAMPLES):
-        yield [Fraction(draw.randint(least or -_GRID, _GRID), draw.randint(1, _GRID)) for _ in range(count)]
 
 
 def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None:
@@ -68,10 +63,16 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
     poles = [one.polynomial for one in parts if one.exponent < 0 and not definite(field, one.polynomial)]
     if sum(map(len, zeros)) > _TERMS:
         raise TooLarge("the determinant")
-    if any(_symbolic(field, p) for p in zeros) or (
-        zeros and poles and any(_related(field, p) for p in (*zeros, *poles))
-    ):
+    logs = [g for g, m in field.exponents.items() if m.has(sp.log)]  # x**a may or may not have a zero at x = 0
+    if any(len(p) == 1 and any(p.degrees()[g] for g in logs) for p in zeros):
         return None
+    if zeros and poles:
+        # kernels that others may depend on: roots with a relation, and functions where there are two
+        places = {root.index for root in field.roots} | field.angles.keys() | field.exponents.keys()
+        functions = {k for k, g in enumerate(field.generators) if g.is_Dummy} - places
+        doubtful = {root.index for root in field.relations} | (functions if len(functions) > 1 else set())
+        if any(p.degrees()[g] for p in (*zeros, *poles) for g in doubtful):
+            return None
     factors = [factor for p, degree in _forms(field, zeros, parts) for factor, _ in factored(field, p, degree)[1]]
     return tuple(sorted({_signed(e) for e in factors if not _never(e)}, key=sp.default_sort_key))
 
@@ -94,20 +95,6 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
     if not even(degree):
         total, degree = total * total, {g: 2 * k for g, k in degree.items()}
     return [*forms, (total, degree)]
-
-
-def _symbolic(field: Field, polynomial: Any) -> bool:
-    """Whether a polynomial is x**a with a symbol a, which may or may not have a zero at x = 0."""
-    highest = polynomial.degrees()
-    return len(polynomial) == 1 and any(highest[g] and m.has(sp.log) for g, m in field.exponents.items())
-
-
-def _related(field: Field, polynomial: Any) -> bool:
-    """Whether it reads kernels that others may depend on: roots with a relation, and functions where there are two."""
-    places = {root.index for root in field.roots} | field.angles.keys() | field.exponents.keys()
-    functions = {k for k, g in enumerate(field.generators) if g.is_Dummy} - places
-    doubtful = {root.index for root in field.relations} | (functions if len(functions) > 1 else set())
-    return any(polynomial.degrees()[g] for g in doubtful)
 
 
 def _never(e: sp.Expr) -> bool:

@@ -28,14 +28,14 @@ from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import Asking, Form
 from hgogen.reading.given import among
-from hgogen.sentence import Reason, because
+from hgogen.sentence import because
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
-from hgogen.structure.chord import chord
+from hgogen.structure.chord import settled, signs_of
 from hgogen.structure.connected import cut_off
 from hgogen.structure.coordinates import Coordinates, Parts, coordinates, form_in
 from hgogen.structure.defined import defined
 from hgogen.structure.lipschitz import lipschitz
-from hgogen.structure.positive import positive, sign
+from hgogen.structure.positive import positive
 from hgogen.structure.several import cascade, end_aligned
 from hgogen.system import System
 
@@ -100,11 +100,19 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     spare = [y for y, links in zip(plant.outputs, chains.links, strict=False) if not links]
     why = because("{why}; {outputs: and } without a chain", why=why, outputs=spare) if answer and spare else why
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
-    structure = _structure(name, verdict, why)
+    structure = Check(
+        ClaimId("block_triangular", "structure"),
+        f"each row brings in the next state of its chain, linearly, and reads {_ALIGNMENTS[name][1]} ({name})",
+        verdict,
+        why,
+        fix="" if answer else "Try another alignment.",
+        proofs=(ByForm(),) if answer else (),
+    )
     if chains.broken or answer is False:
         refused = (structure, *cut_off("block_triangular", plant))
         return form_in(coordinates(plant), "block_triangular", refused, _REFERENCE)
-    signed = [_signed(links, plant) for links in chains.links]
+    chosen = [tuple(settled(link, Shape.CONSTANT, plant) for link in links) for links in chains.links]
+    signed = [_Chain(links, tuple(signs_of(links, plant))) for links in chosen]
     z = coordinates(plant, chains.order, [t for chain in signed for t in chain.signs])
     parts = _, b, _ = _parts(z, signed)
     steep = lipschitz("block_triangular", map(z.back, b), plant)
@@ -134,26 +142,6 @@ def _of_all(rows: Rows, align: str | None) -> tuple[str, Chains]:
     answers = {name: chains.answer(Shape.CONSTANT)[0] for name, chains in tried.items()}
     best = next((name for wanted in (True, None, False) for name, is_so in answers.items() if is_so is wanted))
     return best, tried[best]
-
-
-def _structure(name: str, verdict: Verdict, why: Reason) -> Check:
-    reads = _ALIGNMENTS[name][1]
-    claim = f"each row brings in the next state of its chain, linearly, and reads {reads} ({name})"
-    id = ClaimId("block_triangular", "structure")
-    if verdict is Verdict.PROVED:
-        return Check(id, claim, verdict, why, proofs=(ByForm(),))
-    return Check(id, claim, verdict, why, fix="Try another alignment.")
-
-
-def _signed(links: tuple[Link, ...], plant: System) -> _Chain:
-    settled, signs = [], [1]
-    for link in links:
-        if not link.answer(Shape.CONSTANT)[0]:
-            gain = chord(link.row, link.state, plant)
-            link = replace(link, gain=gain, rest=link.row - gain * link.state)
-        settled.append(link)
-        signs.append(signs[-1] * (sign(link.gain, plant) or 1))
-    return _Chain(tuple(settled), tuple(signs[1:]))
 
 
 def _parts(z: Coordinates, chains: list[_Chain]) -> Parts:

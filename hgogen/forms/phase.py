@@ -89,7 +89,10 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     """
     whole = _map(plant)
     determinant_check, sign = _rank(whole)
-    chain, rank = (if_valued(check, plant) for check in (_chain(whole), determinant_check))
+    # where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3, x3' = 0, but not at x3 = 0
+    by_rates = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.Phi[:-1])
+    chain = if_valued(replace(by_rates, proofs=(Derivatives(),)), plant)
+    rank = if_valued(determinant_check, plant)
     carried = whole.carried
     back = carried.inverse()
     one_to_one = if_valued(_one_to_one(whole, carried.images, back, rank), plant)
@@ -125,13 +128,6 @@ def _map(plant: System) -> _Map:
 
 
 # ---------------------------------------------------------------- checks
-
-
-def _chain(whole: _Map) -> Check:
-    """The check that Phi is y with its derivatives, where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3,
-    x3' = 0, but not at x3 = 0."""
-    check = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.Phi[:-1])
-    return replace(check, proofs=(Derivatives(),))
 
 
 def _inputs(whole: _Map) -> Check:
@@ -202,7 +198,10 @@ def _one_to_one(
     id, claim = ClaimId("phase", "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim) or _by_minors(whole, rank, id, claim)
-    parts = {tidy(part.xreplace(dict(images))) for e in back.values() for part in _delicate(e)}
+    # what the inverse divides by, also under a root: on the image a root may cancel, and its zero with it
+    powers = [p for e in back.values() for p in e.atoms(sp.Pow)]
+    divisors = {p.base for p in powers if not (p.exp.is_nonnegative or p.base.is_number)}
+    parts = {tidy(base.xreplace(dict(images))) for base in divisors}
     box_x = box(whole.plant.signals, whole.plant.nominal)
     signs = {part: nonzero(part, box_x, boxes=BOXES).verdict for part in sorted(parts, key=str)}
     doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
@@ -266,11 +265,6 @@ def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
         return check
     reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
     return replace(check, reason=reason, proofs=())  # what bounds its slope in x says nothing of that in z
-
-
-def _delicate(e: sp.Expr) -> list[sp.Expr]:
-    """What the expression divides by, also under a root: on the image a root may cancel, and its zero with it."""
-    return [p.base for p in e.atoms(sp.Pow) if not (p.exp.is_nonnegative or p.base.is_number)]
 
 
 def _others(e: sp.Expr) -> list[sp.Expr]:

@@ -22,8 +22,8 @@ from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import Asking, Form
 from hgogen.sentence import Reason
-from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
-from hgogen.structure.chord import chord
+from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
+from hgogen.structure.chord import settled, signs_of
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.defined import defined
 from hgogen.structure.lipschitz import lipschitz
@@ -69,52 +69,27 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
     answer, why = chains.answer(shape)
     if answer is False or chains.broken:
         verdict = Verdict.REFUTED if answer is False else Verdict.UNKNOWN
-        return _unordered(plant, _structure(verdict, why, _fix(chains, shape, plant)))
-    links = [_settled(link, shape, chains, plant) for link in chains.links[0]]
-    z = coordinates(plant, chains.order, _signs(links, plant))
+        refused = _structure(verdict, why, _fix(chains, shape, plant))
+        return form_in(coordinates(plant), "triangular", (refused,), _REFERENCE)
+    links = [settled(link, shape, plant, chains.order[0]) for link in chains.links[0]]
+    z = coordinates(plant, chains.order, signs_of(links, plant))
     before = (1, *z.signs)
     a = [s * link.gain * t for s, link, t in zip(before, links, z.signs, strict=False)]
-    A = sp.zeros(len(a), len(a))
-    for i, gain in enumerate(a[1:]):
-        A[i, i + 1] = z.carry(gain)
+    A = sp.ImmutableDenseMatrix(len(a), len(a), lambda i, j: z.carry(a[j]) if j == i + 1 else 0)
     offset, *rest = (s * z.carry(link.rest) for s, link in zip(before, links, strict=False))
     b = (*rest, z.flow[-1])
-    checks = (
+    checks = [
         _structure(Verdict.PROVED if answer else Verdict.UNKNOWN, why, ""),
         *(positive(ClaimId("triangular", "a", i), f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
-        *_offset(links[0].rest, plant),
-    )
-    parts = sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,)
+    ]
+    c = links[0].rest
+    if c != 0 and c.free_symbols.isdisjoint(plant.states):
+        checks.append(defined(ClaimId("triangular", "offset"), "c", c, plant))
+    parts = A, b, (a[0] * z.states[0] + offset,)
     form = form_in(z, "triangular", checks, _REFERENCE, parts=parts)
     name = "b" if form.nonlinear == form.b else "b, with the a_i(z_1) z_i,"
     steep = lipschitz("triangular", map(z.back, form.nonlinear), plant, name)
     return replace(form, checks=(*form.checks, steep))
-
-
-def _settled(link: Link, shape: Shape, chains: Chains, plant: System) -> Link:
-    """The link; where it is not shown to be one, a chord for the gain, and what it leaves of the row for the rest."""
-    measured = chains.order[0]
-    if link.answer(shape, measured)[0]:
-        return link
-    gain = chord(link.row, link.state, plant)
-    return replace(link, gain=gain, rest=link.row - gain * link.state)
-
-
-def _signs(links: list[Link], plant: System) -> list[int]:
-    """The sign of each z_i that makes a_i positive; an a_i without one sign stays as it is."""
-    signs = [1]
-    for link in links:
-        signs.append(signs[-1] * (sign(link.gain, plant) or 1))
-    return signs[1:]
-
-
-def _offset(c: sp.Expr, plant: System) -> tuple[Check, ...]:
-    known = c != 0 and c.free_symbols.isdisjoint(plant.states)
-    return (defined(ClaimId("triangular", "offset"), "c", c, plant),) if known else ()
-
-
-def _unordered(plant: System, structure: Check) -> Form:
-    return form_in(coordinates(plant), "triangular", (structure,), _REFERENCE)
 
 
 def _structure(verdict: Verdict, reason: Reason, fix: str) -> Check:

@@ -30,9 +30,8 @@ from hgogen.evidence.grounds import ByForm, Evidence
 from hgogen.form import Asking, Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.sign import Cause, nonzero
-from hgogen.sentence import Reason
 from hgogen.structure.apart import apart, without_jumps
-from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
+from hgogen.structure.chain import Shape, levelwise, of_plant
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
@@ -109,30 +108,15 @@ def uniform(plant: System) -> Form:
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
     ordered = not chains.broken and answer is not False
     z = coordinates(plant, chains.order if ordered else None)
-    checks = (_structure(verdict, why), *(_claims(chains, plant) if ordered else ()))
+    claim, fix = "y shows one state, each row brings in one new one", "" if answer else "Measure another output."
+    proofs = (ByForm(),) if answer else ()
+    checks = [Check(ClaimId("uniform", "structure"), claim, verdict, why, fix=fix, proofs=proofs)]
+    if ordered:
+        for i, link in enumerate(chains.links[0], 1):
+            name = f"dF_{i - 1}/dz_{i}" if i > 1 else "dh/dz_1"
+            alone = apart(ClaimId("uniform", "slope", i), name, link.slope, plant)
+            # what the slope does not show: that the row jumps nowhere, and that the plant has a value
+            check = if_valued(replace(alone, proofs=(AwayFromZero(i),), disproof=Vanishing(i)), plant)
+            checks.append(without_jumps(check, link))
+        checks.append(lipschitz("uniform", (*plant.flow, *plant.output), plant, "F with the output"))
     return form_in(z, "uniform", checks, "Hammouri, Farza, ESAIM: COCV 9 (2003)")
-
-
-def _structure(verdict: Verdict, why: Reason) -> Check:
-    id, claim = ClaimId("uniform", "structure"), "y shows one state, each row brings in one new one"
-    if verdict is Verdict.PROVED:
-        return Check(id, claim, verdict, why, proofs=(ByForm(),))
-    return Check(id, claim, verdict, why, fix="Measure another output.")
-
-
-def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
-    (links,) = chains.links
-    slopes = [_slope(i, link, plant) for i, link in enumerate(links, 1)]
-    return (*slopes, lipschitz("uniform", (*plant.flow, *plant.output), plant, "F with the output"))
-
-
-def _slope(i: int, link: Link, plant: System) -> Check:
-    """The slope keeps off zero; it is not known of a row that may jump, nor of a plant that may have no value, which
-    the slope does not show."""
-    alone = apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant)
-    check = if_valued(replace(alone, proofs=(AwayFromZero(i),), disproof=Vanishing(i)), plant)
-    return without_jumps(check, link)
-
-
-def _name(i: int) -> str:
-    return f"dF_{i - 1}/dz_{i}" if i > 1 else "dh/dz_1"

@@ -61,8 +61,10 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     carried = _carried(plant, chains, c, offset)
     smooth, slopes = _smooth(carried), _slopes(plant, chains, c)
     one_to_one = all(check.verdict is Verdict.PROVED for check in (smooth, *slopes))
-    checks = (_structure(carried), *slopes, smooth, _rates_ranged(carried), _lipschitz(carried, one_to_one))
-    checks = tuple(if_valued(check, plant) for check in checks)
+    claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
+    structure = by_construction(ClaimId(_MAKER, "structure"), claim, carried.Phi)
+    each = (structure, *slopes, smooth, _rates_ranged(carried), _lipschitz(carried, one_to_one))
+    checks = tuple(if_valued(check, plant) for check in each)
     back = carried.inverse()
     if original or back is None or not one_to_one:
         return carried.in_x(checks)
@@ -115,11 +117,6 @@ def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carr
 
 
 # ---------------------------------------------------------------- checks
-
-
-def _structure(carried: Carried) -> Check:
-    claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
-    return by_construction(ClaimId(_MAKER, "structure"), claim, carried.Phi)
 
 
 def _slopes(plant: System, chains: Chains, c: sp.Expr) -> tuple[Check, ...]:

@@ -137,7 +137,10 @@ def adaptive_lmi(
     Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
     """
     accept = founded("adaptive_lmi", form, accept, own=OWN, takes=integrators)
-    chain, (low, high) = integrators("adaptive_lmi", form), _range(gamma)
+    chain, ends = integrators("adaptive_lmi", form), reals("gamma", gamma)
+    if ends.shape != (2,) or not 1 <= ends[0] < ends[1] < np.inf:
+        raise BadGain(f"gamma = {gamma!r}", "must be (gamma_inf, gamma_sup) with 1 <= gamma_inf < gamma_sup, finite")
+    low, high = map(float, ends)
     design = candidate(K, P, sigma, chain.n)
     if not design.sigma:
         raise BadGain("sigma = 0", "would keep gamma from falling; design K and P for a positive sigma")
@@ -147,9 +150,9 @@ def adaptive_lmi(
     k, reason = (None, steep.reason) if isinstance(steep, Nothing) else (steep.proof.high, NONE)
     shown = None if isinstance(steep, Nothing) else steep
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
-    ends = Fraction(low), Fraction(high)
-    driven = None if disturbed is None else _driven(chain, design, ends, disturbed)
-    guarantees = Given(*ends, k, reason, disturbed, shown, driven)
+    extent = Fraction(low), Fraction(high)
+    driven = None if disturbed is None else _driven(chain, design, extent, disturbed)
+    guarantees = Given(*extent, k, reason, disturbed, shown, driven)
     moves = Law("gamma_inf", low, design.sigma, easing=False, b=Fraction(1), P=np.array(design.P, dtype=float))
     known = checks("adaptive_lmi", design, guarantees)
     demand((*form.checks, *known), accept, form, _MOVING)
@@ -208,13 +211,6 @@ def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
         return {"w": chain.nonlinear(values["w"], u), "gamma": valid * law}
 
     return Ode((w, moving), rest, linear, chain.offset, frozen={"gamma": (high,)})
-
-
-def _range(gamma: Any) -> tuple[float, float]:
-    ends = reals("gamma", gamma)
-    if ends.shape != (2,) or not 1 <= ends[0] < ends[1] < np.inf:
-        raise BadGain(f"gamma = {gamma!r}", "must be (gamma_inf, gamma_sup) with 1 <= gamma_inf < gamma_sup, finite")
-    return float(ends[0]), float(ends[1])
 
 
 def _wide(name: str, nominal: Any, meaning: str, unit: str) -> Field:

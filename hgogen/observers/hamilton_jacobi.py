@@ -12,7 +12,7 @@ Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathema
 (3), (18).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 import sympy as sp
@@ -28,7 +28,7 @@ from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import constant
 from hgogen.kalman.weights import cap, limited, positive, spd, wide
 from hgogen.observer import Observer, founded, gain, state_field
-from hgogen.part import Clock, Jump, Pieces
+from hgogen.part import Jump, Pieces
 from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
@@ -103,7 +103,9 @@ def hamilton_jacobi(
     n, outputs, dynamics = form.n, len(form.output), Dynamics(form, tangent=True)
     weight = spd("Q", of_coordinates("Q", Q, form), n)
     start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
-    precisions, rate = positive("R", of_outputs("R", R, form), outputs), _rate(curvature)
+    precisions, rate = positive("R", of_outputs("R", R, form), outputs), real("curvature", curvature)
+    if not 0 <= rate < np.inf:
+        raise BadGain(f"curvature = {curvature!r}", "must be a finite rate (1/s), not negative; 0 leaves the term out")
     noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)
     upper, weights = (each[::-1] for each in factor(weight[::-1, ::-1]))  # Q = U W U', U unit upper triangular
     shape = np.linalg.inv(upper[:, ::-1]).T  # so that Q^-1 = shape W^-1 shape'
@@ -123,10 +125,12 @@ def hamilton_jacobi(
     u = sym("work", "u", len(form.system.inputs))
     curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state", "z", n), u))
     part = Curved(plain, sym("gain", "curvature"), rate) if curved else plain
+    inverse = Field("Q_inverse", (0.0,) * n, unit="z^2/s", meaning="inverse of Q, diagonal factor")
+    inverted = Block("inverse weights", {Place("derived", "Q_inverse"): 1 / sym("gain", "Q", n)})
     return Observer(
         form=form,
         name="hamilton_jacobi",
-        parts=(Jump(_inverted(n)), part),
+        parts=(Jump(lambda clock: Pieces(derived=(inverse,), tune=(inverted,))), part),
         gains=(
             wide("Q", weights, "weight of the model's error", "s/z^2", form.names),
             wide("R", precisions, "weight of the output", "1/(y^2 s)", names_of(form.system.outputs)),
@@ -142,27 +146,9 @@ def hamilton_jacobi(
     )
 
 
-def _rate(curvature: float) -> float:
-    rate = real("curvature", curvature)
-    if not 0 <= rate < np.inf:
-        raise BadGain(f"curvature = {curvature!r}", "must be a finite rate (1/s), not negative; 0 leaves the term out")
-    return rate
-
-
 def _inverse(name: str, matrix: np.ndarray) -> np.ndarray:
     inverse = np.linalg.inv(matrix)
     return spd(f"the inverse of {name}", (inverse + inverse.T) / 2, len(matrix))
-
-
-def _inverted(n: int) -> Callable[[Clock], Pieces]:
-    """Q^-1, once for each `tune`."""
-    field = Field("Q_inverse", (0.0,) * n, unit="z^2/s", meaning="inverse of Q, diagonal factor")
-    block = Block("inverse weights", {Place("derived", "Q_inverse"): 1 / sym("gain", "Q", n)})
-
-    def build(clock: Clock) -> Pieces:
-        return Pieces(derived=(field,), tune=(block,))
-
-    return build
 
 
 def _quadratic(form: Form) -> Check:

@@ -116,6 +116,12 @@ def high_gain(
         derived=(chosen.K.field,),
         tune=(chosen.K.tuned(form),),
     )
+    equation, theorem = _STANDARD, THEOREM
+    if len(form.blocks) > 1:
+        equation = _WHOLE if chosen.K.whole else _SEVERAL
+    if form.jacobian is not None:
+        equation, theorem = _ORIGINAL, theorem.under(INSIDE)
+    theorem = theorem.under(DRIVEN) if chosen.driven else theorem
     return Observer(
         form=form,
         name="high_gain",
@@ -129,19 +135,12 @@ def high_gain(
             *theta_checks("high_gain", form, theta, chosen.error),
         ),
         accepted=accept,
-        theorem=_theorem(form, chosen),
-        equations=(_equation(form, chosen), f"K = {chosen.K}", *_means(form, weights), *described(form)),
+        theorem=theorem.with_chains() if len(form.blocks) > 1 else theorem,
+        equations=(equation, f"K = {chosen.K}", *_means(form, weights), *described(form)),
         reference=REFERENCE,
         notices=() if least is None else _notices(dynamics, least),
         error=chosen.error,
     )
-
-
-def _equation(form: Form, chosen: ConstantGain) -> str:
-    if form.jacobian is not None:
-        return _ORIGINAL
-    several = _WHOLE if chosen.K.whole else _SEVERAL
-    return several if len(form.blocks) > 1 else _STANDARD
 
 
 def _means(form: Form, weights: Any) -> Iterator[str]:
@@ -155,20 +154,12 @@ def _means(form: Form, weights: Any) -> Iterator[str]:
         yield f"{', '.join(rest)} {'has' if len(rest) == 1 else 'have'} no chain, and no part in the correction"
 
 
-def _theorem(form: Form, chosen: ConstantGain) -> Theorem:
-    theorem = THEOREM if form.jacobian is None else THEOREM.under(INSIDE)
-    theorem = theorem.under(DRIVEN) if chosen.driven else theorem
-    return theorem.with_chains() if len(form.blocks) > 1 else theorem
-
-
 def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None, weights: Sequence[float]) -> Ode:
+    """z' = A z + K (y - C z - offset), and b, where the core is constant."""
     if dynamics.form.jacobian is not None:
         return _in_original(dynamics, least, theta, np.array(chosen.K.values, dtype=float))
-    return _driven(dynamics, chosen, theta, weights) if chosen.driven else _in_chains(dynamics, chosen, weights)
-
-
-def _in_chains(dynamics: Dynamics, chosen: ConstantGain, weights: Sequence[float]) -> Ode:
-    """z' = A z + K (y - C z - offset), and b."""
+    if chosen.driven:
+        return _driven(dynamics, chosen, theta, weights)
 
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": dynamics.nonlinear(values["z"], u)}

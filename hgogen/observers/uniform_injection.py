@@ -84,7 +84,10 @@ def uniform_injection(
     high, form = any_theta(theta), _split("uniform_injection", form)
     K = injection_gains("uniform_injection", poles, gains, form.n)
     dynamics, z = Dynamics(form), state_field(form, initial, high.initial[0])
-    inverse = Dynamics(replace(form, jacobian=_diagonal(form)))
+    entries = [sp.diff(form.output[0], form.states[0])]  # of Lambda
+    for each in slopes_on(form):
+        entries.append(entries[-1] * each)
+    inverse = Dynamics(replace(form, jacobian=sp.ImmutableDenseMatrix(sp.diag(*entries))))
     labels = tuple(f"theta{f'^{i}' if i > 1 else ''} K_{i}" for i in range(1, form.n + 1))
 
     def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
@@ -99,7 +102,7 @@ def uniform_injection(
         tune=(Block("observer gain", {Place("derived", "K"): scaled(K, sym("gain", "theta"))}),),
     )
     error = uniform_error(form, tuple(K.tolist()))
-    beyond = (f"{float(s):g} in {z}" for z, s in zip(form.states[1:], _above(form), strict=True))
+    beyond = (f"{float(form.A[k, k + 1]):g} in {z}" for k, z in enumerate(form.states[1:]))
     return Observer(
         form=form,
         name="uniform_injection",
@@ -132,15 +135,3 @@ def _split(observer: str, form: Form) -> Form:
         A[k, k + 1] = s
     rest = form.flow if not numbers else tuple(sp.Matrix(form.flow) - A * sp.Matrix(form.states))
     return replace(form, A=sp.ImmutableDenseMatrix(A), b=tuple(rest))
-
-
-def _above(form: Form) -> list[sp.Expr]:
-    return [form.A[k, k + 1] for k in range(form.n - 1)]
-
-
-def _diagonal(form: Form) -> sp.ImmutableDenseMatrix:
-    """Lambda."""
-    entries = [sp.diff(form.output[0], form.states[0])]
-    for each in slopes_on(form):
-        entries.append(entries[-1] * each)
-    return sp.ImmutableDenseMatrix(sp.diag(*entries))

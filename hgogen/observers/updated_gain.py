@@ -28,7 +28,7 @@ import numpy as np
 
 from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
-from hgogen.check import Check, Claims, Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.gain_update import checks
@@ -146,6 +146,9 @@ def updated_gain(
         raise BadGain(f"start = {start!r}", f"must be from p_2 = {low:g} to cap = {top:g}")
     shift = positive("b", b)
     proved = checks(chain, K, shift, fall, low, rise, top)
+    theorem = THEOREM if form.behind is None else THEOREM.under(CLAMPED)
+    if proved_above(proved, "updated_gain"):
+        theorem = BY_P_2
     w = chain.field(initial, top)
     L = scalar("L", first, low=1.0, high=top, unit="1/s", meaning="gain, which follows the slope of the model")
     return observer_on(
@@ -158,20 +161,13 @@ def updated_gain(
             gain("p_3", rise, 1e-3 * rise, 1e3 * rise, "how much the gain follows the slope of the model"),
         ),
         w=sym("state", "w", chain.n),
-        theorem=_theorem(form, proved),
+        theorem=theorem,
         equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {same(first)}, L <= {same(top)}"),
         reference=REFERENCE,
         claims=lambda: proved,
         accepted=accept,
         traces=("L",),
     )
-
-
-def _theorem(form: Form, checks: Sequence[Check]) -> Theorem:
-    """The paper's, or where p_2 is enough alone the one that says so."""
-    if proved_above(checks, "updated_gain"):
-        return BY_P_2
-    return THEOREM if form.behind is None else THEOREM.under(CLAMPED)
 
 
 def _slope(chain: Integrators, w: Graph, u: Graph, L: Graph) -> Graph:

@@ -170,14 +170,10 @@ class Chains:
                 doubt = doubt or (NONE if answer else why)
         if self.broken:
             return (False if self.certain else None), self.broken
-        return (
-            (None, doubt)
-            if doubt
-            else (True, because("{chains: and }", chains=map(self._named, filter(None, self.links))))
-        )
-
-    def _named(self, links: Sequence[Link]) -> Reason:
-        return because("{names: -> }", names=[links[0].name, *(link.state.name for link in links)])
+        if doubt:
+            return None, doubt
+        names = ([links[0].name, *(link.state.name for link in links)] for links in self.links if links)
+        return True, because("{chains: and }", chains=[because("{names: -> }", names=each) for each in names])
 
 
 def levelwise(rows: Rows) -> Chains:
@@ -255,17 +251,14 @@ def _line(
     it does not read. The gain is the slope, or the row's difference between 0 and 1, where the slope is not exact."""
     gain = unbent(free_of(slope, rows.states, rows.box))
     start, end = (_at(clean, state, value) for value in (0, 1))
-    lines = [(gain, _rest(clean, state, gain)), (end - start, start)]
+    # what the row is at 0, beside the gain, it is at any value; where that is 0/0, it is taken at 1, 2, 3
+    beside = (_at(clean, state, value) - gain * value for value in range(4))
+    rest = next((e for e in beside if not e.has(*_INFINITE)), clean - gain * state)
+    lines = [(gain, rest), (end - start, start)]
     for a, b in lines:
         if not (a.has(state, *_INFINITE) or b.has(state, *_INFINITE)) and is_zero(row - a * state - b, rows.box):
             return a, b, True
-    return gain, lines[0][1], _on_a_line(row, state, rows.box)
-
-
-def _rest(row: sp.Expr, state: sp.Symbol, gain: sp.Expr) -> sp.Expr:
-    """row - gain * state, which is free of the state: its value at 0, or where that is 0/0 at 1, 2, 3."""
-    values = (_at(row, state, value) - gain * value for value in range(4))
-    return next((rest for rest in values if not rest.has(*_INFINITE)), row - gain * state)
+    return gain, rest, _on_a_line(row, state, rows.box)
 
 
 def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:

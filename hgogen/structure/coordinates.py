@@ -71,7 +71,9 @@ def coordinates(
     """z: the plant's states in `order` (default: the plant's), each times its sign, 1 or -1 (default 1)."""
     order = tuple(order or system.states)
     signs = tuple(signs or (1,) * len(order))
-    stem = _stem({signal.name for signal in (*system.signals, *system.declared.states)}, len(order))
+    taken = {signal.name for signal in (*system.signals, *system.declared.states)}
+    stems = chain(("z", "zeta", "xi"), (f"z{k}_" for k in count(1)))
+    stem = next(stem for stem in stems if taken.isdisjoint(f"{stem}{i}" for i in range(1, len(order) + 1)))
     states = tuple(_signal(f"{stem}{i}", x, sign) for i, (x, sign) in enumerate(zip(order, signs, strict=True), 1))
     return Coordinates(system, order, signs, states)
 
@@ -118,11 +120,6 @@ def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.Immutab
                 rest.append(term)
         b.append(sp.Add(*rest) if any(A.row(i)) else row)
     return sp.ImmutableDenseMatrix(A), tuple(b)
-
-
-def _stem(taken: set[str], n: int) -> str:
-    stems = chain(("z", "zeta", "xi"), (f"z{k}_" for k in count(1)))
-    return next(stem for stem in stems if not any(f"{stem}{i}" in taken for i in range(1, n + 1)))
 
 
 def _signal(name: str, x: Signal, sign: int) -> Signal:

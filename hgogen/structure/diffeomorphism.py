@@ -101,16 +101,12 @@ def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy])
         point = _where(gap, signals, ("> 0", "< 0"))
         if point is not None:
             return Check(id, claim, Verdict.REFUTED, because("{gap} is not 0", gap=gap), witness(point), narrow)
-    left = (because("{gap} was not shown to be 0", gap=gap) for gap, _ in gaps if not _zero(gap, signed))
-    doubt = _roughness(maps) or next(left, None)
+    left = (gap for gap, _ in gaps if sp.simplify(gap.xreplace(signed)) != 0)
+    doubt = _roughness(maps) or next((because("{gap} was not shown to be 0", gap=gap) for gap in left), None)
     if doubt:
         return Check(id, claim, Verdict.UNKNOWN, doubt, fix=narrow)
     reason = because("outward-rounded intervals find no singular point, exact substitution both ways")
     return Check(id, claim, Verdict.PROVED, reason, proofs=(ByForm(),))
-
-
-def _zero(gap: sp.Expr, signed: Mapping[Signal, sp.Dummy]) -> bool:
-    return bool(sp.simplify(gap.xreplace(signed)) == 0)
 
 
 def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason | None:

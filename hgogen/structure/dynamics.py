@@ -22,7 +22,7 @@ from hgogen.algebra.removable import resolved
 from hgogen.analysis.determinant import determinant
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, leaves, to_casadi
-from hgogen.intervals.box import Box, box
+from hgogen.intervals.box import box
 from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
 from hgogen.signal import resting
@@ -146,16 +146,12 @@ class Dynamics:
         """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped, or by its tangent there."""
         values = self._saturating(self.form.output, z, u)
         if self.tangent and self.form.clamped:
-            values += self._beyond(z, u)
+            slopes = self._slopes([split(h, self.form.states)[1] for h in self.form.output], z, u)
+            values += self._taken(slopes, self.readable(z, u)) @ (z - self.saturated(z))
         if not self.holding.outputs:
             return values
         whole = self._saturating(self.form.output, self.saturated(z), u)
         return column(self.holding.output(j, values[j], whole[j]) for j in range(self.outputs))
-
-    def _beyond(self, z: Graph, u: Graph) -> Graph:
-        """What the tangents of the nonlinear parts of the outputs (p) add outside of the box."""
-        slopes = self._slopes([split(h, self.form.states)[1] for h in self.form.output], z, u)
-        return self._taken(slopes, self.readable(z, u)) @ (z - self.saturated(z))
 
     @staticmethod
     def _taken(slopes: Graph, read: Mapping[int, Graph]) -> Graph:
@@ -227,7 +223,8 @@ class Dynamics:
         """
         system = self.form.system
         if moved(self.form):
-            return column(self._of_plant([expression for _, expression in system.reported], z, u))
+            states, _ = self.recovered(z, u)
+            return column(self._convert([e for _, e in system.reported], states, u, system.states))
         linear, rest = zip(*(split(e, self.form.states) for _, e in self.form.estimates), strict=True)
         clamped = self._held(z, [reach(rest, s, self.form.states) for s in self.form.states])
         return column(self._convert(linear, z, u)) + column(self._convert(rest, clamped, u))
@@ -339,20 +336,11 @@ class Dynamics:
         pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
         return ca.substitute([pulled], [x, self._u], [self._behind(self.saturated(z), u), u])[0]
 
-    def _around(self, states: Sequence[sp.Symbol]) -> Box:
-        system = self.form.system
-        return box((*states, *system.inputs, *system.parameters), system.nominal)
-
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
         """The Jacobian dPhi/dx of a form that carries it."""
         assert self.form.jacobian is not None
         return self.form.jacobian
-
-    def _of_plant(self, expressions: Any, z: Graph, u: Graph) -> list[Graph]:
-        """Expressions of the states of the form's system, inputs and parameters."""
-        states, _ = self.recovered(z, u)
-        return self._convert(expressions, states, u, self.form.system.states)
 
     def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """Terms linear in a state at z, the others at sat(z)."""
@@ -379,7 +367,7 @@ class Dynamics:
         symbols |= {p: sym("plant", p.name) for p in system.tunable}
         rows: Iterable[sp.Expr] = map(sp.sympify, expressions)
         if self.form.clamped and boxed:
-            around = self._around(states or self.form.states)
+            around = box((*(states or self.form.states), *system.inputs, *system.parameters), system.nominal)
             rows = (computed(resolved(e), around) for e in rows)
         return to_casadi([_with_constants(e, self._constants) for e in rows], symbols)
 

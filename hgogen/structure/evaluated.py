@@ -18,15 +18,13 @@ def evaluated(form: Form) -> tuple[Check, ...]:
 
     Derivatives are those of the form's equations, as they are written, and, at points, of the program's.
     """
-    points = not_finite(Dynamics(replace(form, held=())))
-    sampled = {check.id: check for check in map(_sampled, points, points.values())}
+    sampled = {}
+    for row, point in not_finite(Dynamics(replace(form, held=()))).items():
+        id, reason = ClaimId(MAKER, row), because("one of {row} is not", row=row)
+        pattern = "the program's derivatives of {row} by the states are finite on the declared ranges"
+        claim = Sentence.of(pattern, row=row)
+        sampled[id] = Check(id, claim, Verdict.REFUTED, reason, point, FIX, "it is taken for 0 there")
     known = undefined_slopes(form.system)
     settled = {check.id for check in (*form.checks, *known) if check.verdict is Verdict.REFUTED}
     new = {id: check for id, check in sampled.items() if id not in settled}
     return (*(check for check in known if check.id not in new), *new.values())
-
-
-def _sampled(row: str, point: dict[str, float]) -> Check:
-    claim = Sentence.of("the program's derivatives of {row} by the states are finite on the declared ranges", row=row)
-    reason = because("one of {row} is not", row=row)
-    return Check(ClaimId(MAKER, row), claim, Verdict.REFUTED, reason, point, FIX, "it is taken for 0 there")

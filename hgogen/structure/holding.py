@@ -12,7 +12,7 @@ without these, where it is finite and at most 1e15. Its derivatives are taken wh
 The last values are fields of the state, `last_NAME`. No number is added to a denominator, nor to an argument.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -24,7 +24,6 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.program import sym
 from hgogen.signal import Signal
-from hgogen.system import System
 
 Range = tuple[float, float]
 
@@ -100,14 +99,16 @@ def holding(form: Form, accepted: Iterable[str]) -> Form:
     form has checks of their own, and are 0 there (`Holding.coasting`).
     """
     accepted = {id for id in accepted if isinstance(id, str)}
-    names = tuple(s.name for s in _rows(form) if claim_id(s) in accepted)
+    rows = dict.fromkeys((*form.system.states, *form.system.outputs, *form.states))
+    names = tuple(s.name for s in rows if claim_id(s) in accepted)
     if not names:
         return form
     held = replace(form, held=names)
     A, b, links = form.A.as_mutable(), list(form.b), _links(form)
+    in_z = replace(form.system, states=form.states, flow=form.flow, output=form.output, origin=None)
     for i in Holding(held, 1.0).rates:
         for k in range(form.n):
-            if (i, k) not in links and A[i, k] != 0 and gaps([A[i, k]], _in_z(form)):
+            if (i, k) not in links and A[i, k] != 0 and gaps([A[i, k]], in_z):
                 b[i] = sp.Add(b[i], A[i, k] * form.states[k])
                 A[i, k] = 0
     return replace(held, A=sp.ImmutableDenseMatrix(A), b=tuple(b))
@@ -119,11 +120,3 @@ def _links(form: Form) -> set[tuple[int, int]]:
         return set()
     chains = zip(form.heads, form.blocks, strict=True)
     return {(i, i + 1) for head, size in chains for i in range(head, head + size - 1)}
-
-
-def _rows(form: Form) -> Iterator[Signal]:
-    yield from dict.fromkeys((*form.system.states, *form.system.outputs, *form.states))
-
-
-def _in_z(form: Form) -> System:
-    return replace(form.system, states=form.states, flow=form.flow, output=form.output, origin=None)

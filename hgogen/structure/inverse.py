@@ -152,13 +152,10 @@ def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Exp
     error = tidy(candidate.xreplace(dict(forward)) - x)
     if error == 0 or size([error]) > _LIMIT:
         return bool(error == 0)
-    signs = {s: (0, sp.oo) if s.is_nonnegative else (-sp.oo, 0) for s in error.free_symbols if _signed(s)}
+    signed = [s for s in error.free_symbols if s.is_nonnegative or s.is_nonpositive]
+    signs = {s: (0, sp.oo) if s.is_nonnegative else (-sp.oo, 0) for s in signed}
     answer = is_zero(error, signs)
     return bool(sp.simplify(error) == 0) if answer is None else answer
-
-
-def _signed(s: sp.Symbol) -> bool:
-    return bool(s.is_nonnegative or s.is_nonpositive)
 
 
 def _holds(

@@ -26,6 +26,8 @@ from hgogen.system import System
 
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
 
+_NARROW = "Narrow the ranges so that it stays away from there."
+
 
 def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
     """The check `MAKER.lipschitz`, that b is Lipschitz in the states.
@@ -54,36 +56,32 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
         doubt = because("{what} may jump or be singular", what=missing.what)
         return answer(Verdict.UNKNOWN, doubt, "Write it with functions that are known.")
     if steepest.verdict is Verdict.PROVED:
-        proof = Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree)
-        return if_valued(replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(Slopes(proof),)), system)
+        bound = Slopes(Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree))
+        return if_valued(replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(bound,)), system)
     if steepest.verdict is Verdict.REFUTED:
-        return _refuted(
-            answer(Verdict.REFUTED, steepest.reason, "Narrow the ranges so that it stays away from there."), steepest
-        )
+        witness = {s.name: float(value) for s, value in steepest.witness.items()}
+        return replace(answer(Verdict.REFUTED, steepest.reason, _NARROW), witness=witness)
     jumps = sorted({node for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)}, key=str)
     if jumps:
         doubt = because("{part} may jump", part=jumps[0])
         return answer(Verdict.UNKNOWN, doubt, "Write saturations with sympy.Min and sympy.Max.")
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
     poles = singular([*rows, *slopes], box)
-    names = sorted({s.name for row in rows for s in row.free_symbols if s in _loose(system)})
+    names = sorted(
+        {s.name for row in rows for s in row.free_symbols & {*system.states, *system.inputs} if not s.bounded}
+    )
     if names:
-        fix = f"Declare low= and high= for {', '.join(names)}."
-        return answer(Verdict.UNKNOWN, because("no bound without a range for {names}", names=names), fix)
+        doubt = because("no bound without a range for {names}", names=names)
+        return answer(Verdict.UNKNOWN, doubt, f"Declare low= and high= for {', '.join(names)}.")
     if poles:
         conditions = minimal((*poles.values(), *asked(system)))
-        fix = "Narrow the ranges so that it stays away from there."
         if any(part.has(*system.states) for part in (*poles, *(each.of for each in conditions))):
             places = [condition.failure for condition in conditions]
             doubt = because("no uniform bound is shown; it may be singular {places: or }", places=places)
-            return answer(Verdict.UNKNOWN, doubt, fix)
+            return answer(Verdict.UNKNOWN, doubt, _NARROW)
         parts = "holds on every closed part of the box where {conditions: and }"
-        return answer(Verdict.WHERE, because(parts, conditions=reasons(conditions)), fix)
+        return answer(Verdict.WHERE, because(parts, conditions=reasons(conditions)), _NARROW)
     return answer(Verdict.UNKNOWN, steepest.reason)
-
-
-def _loose(system: System) -> set[sp.Symbol]:
-    return {s for s in (*system.states, *system.inputs) if not s.bounded}
 
 
 def _bound(steepest: Lipschitz) -> Reason:
@@ -91,7 +89,3 @@ def _bound(steepest: Lipschitz) -> Reason:
         return because("it does not depend on the state")
     pattern = "L_b <= {L_b}, by outward-rounded intervals on {boxes}"
     return because(pattern, L_b=Up(steepest.high), boxes=counted(steepest.boxes))
-
-
-def _refuted(check: Check, steepest: Lipschitz) -> Check:
-    return replace(check, witness={s.name: float(value) for s, value in steepest.witness.items()})

@@ -10,8 +10,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import enclosure, point, sides
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import Range, bound, box, counted
-from hgogen.intervals.box import End
+from hgogen.intervals.bounds import bound, box, counted
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.sign import Cause, Sign, nonzero
@@ -115,15 +114,12 @@ def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], 
     sure = first.exact or (tightest.low, tightest.high)
     proof = Proof((a,), *ends(*sure), tightest.variables, tightest.tree)
     proofs = (Bounded(check.id.at, proof),)
-    return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, extent, first), proofs=proofs)
-
-
-def _range(a: sp.Expr, low: End, high: End, extent: Range, first: Sign) -> Reason:
-    if a.is_Rational:
-        return because("it is {a}", a=a)
     on = because("outward-rounded intervals on {boxes}", boxes=counted(max(extent.boxes, first.range.boxes)))
     how = first.reason if first.exact else on
-    return because("between {low} and {high}, by {how}", low=Down(low), high=Up(high), how=how)
+    reason = because("between {low} and {high}, by {how}", low=Down(low), high=Up(high), how=how)
+    if a.is_Rational:
+        reason = because("it is {a}", a=a)
+    return replace(check, verdict=Verdict.PROVED, reason=reason, proofs=proofs)
 
 
 def _unknown(check: Check, reason: Reason, signals: tuple[Signal, ...]) -> Check:

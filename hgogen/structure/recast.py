@@ -42,7 +42,10 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
         raise BadSystem(plant.name, f"{len(new)} new states for {len(old)} replaced ones; give as many")
     change = Change(plant, *({s: exact(sp.sympify(e)) for s, e in maps.items()} for maps in (coordinates, inverse)))
     _readable(change)
-    _distinct(change)
+    reported = {s.name for s in (*plant.states, *plant.declared.states)}
+    for w in new:  # what is proved of a state goes by its name, new or reported
+        if w.name in reported:
+            raise BadSystem(plant.name, f"the new state {w} has the name of one of its states; give it another")
     return _recast(change if plant.origin is None else _at_once(change, plant.origin))
 
 
@@ -109,11 +112,3 @@ def _readable(change: Change) -> None:
                 what = f"the input {symbol}, whose derivative is not known" if symbol in plant.inputs else symbol
                 allowed = ", ".join(sorted(map(str, states)))
                 raise BadSystem(plant.name, f"{s} = {e} reads {what}; write it in {allowed} and parameters")
-
-
-def _distinct(change: Change) -> None:
-    """Each new state has a name of its own: what is proved of a state goes by its name, new or reported."""
-    reported = {s.name for s in (*change.plant.states, *change.plant.declared.states)}
-    for w in change.forward:
-        if w.name in reported:
-            raise BadSystem(change.plant.name, f"the new state {w} has the name of one of its states; give it another")

@@ -36,23 +36,19 @@ def saturated(form: Form, saturate: Limits, arguments: bool) -> Form:
         return form
     if form.jacobian is not None or form.behind is not None:
         raise BadGain("saturate", "is for a form in whose coordinates b is a function of z, which this one is not")
-    limits = in_order("saturate", _by_name(form, saturate), form.names, default=dict.fromkeys(form.names, _ANY))
+    named: Any = saturate
+    if not isinstance(saturate, Mapping):
+        rows = [name for name, row in zip(form.names, form.b, strict=True) if row != 0]
+        if len(rows) != 1:
+            wanted = f"must be a limit by name, of {', '.join(rows) or 'a b that is not 0'}"
+            raise BadGain(f"saturate = {saturate!r}", wanted)
+        named = {rows[0]: saturate}
+    limits = in_order("saturate", named, form.names, default=dict.fromkeys(form.names, _ANY))
     ends = tuple(map(_ends, form.names, limits, form.signs))
     loose = [name for name, row, end in zip(form.names, form.b, ends, strict=True) if row != 0 and end == _ANY]
     if loose and not arguments:
         raise BadGain("arguments = False", f"wants a limit of every row of b; give one for {', '.join(loose)}")
     return replace(form, limits=ends, free=not arguments)
-
-
-def _by_name(form: Form, saturate: Any) -> Mapping[str, Any]:
-    if isinstance(saturate, Mapping):
-        return saturate
-    rows = [name for name, row in zip(form.names, form.b, strict=True) if row != 0]
-    if len(rows) != 1:
-        raise BadGain(
-            f"saturate = {saturate!r}", f"must be a limit by name, of {', '.join(rows) or 'a b that is not 0'}"
-        )
-    return {rows[0]: saturate}
 
 
 def _ends(name: str, limit: Any, sign: int) -> tuple[float, float]:

@@ -102,16 +102,12 @@ def noise_equation(form: Form, scaled: Scaled) -> str:
     """Q_theta, R_theta and Delta, for the banner."""
     process, output = _NOISE[scaled]
     several = len(form.output) > 1 and form.alignment in ALIGNED
-    delta = _DELTA[form.alignment] if several else f"Delta = diag({_powers(form)})"
+    powers = "1, 1/theta, .."  # in full where the states do not stand in the order of their levels
+    if form.levels != tuple(range(form.n)):
+        powers = ", ".join(f"theta^-{level}" if level > 1 else "1/theta" if level else "1" for level in form.levels)
+    delta = _DELTA[form.alignment] if several else f"Delta = diag({powers})"
     R = "delta R delta" if several and form.alignment == "end" else "R"
     return f"P = S^-1, Q_theta = {process}, R_theta = {output.format(R)}, {delta}"
-
-
-def _powers(form: Form) -> str:
-    """The diagonal of Delta, in full where the states do not stand in the order of their levels."""
-    if form.levels == tuple(range(form.n)):
-        return "1, 1/theta, .."
-    return ", ".join(f"theta^-{level}" if level > 1 else "1/theta" if level else "1" for level in form.levels)
 
 
 def power(theta: Graph, exponent: int) -> Graph:

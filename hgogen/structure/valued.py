@@ -38,11 +38,11 @@ def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal
         if name not in known:
             listed = f"its parameters are {', '.join(known)}" if known else "it has no parameters"
             raise BadValue(f"{name[:60]!r}", f"is no parameter of {plant.name!r}; {nearest(name, known, listed)}")
-    return {known[name]: _with(known[name], value) for name, value in values.items()}
-
-
-def _with(p: Signal, value: float) -> Signal:
-    low, high = p.interval
-    if not low <= value <= high:
-        raise BadValue(f"{p.name} = {value:g}", f"lies outside of its range [{low:g}, {high:g}]; widen that")
-    return Signal(p.name, p.unit, p.meaning, value, p.low, p.high, p.rates)
+    new = {}
+    for name, value in values.items():
+        p = known[name]
+        low, high = p.interval
+        if not low <= value <= high:
+            raise BadValue(f"{p.name} = {value:g}", f"lies outside of its range [{low:g}, {high:g}]; widen that")
+        new[p] = Signal(p.name, p.unit, p.meaning, value, p.low, p.high, p.rates)
+    return new
