@@ -115,23 +115,18 @@ class CallableStep(Step):
         for output, age in zip(self.late, self.ages, strict=True):
             if age.name in y and output.name not in y:
                 raise BadShape(f"update({age.name}=)", f"tells the age of no sample; give {output.name} with it")
-        ending = "" if at is None else self._ending(at)
+        ending = ""
+        if at is not None:
+            if not self.timed:
+                raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
+            if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
+                raise BadShape(f"update({at!r}, ..)", "must be told the number of a period, a whole number from 0")
+            self._kept.places[AT][0] = int(at) % ROUND
+            ending = "_at"
         status = self._entries["estimate"]() if not y else 0
         for name in (signal.name for signal in self.outputs if signal.name in y):
             status |= self._entries[f"update_{name}{ending}"]()
         return Sample(self._legend, self._shown(), status)
-
-    def _ending(self, at: int) -> str:
-        """The ending of the name of a section that takes a sample of an earlier period, whose number it stores.
-
-        Raises: `BadShape`.
-        """
-        if not self.timed:
-            raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
-        if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
-            raise BadShape(f"update({at!r}, ..)", "must be told the number of a period, a whole number from 0")
-        self._kept.places[AT][0] = int(at) % ROUND
-        return "_at"
 
     def adapt(self) -> Sample:
         """Adapt the gain, once after the updates of a sample; nothing to do for a constant one."""

@@ -138,16 +138,14 @@ class Refuted(HgogenError):
         sentences += dict.fromkeys(check.fix for check in self.checks)
         # a form says it to whom it does not suit; which others do is not known to it
         elsewhere = ELSEWHERE if self.form is not None and not self.form.structured else ""
-        sentences += [elsewhere, self.other, self.never or self._offer]
-        return " ".join(filter(None, sentences))
-
-    @property
-    def _offer(self) -> str:
-        """The sentence that says how to accept the checks, in the language of the model's file."""
         ids = tuple(check.id for check in self.checks)
-        option = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
+        option = (
+            f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
+        )  # in the language of the model's file
         known = "; ".join(dict.fromkeys(check.consequence for check in self.checks if check.consequence))
-        return f"To build all the same, say {option}{f', knowing that {known}.' if known else ''}"
+        offer = f"To build all the same, say {option}{f', knowing that {known}.' if known else ''}"
+        sentences += [elsewhere, self.other, self.never or offer]
+        return " ".join(filter(None, sentences))
 
 
 @dataclass(eq=False)

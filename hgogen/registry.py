@@ -7,7 +7,6 @@ from importlib import import_module
 from inspect import cleandoc, isfunction
 from pathlib import Path
 from pkgutil import iter_modules
-from types import ModuleType
 from typing import Any
 
 from hgogen.errors import HgogenError
@@ -41,18 +40,13 @@ def load(package: str) -> dict[str, Any]:
         module = import_module(f"{package}.{name}")
         if name not in vars(module):
             raise NoCase(module.__name__)
-        loaded[name] = _documented(module, vars(module)[name])
+        case = loaded[name] = vars(module)[name]
+        if isfunction(case) and case.__doc__ and module.__doc__:
+            file, own = cleandoc(module.__doc__), cleandoc(case.__doc__)
+            case.__doc__ = own if own.startswith(file) else f"{file}\n\n{own}"  # once
+        elif is_dataclass(case) and not isinstance(case, type):
+            object.__setattr__(case, "__doc__", module.__doc__)  # help() shows a value's own, else all of its class
     return loaded
-
-
-def _documented(module: ModuleType, case: Any) -> Any:
-    """The case; a function has its file's docstring before its own, once, a value has its file's."""
-    if isfunction(case) and case.__doc__ and module.__doc__:
-        file, own = cleandoc(module.__doc__), cleandoc(case.__doc__)
-        case.__doc__ = own if own.startswith(file) else f"{file}\n\n{own}"
-    elif is_dataclass(case) and not isinstance(case, type):
-        object.__setattr__(case, "__doc__", module.__doc__)  # help() shows a value's own, else all of its class
-    return case
 
 
 def cases(folder: str) -> list[str]:

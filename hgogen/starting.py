@@ -203,16 +203,11 @@ def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None
     longest = rates.longest or 1.0
     chains = tuple(filter(None, form.blocks))
     base = Scale(theta, dt, longest, states, {}, outputs, deviations, chains)
-    return replace(base, process=_process(form, base))
-
-
-def _process(form: Form, base: Scale) -> dict[str, float]:
-    """Q_i by name, from the end of each chain on."""
     process = dict(base.units)
-    for i, slope in reversed(_slopes(form).items()):
+    for i, slope in reversed(_slopes(form).items()):  # from the end of each chain on
         name, behind = form.names[i], form.names[i + 1]
         process[name] = min(process[name], (slope * base.longest) ** 2 * process[behind])
-    return process
+    return replace(base, process=process)
 
 
 def _slopes(form: Form) -> dict[int, float]:

@@ -112,8 +112,16 @@ class Row:
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
     """The theorem's hypotheses, each with the verdict of its worst check; unknown where no check knows it."""
     known = tuple(checks)
-    candidates = ((hypothesis, _row(hypothesis, known)) for hypothesis in theorem.hypotheses)
-    return tuple(_as_it_runs(row, each.beyond, known) for each, row in candidates if row is not None)
+    result = []
+    for hypothesis in theorem.hypotheses:
+        row, beyond = _row(hypothesis, known), hypothesis.beyond
+        if row is None:
+            continue
+        if beyond is not None:  # what is proved of the step stands in the place of what trials and the status show
+            ids = [check.id for check in known if check.verdict is Verdict.PROVED and check.id in beyond.claims]
+            row = replace(row, reason=because(beyond.reason), checks=(*row.checks, *ids)) if ids else row
+        result.append(row)
+    return tuple(result)
 
 
 def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
@@ -129,14 +137,6 @@ def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
     elif hypothesis.checks:
         verdict, reason = Verdict.UNKNOWN, because("the form makes no such check")
     return Row(hypothesis.claim, verdict, reason, tuple(check.id for check in telling), hypothesis.reference)
-
-
-def _as_it_runs(row: Row, beyond: Beyond | None, known: Iterable[Check]) -> Row:
-    """The row, which names what is proved of the step in the place of what trials and the status show."""
-    if beyond is None:
-        return row
-    ids = tuple(check.id for check in known if check.verdict is Verdict.PROVED and check.id in beyond.claims)
-    return replace(row, reason=because(beyond.reason), checks=(*row.checks, *ids)) if ids else row
 
 
 # Hypotheses that theorems on form (3) of Boizot, Busvelle, Gauthier 2010 have in common.

@@ -13,7 +13,7 @@ import sympy as sp
 from hgogen import forms
 from hgogen.analysis.gauthier_bornard import of_plant
 from hgogen.analysis.undefined import MAKER
-from hgogen.check import Check, Verdict, worst
+from hgogen.check import Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.reading.door import asks_a_plant, switches
@@ -145,16 +145,13 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
     if weakest.verdict is Verdict.PROVED:
         proved = because("all {count} checks proved", count=len(form.checks))
         return Row(name, weakest.verdict, order, proved, {}, "", form, options)
-    return Row(name, weakest.verdict, order, _short(weakest), weakest.witness, weakest.advice, form, options)
-
-
-def _short(check: Check) -> Reason:
-    reason = check.reason
-    if check.witness:
-        reason = because("{reason}, at {point}", reason=reason, point=point(check.witness))
-    of_subject = check.verdict is Verdict.REFUTED and check.subject is not None
-    names_itself = of_subject or check.id.fact == "structure" or check.id.maker == MAKER
-    return reason if names_itself else because("{check}: {reason}", check=check.id.short, reason=reason)
+    reason = weakest.reason
+    if weakest.witness:
+        reason = because("{reason}, at {point}", reason=reason, point=point(weakest.witness))
+    of_subject = weakest.verdict is Verdict.REFUTED and weakest.subject is not None
+    if not (of_subject or weakest.id.fact == "structure" or weakest.id.maker == MAKER):  # else it names itself
+        reason = because("{check}: {reason}", check=weakest.id.short, reason=reason)
+    return Row(name, weakest.verdict, order, reason, weakest.witness, weakest.advice, form, options)
 
 
 def _gauthier_bornard(plant: System) -> Row:

@@ -12,8 +12,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.observers.high_gain import high_gain
 from hgogen.program import Place
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.matrices import regular_at
+from hgogen.structure.dynamics import Dynamics, regular_at
 from hgogen.structure.sided import sided
 
 

@@ -84,8 +84,15 @@ def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
     A = F.T.reshape(count, n, n).transpose(0, 2, 1) * S / S[:, None]  # CasADi counts by columns
     C = H.T.reshape(count, n, len(plant.outputs)).transpose(0, 2, 1) * S
     y = np.array(output(x.T, u.T))
-    R = np.array([_half(s) if s.bounded else _extent(row) for s, row in zip(plant.outputs, y, strict=True)])
-    return Linear(A, C / R[:, None])
+    R = []  # without a range half of what an output takes on, or its size where it does not move
+    for s, row in zip(plant.outputs, y, strict=True):
+        if s.bounded:
+            R.append(_half(s))
+            continue
+        values = row[np.isfinite(row)]
+        half, size = (np.ptp(values) / 2, np.abs(values).max()) if len(values) else (0.0, 0.0)
+        R.append(float(half or size or 1.0))
+    return Linear(A, C / np.array(R)[:, None])
 
 
 def slopes(
@@ -130,13 +137,6 @@ def ranged(signals: tuple[Signal, ...]) -> None:
 def _half(signal: Signal) -> float:
     low, high = signal.interval
     return (high - low) / 2
-
-
-def _extent(values: np.ndarray) -> float:
-    """Half of what an output takes on, or its size where it does not move."""
-    values = values[np.isfinite(values)]
-    half, size = (np.ptp(values) / 2, np.abs(values).max()) if len(values) else (0.0, 0.0)
-    return float(half or size or 1.0)
 
 
 def _lattice(signals: tuple[Signal, ...]) -> np.ndarray:

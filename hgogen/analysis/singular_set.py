@@ -12,7 +12,7 @@ from hgogen.algebra.rank import NowhereDefined, matrix_rows, modulus, plant_of, 
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.algebra.tape import NoTape
-from hgogen.algebra.tower import Tower, tower
+from hgogen.algebra.tower import tower
 from hgogen.analysis.zero_set import alive, zero_set
 
 LIMIT = 300_000  # products of terms of the elimination
@@ -48,20 +48,16 @@ def singular_set(
             return None
         if not full:
             return "all"
-        different = {frozenset(rows): rows for rows in choices}.values()  # of those in another order one
-        zero_sets = {_zero_set(plant, rows, limit) for rows in different}
+        zero_sets = set()
+        for rows in {frozenset(rows): rows for rows in choices}.values():  # of those in another order one
+            factors = product(plant, rows, limit)
+            if not alive(plant.field, factors):
+                return None
+            zero_sets.add(zero_set(plant.field, split(plant.field, powers(plant.field, factors)[1])))
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
-    factors = zero_sets.pop()
-    return None if zero_sets else "none" if factors == () else factors
-
-
-def _zero_set(plant: Tower, rows: Sequence[Row], limit: int) -> tuple[sp.Expr, ...] | None:
-    """The zero set of the determinant of some rows; None where the field does not decide it."""
-    factors = product(plant, rows, limit)
-    if not alive(plant.field, factors):
-        return None
-    return zero_set(plant.field, split(plant.field, powers(plant.field, factors)[1]))
+    one = zero_sets.pop()
+    return None if zero_sets else "none" if one == () else one
 
 
 def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:

@@ -125,7 +125,13 @@ class Singularity:
 
     def latex(self) -> str:
         """The determinants as LaTeX, one line of an align environment a jet."""
-        rows, dots = [], _latex_dots(self.plant)
+        marks = (r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
+        dots = {  # the inputs' derivatives, with dots or orders above
+            u.derivative(k): (marks[k - 1] if k <= len(marks) else "{{{}}}^{{(" + str(k) + ")}}").format(sp.latex(u))
+            for u in self.plant.inputs
+            for k in range(1, len(self.plant.states) + _FURTHER)
+        }
+        rows = []
         for jet in self.jets:
             outputs = [(sp.latex(self.plant.outputs[j]), order) for j, order in jet.rows]
             names = ", ".join(f"{y}^{{({order})}}" if order else y for y, order in outputs)
@@ -311,16 +317,6 @@ def _brief(e: sp.Expr) -> sp.Expr:
         first = sp.Add(*a.as_ordered_terms()[:2], evaluate=False)
         stands[a] = sp.Symbol(f"({first} + .., {len(a.args)} terms)")
     return e.xreplace(stands)
-
-
-def _latex_dots(plant: System) -> dict[sp.Symbol, str]:
-    """Names of the inputs' derivatives, with dots or orders above."""
-    marks = (r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
-    return {
-        u.derivative(k): (marks[k - 1] if k <= len(marks) else "{{{}}}^{{(" + str(k) + ")}}").format(sp.latex(u))
-        for u in plant.inputs
-        for k in range(1, len(plant.states) + _FURTHER)
-    }
 
 
 def _check(plant: System, jet: Jet, k: int) -> Check:

@@ -33,9 +33,8 @@ from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import NONZERO, Condition, reasons
 from hgogen.sentence import NONE, Sentence, because, equations
 from hgogen.signal import Signal
-from hgogen.structure.carried import BOXES, Carried, by_construction, undefined
+from hgogen.structure.carried import BOXES, Carried, by_construction, on_image, undefined
 from hgogen.structure.inverse import tidy
-from hgogen.structure.lipschitz import lipschitz
 from hgogen.structure.phasing import Derivatives, FullRank, OneToOne
 from hgogen.structure.univalent import univalent
 from hgogen.system import System
@@ -96,7 +95,12 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     carried = whole.carried
     back = carried.inverse()
     one_to_one = if_valued(_one_to_one(whole, carried.images, back, rank), plant)
-    checks = (chain, _inputs(whole), rank, one_to_one, _lipschitz(whole, rank, one_to_one))
+    claim = "phi is Lipschitz in z on the image of the box"
+    missing = [c.id for c in (rank, one_to_one) if c.verdict is not Verdict.PROVED]
+    doubt = because("in z it needs {checks: and }", checks=missing) if missing else NONE
+    reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
+    steep = on_image("phase", claim, [whole.phi], whole.plant, "phi", doubt, reason)
+    checks = (chain, _inputs(whole), rank, one_to_one, steep)
     if original or back is None or sign.verdict is not Verdict.PROVED:
         return carried.in_x(checks)
     return carried.in_z(back, checks, recovered)
@@ -205,7 +209,11 @@ def _one_to_one(
     box_x = box(whole.plant.signals, whole.plant.nominal)
     signs = {part: nonzero(part, box_x, boxes=BOXES).verdict for part in sorted(parts, key=str)}
     doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
-    others = [part.xreplace(dict(images)) for e in back.values() for part in _others(e)]
+    # what beside divisions may leave it undefined: its roots and functions, each by itself
+    entire = (sp.sin, sp.cos, sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.atan, sp.asinh)
+    roots = [p.base ** (-p.exp if p.exp.is_negative else p.exp) for p in powers if not p.exp.is_Integer]
+    functions = [f for e in back.values() for f in e.atoms(sp.Function) if not isinstance(f, entire)]
+    others = [part.xreplace(dict(images)) for part in (*roots, *functions)]
     inverse = equations(back)
     if undefined((*whole.Phi, *others), whole.plant) is not None:
         doubt = because("{inverse} was not shown to be defined on all of the image", inverse=inverse)
@@ -247,28 +255,3 @@ def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check | None:
         return Check(id, claim, Verdict.PROVED, reason)
     doubt = because("each derivative brings in one state, with a slope that may be 0")
     return Check(id, claim, Verdict.UNKNOWN, doubt)
-
-
-def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
-    """The check that phi(Psi(z)) is Lipschitz: on a compact box, a one to one Phi of full rank has a smooth inverse on
-    its compact image."""
-    claim = "phi is Lipschitz in z on the image of the box"
-    unknown = Check(ClaimId("phase", "lipschitz"), claim, Verdict.UNKNOWN, NONE)
-    loose = [s.name for s in (*whole.plant.states, *whole.plant.inputs) if not s.bounded]
-    if loose:
-        return replace(unknown, reason=because("no range is declared for {names}", names=loose))
-    missing = [c.id for c in (rank, one_to_one) if c.verdict is not Verdict.PROVED]
-    if missing:
-        return replace(unknown, reason=because("in z it needs {checks: and }", checks=missing))
-    check = replace(lipschitz("phase", [whole.phi], whole.plant, "phi"), claim=unknown.claim)
-    if check.verdict is not Verdict.PROVED:
-        return check
-    reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
-    return replace(check, reason=reason, proofs=())  # what bounds its slope in x says nothing of that in z
-
-
-def _others(e: sp.Expr) -> list[sp.Expr]:
-    """What beside divisions may leave the expression undefined: its roots and functions, each by itself."""
-    entire = (sp.sin, sp.cos, sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.atan, sp.asinh)
-    roots = [p.base ** (-p.exp if p.exp.is_negative else p.exp) for p in e.atoms(sp.Pow) if not p.exp.is_Integer]
-    return roots + [f for f in e.atoms(sp.Function) if not isinstance(f, entire)]

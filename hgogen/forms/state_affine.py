@@ -53,9 +53,12 @@ def state_affine(plant: System) -> Form:
     if structure.verdict is Verdict.REFUTED:
         return form_in(z, "state_affine", (structure,), _REFERENCE)
     A, b = sp.zeros(len(flow), len(flow)), []
-    linear, rest = split(
-        (_rest(rows.rate(x), row, hidden) for x, row in zip(plant.states, flow, strict=True)), plant.states
-    )
+    beside = []  # the terms in hidden states; as it is written, where these cancel in it
+    for x, row in zip(plant.states, flow, strict=True):
+        terms = (unbent(gain) * state for gain, state in zip(row.slopes, hidden, strict=True))
+        written = sp.expand(rows.rate(x) - sp.Add(*terms))
+        beside.append(unbent(row.rest) if written.has(*hidden) else written)
+    linear, rest = split(beside, plant.states)
     for i, row in enumerate(flow):
         for x, gain in zip(hidden, row.slopes, strict=True):
             A[i, plant.states.index(x)] = z.carry(unbent(gain))
@@ -65,12 +68,6 @@ def state_affine(plant: System) -> Form:
     parts = sp.ImmutableDenseMatrix(A), tuple(b), z.output
     unseen = cut_off("state_affine", plant)
     return form_in(z, "state_affine", (structure, steep, *unseen), _REFERENCE, parts=parts)
-
-
-def _rest(rate: sp.Expr, row: Affine, hidden: Sequence[Signal]) -> sp.Expr:
-    """What a rate is beside its terms in the `hidden` states, as it is written where these terms cancel in it."""
-    written = sp.expand(rate - sp.Add(*(unbent(gain) * x for gain, x in zip(row.slopes, hidden, strict=True))))
-    return unbent(row.rest) if written.has(*hidden) else written
 
 
 def _structure(output: Sequence[Affine], flow: Sequence[Affine], measured: Sequence[Signal]) -> Check:

@@ -24,9 +24,8 @@ from hgogen.errors import BadArgument
 from hgogen.form import Asking, Form
 from hgogen.sentence import NONE, because
 from hgogen.structure.apart import apart, without_jumps
-from hgogen.structure.carried import Carried, by_construction, undefined
+from hgogen.structure.carried import Carried, by_construction, on_image, undefined
 from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
-from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of xi and b
@@ -59,11 +58,21 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     """
     chains, c, offset = _read(plant)
     carried = _carried(plant, chains, c, offset)
-    smooth, slopes = _smooth(carried), _slopes(plant, chains, c)
+    smooth, (links,) = _smooth(carried), chains.links
+    steep = [c, *(link.slope for link in links[1:])]
+    names = ["dy/dz_1", *(f"dF_{i}/dz_{i + 1}" for i in range(1, len(links)))]
+    slopes = [
+        without_jumps(apart(ClaimId(_MAKER, "slope", i), name, sp.sympify(slope), plant), link)
+        for i, (name, slope, link) in enumerate(zip(names, steep, links, strict=True), 1)
+    ]
     one_to_one = all(check.verdict is Verdict.PROVED for check in (smooth, *slopes))
     claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
     structure = by_construction(ClaimId(_MAKER, "structure"), claim, carried.Phi)
-    each = (structure, *slopes, smooth, _rates_ranged(carried), _lipschitz(carried, one_to_one))
+    claim = "b is Lipschitz in xi on the image of the box"
+    doubt = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
+    reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
+    bounded = on_image(_MAKER, claim, carried.rows, carried.plant, "b", doubt, reason)
+    each = (structure, *slopes, smooth, _rates_ranged(carried), bounded)
     checks = tuple(if_valued(check, plant) for check in each)
     back = carried.inverse()
     if original or back is None or not one_to_one:
@@ -119,16 +128,6 @@ def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carr
 # ---------------------------------------------------------------- checks
 
 
-def _slopes(plant: System, chains: Chains, c: sp.Expr) -> tuple[Check, ...]:
-    (links,) = chains.links
-    slopes = [c, *(link.slope for link in links[1:])]
-    names = ["dy/dz_1", *(f"dF_{i}/dz_{i + 1}" for i in range(1, len(links)))]
-    return tuple(
-        without_jumps(apart(ClaimId(_MAKER, "slope", i), name, sp.sympify(slope), plant), link)
-        for i, (name, slope, link) in enumerate(zip(names, slopes, links, strict=True), 1)
-    )
-
-
 def _smooth(carried: Carried) -> Check:
     id, claim = ClaimId(_MAKER, "smooth"), "xi is differentiable, and finite with its slopes, on the box"
     rough = without_derivative((*carried.Phi, *carried.jacobian))
@@ -152,19 +151,3 @@ def _rates_ranged(carried: Carried) -> Check:
         reason = because("{names} enter, to be supplied, {loose} without one", names=names, loose=loose)
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     return Check(id, claim, Verdict.PROVED, because("{names} enter, to be supplied, in declared ranges", names=names))
-
-
-def _lipschitz(carried: Carried, one_to_one: bool) -> Check:
-    """The check that b(Psi(xi)) is Lipschitz on the image of a compact box, on which xi has a smooth inverse."""
-    claim, plant = "b is Lipschitz in xi on the image of the box", carried.plant
-    unknown = Check(ClaimId(_MAKER, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
-    loose = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
-    if loose:
-        return replace(unknown, reason=because("no range is declared for {names}", names=loose))
-    if not one_to_one:
-        return replace(unknown, reason=because("in xi it needs slopes that are never 0, and smooth rows"))
-    check = replace(lipschitz(_MAKER, carried.rows, plant, "b"), claim=claim)
-    if check.verdict is not Verdict.PROVED:
-        return check
-    reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
-    return replace(check, reason=reason, proofs=())  # what bounds its slope in x says nothing of that in xi

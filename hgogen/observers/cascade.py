@@ -13,6 +13,7 @@ of a triangular form are an extension.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -147,7 +148,11 @@ def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] 
     u = column(map(resting, chain.form.system.inputs))
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), of_form(chain.form)).reshape(-1)
     rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]
-    bottom, top = _span(chain)
+    system, states, (bottom, top) = chain.form.system, chain.form.states, (-INF, INF)
+    with suppress(NoTape):  # the range of c_1 on the declared box
+        around = box((*states, *system.inputs, *system.parameters), system.nominal)
+        enclosure = bound(sp.sympify(chain.products[0] * chain.form.b[0]), around)
+        bottom, top = enclosure.low, enclosure.high
     low = (w.low[0], w.low[1] + bottom, *w.low[1 : n - 1])
     high = (w.high[0], w.high[1] + top, *w.high[1 : n - 1])
     start = (w.initial[0], rates[0], *(w.initial[i - 1] - rates[i - 1] / slopes[i] for i in range(2, n)))
@@ -160,14 +165,3 @@ def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] 
         labels=(w.labels[0], f"rate of {w.labels[0]}", *(f"low-passed {label}" for label in w.labels[1 : n - 1])),
         meaning="the stages",
     )
-
-
-def _span(chain: Integrators) -> tuple[float, float]:
-    """The range of c_1 on the declared box; unbounded where none is proved."""
-    form = chain.form
-    around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
-    try:
-        enclosure = bound(sp.sympify(chain.products[0] * form.b[0]), around)
-    except NoTape:
-        return -INF, INF
-    return enclosure.low, enclosure.high

@@ -89,7 +89,11 @@ def circle_criterion(
     if why := no_argument(form):
         raise BadGain("circle_criterion", f"does not take this form: {why}; use high_gain")
     entries = _entries(form, argument)
-    N, error = _argument(form, entries), injected(chosen.error, form, entries)
+    placed = zip(columns(form, len(entries)), entries, strict=True)
+    values = {replace(at, power=at.power - 1): sp.sympify(entry) for at, entry in placed if entry != 0}
+    printed = tuple(sp.Float(float(x)) if x.is_Rational and not x.is_Integer else x for x in values.values())
+    N = ScaledGain("N", printed, tuple(values), "gain into the argument of b")
+    error = injected(chosen.error, form, entries)
     return Observer(
         form=form,
         name="circle_criterion",
@@ -122,14 +126,6 @@ def _entries(form: Form, argument: Any) -> tuple[sp.Expr, ...]:
     if max(map(abs, entries)) > _FAR:
         raise BadGain(f"argument = {argument!r}", f"must be numbers up to {_FAR:g}; take other units")
     return tuple(sp.Rational(Fraction(x)) for x in entries)
-
-
-def _argument(form: Form, entries: Sequence[sp.Expr]) -> ScaledGain:
-    """N_theta, without what is 0."""
-    placed = zip(columns(form, len(entries)), entries, strict=True)
-    values = {replace(at, power=at.power - 1): sp.sympify(entry) for at, entry in placed if entry != 0}
-    printed = tuple(sp.Float(float(x)) if x.is_Rational and not x.is_Integer else x for x in values.values())
-    return ScaledGain("N", printed, tuple(values), "gain into the argument of b")
 
 
 def _part(dynamics: Dynamics, K: ScaledGain, N: ScaledGain, z: Field) -> Ode:

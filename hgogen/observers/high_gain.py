@@ -122,6 +122,11 @@ def high_gain(
     if form.jacobian is not None:
         equation, theorem = _ORIGINAL, theorem.under(INSIDE)
     theorem = theorem.under(DRIVEN) if chosen.driven else theorem
+    notices: tuple[Block, ...] = ()
+    if least is not None:
+        at, u = dynamics.saturated(sym("state", "z", form.n)), sym("state", "u", len(form.system.inputs))
+        shut = ca.logic_not(ca.fabs(dynamics.determinant(at, u)) > least)
+        notices = (Block("near a singular point there is no correction", {Place("status", "SINGULAR"): shut}),)
     return Observer(
         form=form,
         name="high_gain",
@@ -138,7 +143,7 @@ def high_gain(
         theorem=theorem.with_chains() if len(form.blocks) > 1 else theorem,
         equations=(equation, f"K = {chosen.K}", *_means(form, weights), *described(form)),
         reference=REFERENCE,
-        notices=() if least is None else _notices(dynamics, least),
+        notices=notices,
         error=chosen.error,
     )
 
@@ -197,11 +202,3 @@ def _least(dynamics: Dynamics, share: float) -> float | None:
     form = dynamics.form
     proved = any(check.verdict is Verdict.PROVED for check in form.about("rank"))
     return None if form.jacobian is None or proved else share * largest_determinant(dynamics)
-
-
-def _notices(dynamics: Dynamics, least: float) -> tuple[Block, ...]:
-    z, u = sym("state", "z", dynamics.n), sym("state", "u", len(dynamics.form.system.inputs))
-    regular = ca.fabs(dynamics.determinant(dynamics.saturated(z), u)) > least
-    return (
-        Block("near a singular point there is no correction", {Place("status", "SINGULAR"): ca.logic_not(regular)}),
-    )

@@ -20,6 +20,7 @@ Praly, Astolfi, "High gain observers with updated gain and homogeneous correctio
 linear correction terms; the cap on L, which the length of a step asks for, is an extension.
 """
 
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
 
@@ -30,7 +31,6 @@ from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
-from hgogen.graph import Graph
 from hgogen.guarantees.gain_update import checks
 from hgogen.guarantees.lmi import STATES
 from hgogen.guarantees.moving import proved_above
@@ -170,24 +170,17 @@ def updated_gain(
     )
 
 
-def _slope(chain: Integrators, w: Graph, u: Graph, L: Graph) -> Graph:
-    """Gamma, SX scalar."""
-    dynamics, z = chain.dynamics, chain.z(w)
-    J = dynamics.jacobian(z, u) - dynamics.linear(u)
-    entries = [(i, j) for i in range(chain.n) for j in range(chain.n) if not J[i, j].is_zero()]
-    scale = {i: 1 if p == 1 else chain.scale[i] for i, p in enumerate(chain.products)}
-    scaled = (scale[i] * J[i, j] / scale[j] * _power(L, j - i) for i, j in entries)
-    return ca.sqrt(sum((entry * entry for entry in scaled), ca.SX(0)))
-
-
-def _power(L: Graph, k: int) -> Graph:
-    factor = L if k > 0 else 1 / L
-    return reduce(lambda product, one: product * one, [factor] * abs(k), ca.SX(1))
-
-
 def _update(clock: Clock, chain: Integrators, w: Field) -> Pieces:
     L, p_1, p_2, p_3 = sym("state", "L"), sym("gain", "p_1"), sym("gain", "p_2"), sym("gain", "p_3")
-    rate = p_1 * p_2 + p_3 * _slope(chain, sym("state", w.name, chain.n), clock.u_now, L)
+    dynamics, z = chain.dynamics, chain.z(sym("state", w.name, chain.n))
+    J = dynamics.jacobian(z, clock.u_now) - dynamics.linear(clock.u_now)
+    scale = {i: 1 if p == 1 else chain.scale[i] for i, p in enumerate(chain.products)}
+    total = ca.SX(0)  # the square of Gamma
+    for i, j in ((i, j) for i in range(chain.n) for j in range(chain.n) if not J[i, j].is_zero()):
+        power = reduce(operator.mul, [L if j > i else 1 / L] * abs(j - i), ca.SX(1))
+        entry = scale[i] * J[i, j] / scale[j] * power
+        total += entry * entry
+    rate = p_1 * p_2 + p_3 * ca.sqrt(total)
     left = ca.exp(-clock.dt * rate)
     after = L / (left + p_1 * L * (1 - left) / rate)
     title = "L by the exact flow of its law over a sample"

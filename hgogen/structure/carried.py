@@ -19,10 +19,11 @@ from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box, problem_of
 from hgogen.intervals.search import everywhere
 from hgogen.intervals.singular import singular
-from hgogen.sentence import because
+from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
+from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 BOXES = 2000
@@ -61,7 +62,12 @@ class Carried:
         plant, n = self.plant, len(self.Phi)
         box_x = box(plant.signals, plant.nominal)
         (y,) = plant.outputs
-        states = tuple(_derivative(s.name, y, e, k, box_x, plant.time) for k, (s, e) in enumerate(self.images.items()))
+        states = []
+        for k, (s, image) in enumerate(self.images.items()):
+            values = bound(image, box_x, boxes=_RANGES)
+            low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
+            meaning = f"derivative of {y.name} of order {k}" if k else y.meaning or y.name
+            states.append(Signal(s.name, y.derivative(k, plant.time).unit, meaning, low=low, high=high))
         rename = dict(zip(self.images, states, strict=True))
         psi = {x: held(e.xreplace(rename)) for x, e in back.items()}
         b = tuple(min((e := held(row).xreplace(psi), tidy(e)), key=lambda e: size([e])) for row in self.rows)
@@ -70,7 +76,7 @@ class Carried:
         return Form(
             system=plant,
             kind=self.kind,
-            states=states,
+            states=tuple(states),
             to_form=self.Phi,
             from_form=tuple(psi[x] for x in plant.states),
             A=sp.ImmutableDenseMatrix(n, n, lambda i, j: int(j == i + 1)),
@@ -100,12 +106,25 @@ def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check
     return Check(id, claim, Verdict.PROVED, because("by construction"))
 
 
-def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, time: str) -> Signal:
-    values = bound(image, box_x, boxes=_RANGES)
-    low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
-    source = y.derivative(order, time)
-    meaning = f"derivative of {y.name} of order {order}" if order else y.meaning or y.name
-    return Signal(name, source.unit, meaning, low=low, high=high)
+def on_image(
+    maker: str, claim: str, rows: Iterable[sp.Expr], plant: System, name: str, doubt: Reason, reason: Reason
+) -> Check:
+    """The check `MAKER.lipschitz` of what is a function of the coordinates on the image of the plant's box: on one that
+    is compact, a one to one map of full rank has a smooth inverse on its compact image.
+
+    `rows`: the same in the plant's states, called `name`; `doubt`: why the map is not known to be such, or `NONE`;
+    `reason`: of one that is.
+    """
+    unknown = Check(ClaimId(maker, "lipschitz"), claim, Verdict.UNKNOWN, NONE)
+    loose = [s.name for s in (*plant.states, *plant.inputs) if not s.bounded]
+    if loose:
+        return replace(unknown, reason=because("no range is declared for {names}", names=loose))
+    if doubt:
+        return replace(unknown, reason=doubt)
+    check = replace(lipschitz(maker, rows, plant, name), claim=claim)
+    if check.verdict is not Verdict.PROVED:
+        return check
+    return replace(check, reason=reason, proofs=())  # what bounds the slope in x says nothing of that in z
 
 
 def _defined(e: sp.Expr, around: Box, boxes: int) -> bool:

@@ -60,7 +60,13 @@ class Change:
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
     """Symbols that carry the sign of a signal's range, so that sqrt(w^2) can become w; of its value where `fixed`."""
     ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
-    return {s: sp.Dummy(s.name, real=True, **_sign(*interval)) for s, interval in ends.items()}
+    dummies = {}
+    for s, (low, high) in ends.items():
+        assumed = {"nonnegative": True} if low == 0 else {}
+        if low > 0 or high < 0:
+            assumed = {"positive" if low > 0 else "negative": True}
+        dummies[s] = sp.Dummy(s.name, real=True, **assumed)
+    return dummies
 
 
 def checks(change: Change) -> tuple[Check, ...]:
@@ -143,7 +149,7 @@ def _range(change: Change) -> Check:
         below = _where(e - sp.Rational(low), change.old, ("< 0",))
         point = below or _where(e - sp.Rational(high), change.old, ("> 0",))
         if point is not None:
-            fix = f"Widen the range of {w}{_least(_seen(e, change.old, reached))}."
+            fix = f"Widen the range of {w}{_at_least(e, change.old, reached)}."
             leaves = because("{state} = {value} leaves [{low:g}, {high:g}]", state=w, value=e, low=w.low, high=w.high)
             return Check(id, claim, Verdict.REFUTED, leaves, witness(point), fix)
         pattern = "{state} = {value} was not shown to stay in [{low:g}, {high:g}]"
@@ -186,23 +192,13 @@ def _value(expression: sp.Expr, box: Box) -> Interval:
     return enclose(expression, box)
 
 
-def _seen(e: sp.Expr, signals: tuple[Signal, ...], reached: Interval) -> Interval:
-    """The proved range where it is finite, else what the sample points reach."""
-    if finite(reached):
-        return reached
-    read = tuple(s for s in signals if s in e.free_symbols)
-    values = [value for point in points(read) if (value := e.xreplace(dict(point)).evalf()).is_Float]
-    return Fraction(str(min(values))), Fraction(str(max(values)))
-
-
-def _least(reached: Interval) -> str:
-    """The ends, rounded outwards to few digits, as a sentence goes on; nothing where no float holds them."""
+def _at_least(e: sp.Expr, signals: tuple[Signal, ...], reached: Interval) -> str:
+    """The range that is proved where it is finite, else what the sample points reach, its ends rounded outwards to few
+    digits, as a sentence goes on; nothing where no float holds them."""
+    if not finite(reached):
+        read = tuple(s for s in signals if s in e.free_symbols)
+        values = [value for point in points(read) if (value := e.xreplace(dict(point)).evalf()).is_Float]
+        reached = Fraction(str(min(values))), Fraction(str(max(values)))
     if not all(-_HUGE < end < _HUGE for end in reached):
         return ""
     return f" to at least [{down(reached[0], _DIGITS)}, {up(reached[1], _DIGITS)}]"
-
-
-def _sign(low: float, high: float) -> dict[str, bool]:
-    if low > 0 or high < 0:
-        return {"positive" if low > 0 else "negative": True}
-    return {"nonnegative": True} if low == 0 else {}

@@ -25,14 +25,12 @@ from hgogen.graph import Graph, binary, leaves, to_casadi
 from hgogen.intervals.box import box
 from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
-from hgogen.signal import resting
+from hgogen.signal import Signal, resting
 from hgogen.structure.holding import Holding
-from hgogen.structure.matrices import either, filled, regular_at
 from hgogen.structure.sided import Sided, sided
 from hgogen.structure.unclamped import reach, split
 
-# A value beyond this is absurd in any unit; its square still is a float.
-HUGE = 1e15
+HUGE = 1e15  # a value beyond it is absurd in any unit; its square still is a float
 
 
 def clamp(value: Graph, low: float, high: float) -> Graph:
@@ -54,6 +52,31 @@ def widened(low: float, high: float, share: float) -> tuple[float, float]:
     """The range, longer by a share of its width at each end."""
     more = share * (high - low) if high - low < INF else 0.0
     return low - more, high + more
+
+
+def either(test: Graph, yes: Graph, no: Graph) -> Graph:
+    """The matrix `yes` where the test holds, elsewhere `no`; an entry that is the same in both does not ask."""
+    chosen = ca.densify(yes)
+    for k in range(chosen.numel()):
+        if not ca.is_equal(chosen[k], no[k]):
+            chosen[k] = ca.if_else(test, chosen[k], no[k])
+    return chosen
+
+
+def regular_at(matrix: Graph, test: Graph) -> Graph:
+    """The matrix where the test holds, elsewhere one that has an inverse as well: nothing is divided by 0.
+
+    Its pivots are 1 there, and what is off them 0 but for one that is triangular in an order.
+    """
+    blocks, rows, columns, *_ = matrix.sparsity().btf()
+    pivots = set(zip(rows, columns, strict=True))
+    regular = ca.SX(matrix)
+    for i, j in zip(*matrix.sparsity().get_triplet(), strict=True):
+        pivot = (i, j) in pivots
+        moves = not matrix[i, j].is_constant() if pivot else blocks < len(rows)
+        if moves:
+            regular[i, j] = ca.if_else(test, matrix[i, j], float(pivot))
+    return regular
 
 
 @dataclass(frozen=True)
@@ -164,7 +187,7 @@ class Dynamics:
         """Whether each output that may be held is taken at sat(z), with its derivatives."""
         if not self.holding.outputs:
             return {}
-        holding, slopes = self.holding, self._output_jacobian(z, u)
+        holding, slopes = self.holding, self._slopes(self.form.output, z, u)
         whole = self._saturating(self.form.output, self.saturated(z), u)
         return {
             j: ca.logic_and(holding.takes_output(j, whole[j]), holding.takes_slopes(slopes[j, :]))
@@ -173,7 +196,7 @@ class Dynamics:
 
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
         """The Jacobian dh/dz (p, n) of the output; 0 of one that is held there."""
-        return self._taken(self._output_jacobian(z, u), self.readable(z, u))
+        return self._taken(self._slopes(self.form.output, z, u), self.readable(z, u))
 
     def rates_taken(self, z: Graph, u: Graph) -> dict[int, tuple[Graph, Graph]]:
         """b_i of each row that may be held, and whether its rate is taken at (sat(z), u)."""
@@ -198,9 +221,6 @@ class Dynamics:
     def holding(self) -> Holding:
         """The rows that are held where they have no finite value."""
         return Holding(self.form, HUGE)
-
-    def _output_jacobian(self, z: Graph, u: Graph) -> Graph:
-        return self._slopes(self.form.output, z, u)
 
     def _slopes(self, rows: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """The Jacobian of rows by z at (sat(z), u)."""
@@ -240,25 +260,19 @@ class Dynamics:
         """Whether each state of the form's system that is more than a z with a sign leaves its range by more than
         `margin` of its width."""
         raw = self._unranged(z, u)
-        ends = [widened(*s.interval, margin) for s in self.form.system.states]
-        return [
-            leaves(raw[i], *ends[i])
-            for i, (s, e) in enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
-            if s.bounded and not (e.is_Symbol or (-e).is_Symbol)
-        ]
+        return [leaves(raw[i], *widened(*s.interval, margin)) for i, s in self._more]
 
     def behind_ranges(self, z: Graph, u: Graph) -> list[tuple[Graph, Graph, tuple[float, float]]]:
         """Each state of the form's system with a range that is more than a z with a sign, before it is clamped: its
         value, its gradient (1, n) at sat(z), and its range."""
-        rows = self._inverse.rows
-        raw, at = self._unranged(z, u), self.saturated(z)
-        slopes = jacobian(column(self._convert(rows, self._z, self._u)), self._z)
-        (slopes,) = ca.substitute([slopes], [self._z, self._u], [at, u])
-        return [
-            (raw[i], slopes[i, :], s.interval)
-            for i, (s, e) in enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
-            if s.bounded and not (e.is_Symbol or (-e).is_Symbol)
-        ]
+        raw, slopes = self._unranged(z, u), self._slopes(self._inverse.rows, z, u)
+        return [(raw[i], slopes[i, :], s.interval) for i, s in self._more]
+
+    @property
+    def _more(self) -> list[tuple[int, Signal]]:
+        """The states of the form's system, by their numbers, that have a range and are more than a z with a sign."""
+        states = enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
+        return [(i, s) for i, (s, e) in states if s.bounded and not (e.is_Symbol or (-e).is_Symbol)]
 
     @property
     def recoverable(self) -> bool:
@@ -316,8 +330,10 @@ class Dynamics:
 
     def _unheld(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A and b at z."""
-        entries = self.form.A.todok()
-        linear = filled(entries.keys(), self._convert(entries.values(), z, u), self.n)
+        entries, linear = self.form.A.todok(), ca.SX(self.n, self.n)
+        for place, value in zip(entries, self._convert(entries.values(), z, u), strict=True):
+            linear[place] = value
+        linear = ca.sparsify(linear)
         if self.form.behind is not None:
             states = self._behind(z, u)
             return linear, column(self._convert(self.form.behind, states, u, self.form.system.states))
@@ -353,12 +369,7 @@ class Dynamics:
         return tuple((p, value) for p, value in self.form.system.nominal.items() if not p.bounded)
 
     def _convert(
-        self,
-        expressions: Any,
-        z: Graph,
-        u: Graph,
-        states: Sequence[sp.Symbol] | None = None,
-        boxed: bool = True,
+        self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True
     ) -> list[Graph]:
         """The expressions as graphs; `boxed`: of arguments that are clamped, by a form that clamps."""
         system = self.form.system

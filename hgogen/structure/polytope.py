@@ -87,13 +87,12 @@ def several_corners(each: Sequence[Sequence[sp.Expr]], form: Form) -> list[tuple
         return next(end for end in ends if isinstance(end, Reason))
     if prod(map(len, known)) > 2**VARYING:
         return because("more than {most} of the a_i vary, whose ranges have too many vertices", most=VARYING)
-    return [_beside(one) for one in product(*known)]
-
-
-def _beside(each: Sequence[Corner]) -> tuple[np.ndarray, np.ndarray]:
-    sizes = [len(C) for _, C in each]
-    A, C = (np.full((rows, sum(sizes)), Fraction(0), dtype=object) for rows in (sum(sizes), len(sizes)))
-    for k, ((inner, shown), end) in enumerate(zip(each, np.cumsum(sizes).tolist(), strict=True)):
-        at = slice(end - sizes[k], end)
-        A[at, at], C[k, at] = inner, shown
-    return A, C
+    pairs = []
+    for one in product(*known):  # a chain's A and C beside those of the others
+        sizes = [len(C) for _, C in one]
+        A, C = (np.full((rows, sum(sizes)), Fraction(0), dtype=object) for rows in (sum(sizes), len(sizes)))
+        for k, ((inner, shown), end) in enumerate(zip(one, np.cumsum(sizes).tolist(), strict=True)):
+            at = slice(end - sizes[k], end)
+            A[at, at], C[k, at] = inner, shown
+        pairs.append((A, C))
+    return pairs

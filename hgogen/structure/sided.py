@@ -44,10 +44,13 @@ def sided(form: Form) -> Sided:
     leasts = {d: _least(tidy(d.xreplace(images)), ranges) for d in poles}
     leasts = {d: least for d, least in leasts.items() if least}
     doubtful = {d for d in poles if d not in leasts}
-    return Sided(
-        tuple(_bounded_away(row, leasts) for row in form.from_form),
-        tuple(_finite(row, form, doubtful) for row in form.from_form),
-    )
+    finite = []
+    for row in form.from_form:
+        read = row.free_symbols
+        bounded = all(s.bounded for s in (*form.states, *plant.inputs) if s in read)
+        rational = bounded and bool(row.is_rational_function(*read)) and not doubtful & {*_denominators(row)}
+        finite.append(rational or row in form.states or -row in form.states)
+    return Sided(tuple(_bounded_away(row, leasts) for row in form.from_form), tuple(finite))
 
 
 def _denominators(row: sp.Expr) -> list[sp.Expr]:
@@ -72,13 +75,3 @@ def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Exp
         keep = sp.Max if least > 0 else sp.Min
         changed[p] = keep(_bounded_away(p.base, leasts), least) ** p.exp
     return row.xreplace(changed)
-
-
-def _finite(row: sp.Expr, form: Form, doubtful: set[sp.Expr]) -> bool:
-    """Whether a row is a state with a sign, or a rational function of bounded signals without a denominator that may be
-    0."""
-    if row in form.states or -row in form.states:
-        return True
-    read = row.free_symbols
-    bounded = all(s.bounded for s in (*form.states, *form.system.inputs) if s in read)
-    return bounded and bool(row.is_rational_function(*read)) and not doubtful & {*_denominators(row)}

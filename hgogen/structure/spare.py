@@ -112,13 +112,13 @@ def weighted(form: Form, weights: Any) -> tuple[float, ...]:
 
 def mean(form: Form, weights: Sequence[float], e: Graph, valid: Graph) -> Graph:
     """The error of each chain's output (q): the mean of those (p) that show it, of samples that can be used; else 0."""
-    return ca.vertcat(*(_mean(chain, weights, e, valid) for chain in shown(form)))
-
-
-def _mean(chain: Sequence[Shown], weights: Sequence[float], e: Graph, valid: Graph) -> Graph:
-    if len(chain) == 1:
-        return valid[chain[0].output] * e[chain[0].output]
-    counted = [weights[each.output] * valid[each.output] for each in chain]
-    terms = [w * (e[each.output] * each.ratio.q / each.ratio.p) for w, each in zip(counted, chain, strict=True)]
-    least = min(weights[each.output] for each in chain)  # of no sample at all the sum of the weights is 0
-    return sum(terms[1:], terms[0]) / ca.fmax(sum(counted[1:], counted[0]), least)
+    errors = []
+    for chain in shown(form):
+        if len(chain) == 1:
+            errors.append(valid[chain[0].output] * e[chain[0].output])
+            continue
+        counted = [weights[each.output] * valid[each.output] for each in chain]
+        terms = [w * (e[each.output] * each.ratio.q / each.ratio.p) for w, each in zip(counted, chain, strict=True)]
+        least = min(weights[each.output] for each in chain)  # of no sample at all the sum of the weights is 0
+        errors.append(sum(terms[1:], terms[0]) / ca.fmax(sum(counted[1:], counted[0]), least))
+    return ca.vertcat(*errors)
