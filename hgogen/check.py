@@ -139,9 +139,7 @@ class Refuted(HgogenError):
         # a form says it to whom it does not suit; which others do is not known to it
         elsewhere = ELSEWHERE if self.form is not None and not self.form.structured else ""
         ids = tuple(check.id for check in self.checks)
-        option = (
-            f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
-        )  # in the language of the model's file
+        option = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"  # as the model's file says it
         known = "; ".join(dict.fromkeys(check.consequence for check in self.checks if check.consequence))
         offer = f"To build all the same, say {option}{f', knowing that {known}.' if known else ''}"
         sentences += [elsewhere, self.other, self.never or offer]

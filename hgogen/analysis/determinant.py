@@ -85,17 +85,12 @@ def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determina
         e: symbol for node, symbol in names.items() if isinstance(node, sp.tanh) for e in (symbol - 1, symbol + 1)
     }
     factors = tuple(e.xreplace(back) for e in other.factors if e not in slopes)  # |tanh| < 1
-    return Determinant(_squares(other.value, set(slopes.values())).xreplace(back), factors)
-
-
-def _squares(value: sp.Expr, tangents: set[sp.Symbol]) -> sp.Expr:
-    """The expression with (T - 1)^k (T + 1)^k written as (1 - T^2)^k, as the slope of tanh is written."""
-    powers = value.as_powers_dict()
-    for T in tangents:
-        k = powers.get(T - 1)
-        if k and k == powers.get(T + 1):
+    value, every = other.value, other.value.as_powers_dict()
+    for T in set(slopes.values()):  # (T - 1)^k (T + 1)^k is written as (1 - T^2)^k, as the slope of tanh is
+        k = every.get(T - 1)
+        if k and k == every.get(T + 1):
             value = value / ((T - 1) * (T + 1)) ** k * (-1) ** k * (1 - T**2) ** k
-    return value
+    return Determinant(value.xreplace(back), factors)
 
 
 def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:

@@ -74,7 +74,12 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
         if any(p.degrees()[g] for p in (*zeros, *poles) for g in doubtful):
             return None
     factors = [factor for p, degree in _forms(field, zeros, parts) for factor, _ in factored(field, p, degree)[1]]
-    return tuple(sorted({_signed(e) for e in factors if not _never(e)}, key=sp.default_sort_key))
+    vanishing = set()  # without those that are proved to be 0 nowhere; of a long one it is not asked
+    for e in factors:
+        everywhere = dict.fromkeys(e.free_symbols, (-inf, inf))
+        if e.count_ops() > _LONG or not nonzero(e, everywhere, boxes=_BOXES, refute=False).never:
+            vanishing.add(_signed(e))
+    return tuple(sorted(vanishing, key=sp.default_sort_key))
 
 
 def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
@@ -95,14 +100,6 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
     if not even(degree):
         total, degree = total * total, {g: 2 * k for g, k in degree.items()}
     return [*forms, (total, degree)]
-
-
-def _never(e: sp.Expr) -> bool:
-    """Whether the factor is proved to be 0 for no real values of its symbols; of a long one it is not asked."""
-    return (
-        e.count_ops() <= _LONG
-        and nonzero(e, dict.fromkeys(e.free_symbols, (-inf, inf)), boxes=_BOXES, refute=False).never
-    )
 
 
 def _signed(e: sp.Expr) -> sp.Expr:

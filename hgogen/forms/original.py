@@ -60,7 +60,16 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     hidden = [x for x in plant.states if x not in every]
     doubtful = [x for x in every if x not in sure]
     along = (*every, *hidden)
-    z = coordinates(plant, plant.states if order is None else _ordered(plant, order))
+    states = plant.states
+    if order is not None:
+        by_name = {x.name: x for x in plant.states}
+        if isinstance(order, Mapping | Set):
+            raise BadOrder(plant.name, (), tuple(by_name), type(order).__name__)
+        names = tuple(map(str, several("order", order)))
+        if sorted(names) != sorted(by_name):
+            raise BadOrder(plant.name, names, tuple(by_name))
+        states = tuple(by_name[name] for name in names)
+    z = coordinates(plant, states)
     A, b = split(z.flow, z.states)
     flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
     checks = (
@@ -76,17 +85,6 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     )
     levels = tuple(along.index(x) for x in z.order)
     return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output), levels=levels)
-
-
-def _ordered(plant: System, order: Sequence[Signal | str]) -> tuple[Signal, ...]:
-    """The plant's states by name. Raises: `BadOrder`."""
-    states = {x.name: x for x in plant.states}
-    if isinstance(order, Mapping | Set):
-        raise BadOrder(plant.name, (), tuple(states), type(order).__name__)
-    names = tuple(map(str, several("order", order)))
-    if sorted(names) != sorted(states):
-        raise BadOrder(plant.name, names, tuple(states))
-    return tuple(states[name] for name in names)
 
 
 def _shape(along: Sequence[sp.Symbol], rows: Rows) -> Check:

@@ -141,7 +141,12 @@ def kalman_like(
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else of_coordinates("covariance", covariance, form), n)
-    unseen = _unseen(z.box, start)
+    # the diagonal of S_0^-1: the square of the outer box's half-width, without a range 1e12 P(0), but large enough that
+    # no eigenvalue of S_0 P(0) is above 1/4
+    variance, outer = np.diag(start), np.array([(high - low) / 2 for low, high in z.box])
+    correlated = np.linalg.eigvalsh(start / np.outer(np.sqrt(variance), np.sqrt(variance)))[-1]
+    widest = np.where(np.isfinite(outer), outer**2, 1e12 * variance)
+    unseen = np.maximum(np.minimum(widest, LOST), 4 * correlated * variance)
     noise = SHARE * unseen
     gains = (
         gain("rho", rate, 1e-3 * rate, 1e3 * rate, "rate at which the past is forgotten", "1/s"),
@@ -175,13 +180,3 @@ def kalman_like(
         equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(map(same, unseen))}),   Q_0 = {SHARE:g} rho S_0^-1"),
         reference=REFERENCE,
     )
-
-
-def _unseen(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarray:
-    """The diagonal of S_0^-1 (n): the square of the outer box's half-width, without a range 1e12 P(0), but large enough
-    that no eigenvalue of S_0 P(0) is above 1/4."""
-    deviation = np.sqrt(np.diag(start))
-    correlated = np.linalg.eigvalsh(start / np.outer(deviation, deviation))[-1]
-    half = np.array([(high - low) / 2 for low, high in box])
-    wide = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
-    return np.asarray(np.maximum(np.minimum(wide, LOST), 4 * correlated * np.diag(start)))

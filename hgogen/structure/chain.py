@@ -258,22 +258,18 @@ def _line(
     for a, b in lines:
         if not (a.has(state, *_INFINITE) or b.has(state, *_INFINITE)) and is_zero(row - a * state - b, rows.box):
             return a, b, True
-    return gain, rest, _on_a_line(row, state, rows.box)
+    # are there three values of the state, all else equal, at which the row is not on a line?
+    a, b = (sp.Dummy(name, real=state.is_real) for name in ("a", "b"))
+    ends = {s: rows.box[state] for s in (a, b) if state in rows.box}
+    one, other = row.xreplace({state: a}), row.xreplace({state: b})
+    bend = (row - one) * (b - state) - (other - row) * (state - a)
+    return gain, rest, False if is_zero(bend, {**rows.box, **ends}) is False else None
 
 
 def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
     """The row at a value of the state, or nan where a comparison in the row has no real value there."""
     at_value = put(row, {state: sp.Integer(value)})
     return sp.nan if at_value is None else at_value
-
-
-def _on_a_line(row: sp.Expr, state: sp.Symbol, box: Box) -> bool | None:
-    """False: three values of the state, all else equal, at which the row is not on a line."""
-    a, b = (sp.Dummy(name, real=state.is_real) for name in ("a", "b"))
-    ends = {s: box[state] for s in (a, b) if state in box}
-    one, other = row.xreplace({state: a}), row.xreplace({state: b})
-    bend = (row - one) * (b - state) - (other - row) * (state - a)
-    return False if is_zero(bend, {**box, **ends}) is False else None
 
 
 def twice(links: Iterable[Link]) -> tuple[Link, Link] | None:

@@ -158,7 +158,14 @@ class Dynamics:
 
     def _jacobian(self, z: Graph, u: Graph) -> Graph:
         if self.form.behind is not None:
-            return self.linear(u) + self._slope_behind(self.form.behind, z, u)
+            # db/dx (dPhi/dx)^-1 at x = Psi(sat(z)) in the plant's ranges: there dPhi/dx is regular, as phase has
+            # proved, while dPsi/dz may have poles in the box of z
+            states, x = self.form.system.states, sym("form", "x", self.n)
+            rows = (column(self._convert(e, x, self._u, states)) for e in (self.form.behind, self.form.to_form))
+            slope, map_ = (jacobian(row, x) for row in rows)
+            pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
+            at = self._behind(self.saturated(z), u)
+            return self.linear(u) + ca.substitute([pulled], [x, self._u], [at, u])[0]
         linear, rest = self._unheld(self._z, self._u)
         slope = jacobian(rest, self._z)
         if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
@@ -342,15 +349,6 @@ class Dynamics:
     def _behind(self, z: Graph, u: Graph) -> Graph:
         """Psi(z), each state in its range, at z, which its callers have clamped."""
         return self._ranged(column(self._convert(self._inverse.rows, z, u)))[0]
-
-    def _slope_behind(self, behind: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
-        """db/dx (dPhi/dx)^-1, n x n, at x = Psi(sat(z)) in the plant's ranges. There dPhi/dx is regular, as phase has
-        proved, while dPsi/dz may have poles in the box of z."""
-        states, x = self.form.system.states, sym("form", "x", self.n)
-        rows = (column(self._convert(e, x, self._u, states)) for e in (behind, self.form.to_form))
-        slope, map_ = (jacobian(row, x) for row in rows)
-        pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
-        return ca.substitute([pulled], [x, self._u], [self._behind(self.saturated(z), u), u])[0]
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:

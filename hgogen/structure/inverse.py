@@ -51,9 +51,15 @@ def inverse(
     plain = stand_ins((*states, *known), fixed)
     forward = {z: exact(e).xreplace(plain) for z, e in images.items()}
     unknown = [plain[x] for x in states]
-    solved = _solved(forward, unknown)
-    if solved is None:
-        return None
+    solved: dict[sp.Symbol, sp.Expr] = {}
+    rows = dict(forward)
+    while len(solved) < len(unknown):
+        left = [x for x in unknown if x not in solved]
+        new = _next(rows, left, forward) or _linear(rows, left, forward)
+        if not new:
+            return None
+        solved |= new
+        rows = {z: tidy(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(left)}
     back = {dummy: signal for signal, dummy in plain.items()}
     candidate = {x: solved[plain[x]].xreplace(back) for x in states}
     return candidate if _holds(candidate, images, (*states, *known), fixed) else None
@@ -67,19 +73,6 @@ def tidy(expression: sp.Expr) -> sp.Expr:
         return expression
     whole = expression.xreplace(stands)
     return sp.cancel(whole).xreplace({dummy: f for f, dummy in stands.items()})
-
-
-def _solved(forward: Mapping[sp.Symbol, sp.Expr], unknown: list[sp.Symbol]) -> dict[sp.Symbol, sp.Expr] | None:
-    solved: dict[sp.Symbol, sp.Expr] = {}
-    rows = dict(forward)
-    while len(solved) < len(unknown):
-        left = [x for x in unknown if x not in solved]
-        new = _next(rows, left, forward) or _linear(rows, left, forward)
-        if not new:
-            return None
-        solved |= new
-        rows = {z: tidy(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(left)}
-    return solved
 
 
 def _next(

@@ -44,7 +44,7 @@ def sided(form: Form) -> Sided:
     leasts = {d: _least(tidy(d.xreplace(images)), ranges) for d in poles}
     leasts = {d: least for d, least in leasts.items() if least}
     doubtful = {d for d in poles if d not in leasts}
-    finite = []
+    finite = []  # a state with a sign, or a rational function of bounded signals without a denominator that may be 0
     for row in form.from_form:
         read = row.free_symbols
         bounded = all(s.bounded for s in (*form.states, *plant.inputs) if s in read)
