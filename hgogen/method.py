@@ -302,7 +302,9 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
     noise, variance = part.nominal
     points = list(zip(*part.linearised(POINTS), strict=True))
     if part.theta.rest is not None:
-        points = [(F, C) for F, C in points if np.linalg.matrix_rank(_observability(F, C)) == len(F)] or points
+        shown = [np.vstack([C @ np.linalg.matrix_power(F, k) for k in range(len(F))]) for F, C in points]
+        ranks = map(np.linalg.matrix_rank, shown)
+        points = [(F, C) for (F, C), rank in zip(points, ranks, strict=True) if rank == len(F)] or points
     F, C = map(np.array, zip(*points, strict=True))
     return explicit_covariance.covariance_limits(
         F,
@@ -317,7 +319,3 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
         part.theta.rise,
         part.scaling,
     )
-
-
-def _observability(F: np.ndarray, C: np.ndarray) -> np.ndarray:
-    return np.vstack([C @ np.linalg.matrix_power(F, k) for k in range(len(F))])
