@@ -12,7 +12,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.commands.advice import advice
 from hgogen.commands.checked import checked
-from hgogen.commands.headline import headline
+from hgogen.commands.findings import headline
 from hgogen.model import load
 
 FILES = sorted(path for path in MODELS.glob("*.*") if path.is_file())

@@ -9,7 +9,7 @@ from plants import MODELS, chain
 
 import hgogen as hg
 from hgogen.commands.checked import Checked, checked
-from hgogen.commands.headline import headline
+from hgogen.commands.findings import headline
 from hgogen.model import load
 from hgogen.which_forms import Survey
 

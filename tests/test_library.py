@@ -14,8 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hgogen import cli
-from hgogen.commands.answers import FIELDS, answers
-from hgogen.commands.library import BadLibrary, check, read
+from hgogen.commands.library import FIELDS, BadLibrary, answers, check, read
 from hgogen.commands.workers import End, Event, run
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import bound

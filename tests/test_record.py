@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Run
-from hgogen.commands import csv_texts
+from hgogen.commands import running
 from hgogen.reading import log as log_module
 from hgogen.reading.assigned import mapping
 from hgogen.reading.log import BadRecord, _ragged, _regular, parsed, table
@@ -192,10 +192,10 @@ def test_rows_are_written_in_ten_digits_and_empty_where_missing(rows: list[tuple
     numbers, status = np.array([row[:2] for row in rows]).reshape(-1, 2), np.array([row[2] for row in rows], int)
     cells = [["" if math.isnan(value) else f"{value:.10g}" for value in row] for row in numbers.tolist()]
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(csv_texts, "PIECE", length)
-        assert csv_texts._csv(["t", "a"], numbers) == "".join(f"{','.join(row)}\n" for row in [["t", "a"], *cells])
+        patched.setattr(running, "PIECE", length)
+        assert running._csv(["t", "a"], numbers) == "".join(f"{','.join(row)}\n" for row in [["t", "a"], *cells])
         behind = [f"{','.join(row)},{last}\n" for row, last in zip(cells, status.tolist(), strict=True)]
-        assert csv_texts._csv(["t", "a", "status"], numbers, status) == "".join(["t,a,status\n", *behind])
+        assert running._csv(["t", "a", "status"], numbers, status) == "".join(["t,a,status\n", *behind])
 
 
 @settings(max_examples=200, deadline=None)

@@ -8,7 +8,7 @@ import pytest
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.commands.answers import FIELDS, answers
+from hgogen.commands.library import FIELDS, answers
 from hgogen.intervals.box import box
 from hgogen.reading.entry import Entry
 from hgogen.reading.text_model import PlainModel, read

@@ -9,7 +9,8 @@ from typer import BadParameter
 from typer.core import TyperCommand
 
 import hgogen as hg
-from hgogen.commands.responding import _frequencies, response_
+from hgogen.commands.logs import numbers_in
+from hgogen.commands.responding import response_
 from hgogen.commands.running import noise_
 from hgogen.commands.showing import window_
 from hgogen.errors import HgogenError
@@ -90,7 +91,7 @@ def test_errors_about_time_tell_its_unit():
         (lambda: noise.quiet(np.arange(100) / 10, 5, 3, "h"), r"5\.\.3 h is not .* to 9\.9 h;"),
         (lambda: noise.suggest("y", np.arange(200.0), 0.1, 50.0, "h"), r"d = 50 h must lie within 0\.1\.\.20 h,"),
         (lambda: hg.response(high_gain(), -1), r"must be positive numbers \(rad/h\)"),
-        (lambda: _frequencies("fast", "h"), "'fast' must be numbers in rad/h"),
+        (lambda: numbers_in("fast", "numbers in rad/h", "--omega"), "'fast' must be numbers in rad/h"),
         (lambda: excitation.along(hg.forms.state_affine(plant()), 1, [0.0], [0.0], 1, 5), "d = 5 h on 1 samples"),
         (lambda: untimed().period("high_gain"), "add dt, the time in hours between two calls"),
     ):

@@ -104,12 +104,20 @@ def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *
     n = len(survey.plant.states)
     asked = [kind for kind in observers.__all__ if kind not in rows and (deep or n <= _rule(kind).quick)]
     proposed = {kind: first(kind, places(survey)) for kind in asked}
-    rows |= {kind: _first(one, model) for kind, one in proposed.items() if isinstance(one, First)}
+    rows |= {
+        kind: _admitted(kind, "", one.step, _line(one, model), one.row.name)
+        for kind, one in proposed.items()
+        if isinstance(one, First)
+    }
     order = sorted(rows.values(), key=lambda row: row.rank)
-    brief = (
-        ["Of so many states, other observers are built with first gains by --deep."] if n > MANY and not deep else []
-    )
-    notes = (*_notes(model, seen, survey), *tuned.left(rows), *(brief or (_without(proposed) if rows else ())))
+    without = [
+        f"{kind} has no first gains: {one.reason}."
+        for kind, one in proposed.items()
+        if rows and isinstance(one, NoFirst) and one.ruled
+    ]
+    if n > MANY and not deep:
+        without = ["Of so many states, other observers are built with first gains by --deep."]
+    notes = (*_notes(model, seen, survey), *tuned.left(rows), *without)
     return Advice(survey.plant.name, tuple(order), notes, model.plain)
 
 
@@ -203,19 +211,8 @@ class _Tuned:
 # ---------------------------------------------------------------- with first gains
 
 
-def _first(one: First, model: Model) -> Admitted:
-    return _admitted(one.observer, "", one.step, _line(one, model), one.row.name)
-
-
-def _without(proposed: Mapping[str, First | NoFirst]) -> Iterator[str]:
-    """Why rules give no first gains."""
-    for kind, one in proposed.items():
-        if isinstance(one, NoFirst) and one.ruled:
-            yield f"{kind} has no first gains: {one.reason}."
-
-
 def _line(one: First, model: Model) -> str:
-    """In the language of the model's file."""
+    """What makes the first step, in the language of the model's file."""
     kind, row = one.observer, one.row
     if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())

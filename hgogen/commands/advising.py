@@ -29,11 +29,10 @@ from hgogen.commands.logs import Deep, names_in, numbers_by_name
 from hgogen.commands.process import note
 from hgogen.commands.trial_runs import trials
 from hgogen.emit.cost import cost
-from hgogen.model import Model, load
+from hgogen.model import load
 from hgogen.modelfiles.json_file import equations
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
-from hgogen.trial import Trial
 from hgogen.trials.proposed import NoTrial
 
 
@@ -70,7 +69,11 @@ def advise_(
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("advised.json")
     sigmas = numbers_by_name(noise or (), "--noise")
-    chosen = _trial(loaded, trial)
+    try:
+        chosen = one_or_all(trials(loaded), trial)[0]
+    except NoTrial as error:
+        chosen = None
+        note(f"values of theta are not tried: {error}")
     names = names_in(observers, "--observers")
     with Bar("observers", len(names) or len(kinds.__all__)) as bar:
         advised, refused = advise(
@@ -104,14 +107,6 @@ def advise_(
     }
     folder.write({**files, "advised.json": json_text(report) + "\n"})
     show(as_json, report, log_tables.advised(rows, best, plant.time, notes, refused), file_list(paths))
-
-
-def _trial(model: Model, name: str | None) -> Trial | None:
-    try:
-        return one_or_all(trials(model), name)[0]
-    except NoTrial as error:
-        note(f"values of theta are not tried: {error}")
-        return None
 
 
 def _rank(one: Advised) -> tuple[bool, int, int]:

@@ -230,24 +230,23 @@ def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
 def _row(calibration: Calibration, row: Judged) -> dict[str, Any]:
     """For JSON and the table."""
     tuned = next((one for one in calibration.rows if one.name == row.name), None)
+    gains: dict[str, Any] = {}
+    if tuned is not None:
+        used = cost(tuned.first.step)
+        gains = {
+            "form": tuned.first.row.name,
+            "error": tuned.error,
+            "known": KNOWN[tuned.first.known][0],
+            "operations": used.operations,
+            "functions": used.functions,
+            "state": used.state,
+            "likelihood": tuned.noise.likelihood if tuned.noise else None,
+        }
     return {
         "name": row.name,
-        **({} if tuned is None else _of_tuned(tuned)),
+        **gains,
         "held_out": {str(h): dict(errors) for h, errors in row.errors.items()},
         "hidden": dict(row.hidden),
         "nis": dict(row.nis),
         "coloured": dict(row.coloured),
-    }
-
-
-def _of_tuned(row: Tuned) -> Mapping[str, Any]:
-    used = cost(row.first.step)
-    return {
-        "form": row.first.row.name,
-        "error": row.error,
-        "known": KNOWN[row.first.known][0],
-        "operations": used.operations,
-        "functions": used.functions,
-        "state": used.state,
-        "likelihood": row.noise.likelihood if row.noise else None,
     }

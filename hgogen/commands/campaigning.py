@@ -48,8 +48,19 @@ def campaigns(
         raise typer.BadParameter(f"the runs are numbered from 0 to {len(each[0][1].draws) - 1}", param_hint="--repeat")
     with Bar("runs", sum(len(one.draws) if asked.repeat is None else 1 for _, one in each)) as bar:
         done = [(name, one, _tallied(name, one, asked, bar)) for name, one in each]
-    rows = [_row(*one, asked) for one in done]
+    rows: list[dict[str, Any]] = []
     for name, one, tally in done:
+        row = {
+            "trial": one.trial.name,
+            "observer": name,
+            "engine": one.engine,
+            "criterion": criterion(one.trial, one.step.time),
+            "runs": len(one.draws),
+            "failed": tally.failed,
+            "varied": one.draws.varied,
+            "quantiles": tally.spreads(),
+        }
+        rows.append(row if asked.repeat is None or tally.last is None else {**row, "run": tally.last})
         if tally.failure:
             share = f"{tally.failed} of {len(tally)} runs without a truth"
             note(f"{name}, trial {one.trial.name}: {share}; of run {tally.failure.run} {tally.failure.failed}")
@@ -104,27 +115,14 @@ def _valid(one: Campaign, lines: Iterable[str], file: str) -> Iterator[Outcome]:
         note(f"{file}: {len(dropped)} lines ({listed}) hold no outcome of this campaign: left out, their runs repeated")
 
 
-def _row(name: str, one: Campaign, tally: Tally, asked: Runs) -> dict[str, Any]:
-    row = {
-        "trial": one.trial.name,
-        "observer": name,
-        "engine": one.engine,
-        "criterion": criterion(one.trial, one.step.time),
-        "runs": len(one.draws),
-        "failed": tally.failed,
-        "varied": one.draws.varied,
-        "quantiles": tally.spreads(),
-    }
-    return row if asked.repeat is None or tally.last is None else {**row, "run": tally.last}
-
-
 def _shown(name: str, one: Campaign, tally: Tally, asked: Runs) -> Iterator[RenderableType]:
     every = asked.repeat is None
     title = f"{name}, trial {one.trial.name}, {f'{len(tally)} runs' if every else f'run {asked.repeat}'}"
     columns = ("5 %", "50 %", "95 %", "worst", "of run") if every else ("",)
     table = headed(title, "", *columns, numbers=len(columns))
     for spread in tally.spreads():
-        numbers = list(map(_number, (spread.low, spread.middle, spread.high, spread.worst)))
+        values = (spread.low, spread.middle, spread.high, spread.worst)
+        numbers = ["never" if value is None else f"{value:.3g}" for value in values]
         table.add_row(Text(spread.name), *([*numbers, str(spread.run)] if every else numbers[:1]))
     yield table
     drawn = [f"{each.name} in {each.low:g} .. {each.high:g}" for each in one.draws.varied]
@@ -132,9 +130,5 @@ def _shown(name: str, one: Campaign, tally: Tally, asked: Runs) -> Iterator[Rend
     if every or tally.last is None:
         yield Text("the same options and --repeat K run number K alone, and say what was drawn for it\n")
         return
-    values = "".join(f", {key} = {value:.6g}" for key, value in tally.last.varied.items())
-    yield Text(f"run {asked.repeat}: noise of seed {asked.repeat}{values}\n")
-
-
-def _number(value: float | None) -> str:
-    return "never" if value is None else f"{value:.3g}"
+    varied = "".join(f", {key} = {value:.6g}" for key, value in tally.last.varied.items())
+    yield Text(f"run {asked.repeat}: noise of seed {asked.repeat}{varied}\n")

@@ -59,19 +59,14 @@ class Checked:
     def head(self) -> tuple[Sentence, ...]:
         """The form's coordinates and equations, and the observer's gains, line by line."""
         title, *lines = self.form.head
+        origin = self.form.system.origin
+        if origin is not None:  # the states that the observer's plant has in the place of the declared ones
+            pairs = zip(self.form.system.states, origin.forward, strict=True)
+            change = equations({new: old for new, old in pairs if new.name != str(old)})
+            lines = [Sentence.of("  with {change}", change=change), *lines]
         gains = (Sentence.of("  {gain}", gain=written(gain)) for gain in self.gains)
         limits = (Sentence.of("  {limits}", limits=dt.sentence) for dt in (self.dt,) if dt)
-        return (title, *self._recast, *lines, *gains, *limits)
-
-    @property
-    def _recast(self) -> list[Sentence]:
-        """The states that the observer's plant has in the place of the declared ones."""
-        origin = self.form.system.origin
-        if origin is None:
-            return []
-        pairs = zip(self.form.system.states, origin.forward, strict=True)
-        change = equations({new: old for new, old in pairs if new.name != str(old)})
-        return [Sentence.of("  with {change}", change=change)]
+        return (title, *lines, *gains, *limits)
 
     @property
     def hypotheses(self) -> tuple[Row, ...]:

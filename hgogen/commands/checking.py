@@ -1,7 +1,7 @@
 """The command `check`: the claims of one model, or the answers to many."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,14 +14,11 @@ from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.check import Refuted
 from hgogen.commands import findings, library, tables
 from hgogen.commands.advice import advice
-from hgogen.commands.answers import FIELDS
 from hgogen.commands.checked import Checked, checked
 from hgogen.commands.command import Bar, Tuned, command, json_text, show
-from hgogen.commands.headline import headline
 from hgogen.commands.latex import fragment
 from hgogen.commands.process import note, results
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import Range
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.target import demand as demand_place
@@ -167,7 +164,7 @@ def _one(
     try:
         forms = hg.survey(plant, deep=deep)
         claims = checked(loaded, forms, observer)
-        first = headline(seen, forms, claims, least)
+        first = findings.headline(seen, forms, claims, least)
         say(first, "")
     finally:
         say(tables.ranges(ranges), findings.observed(seen, least))
@@ -187,9 +184,9 @@ def _one(
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex(), file=results())
     elif as_json:
         shown = {**seen.as_dict(), "least_seen": least}
-        known = {"observability": shown, "forms": forms.as_dict(), "bounds": _ranges(ranges)}
-        whole = {"model": loaded.path, "headline": first, **known, **claims.as_dict()}
-        whole |= {"undefined": gaps}
+        listed = [{"expression": text, **one.as_dict()} for text, one in ranges.items()]
+        known = {"observability": shown, "forms": forms.as_dict(), "bounds": listed}
+        whole = {"model": loaded.path, "headline": first, **known, **claims.as_dict(), "undefined": gaps}
         whole |= {"singular": singular.as_dict(), **(take.as_dict() if take else {})}
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)
@@ -213,10 +210,6 @@ def _least(model: Model) -> Sight | None:
         except HgogenError as error:
             note(str(error))
     return None
-
-
-def _ranges(ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
-    return [{"expression": text, **one.as_dict()} for text, one in ranges.items()]
 
 
 def _certify(claims: Checked, path: Path) -> None:
@@ -244,7 +237,7 @@ def _library(path: Path, limit: float, out: str | None) -> None:
 def _summary(answers: dict[str, dict[str, Any]]) -> Table:
     """How many models have which answer to each question, and what is wrong with the others."""
     table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(answers)} models")
-    for field in FIELDS:
+    for field in library.FIELDS:
         values = [answer[field] for answer in answers.values()]
         true, false, none = (sum(value is kind for value in values) for kind in (True, False, None))
         table.add_row(field, *map(str, (true, false, len(values) - true - false - none, none)))

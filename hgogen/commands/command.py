@@ -160,15 +160,9 @@ _CAMPAIGN = {  # what a user may say of runs that differ
 _GROUPS = ((Setting, _SET), (Runs, _CAMPAIGN))
 
 
-def _with_options(function: Callable[..., None]) -> Callable[..., None]:
-    """A command with an option for each part of a `Setting`, and of `Runs`, in the place of its argument of that type,
-    if any."""
-    for kind, options in _GROUPS:
-        function = _with_group(function, kind, options)
-    return function
-
-
 def _with_group(function: Callable[..., None], group: Any, options: Mapping[str, Any]) -> Callable[..., None]:
+    """A command with an option for each part of a group, a `Setting` or `Runs`, in the place of its argument of that
+    type, if any."""
     parameters = signature(function).parameters
     place = next((name for name, each in parameters.items() if each.annotation is group), None)
     if place is None:
@@ -196,8 +190,8 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
 
     def register(function: Callable[..., None]) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
-
-        function = _with_options(function)
+        for group, options in _GROUPS:
+            function = _with_group(function, group, options)
 
         @app.command(cls=cls)
         @wraps(function)

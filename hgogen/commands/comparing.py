@@ -37,7 +37,7 @@ from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.trials.comparison import Measured, measured
 from hgogen.trials.interventions import notes as guards
-from hgogen.trials.leaving import Left, left, notes
+from hgogen.trials.leaving import left, notes
 from hgogen.trials.metrics import criterion
 
 Names = Annotated[
@@ -108,8 +108,12 @@ def compare_(
             asked_of = engine, counts[one.name], bar.tick
             each = [(*pair, known[one.name][pair[0]]) for pair in steps[one.name].items()]
             tried.append((one, [measured(name, step, one, *asked_of, bound) for name, step, bound in each]))
-            _note_no_error(loaded.plant, one)
-            note(*notes(one.name, _left(loaded.plant, tried[-1][1]), unit))
+            if one.first_state(loaded.plant) == {name: float(value) for name, value in one.start.items()}:
+                note(
+                    f"trial {one.name}: every observer starts on the truth, so that its first time to settle says "
+                    "nothing; give the trial an estimate"
+                )
+            note(*notes(one.name, left(loaded.plant, tried[-1][1][0].first), unit))  # all observers share the truth
             for row in tried[-1][1]:
                 note(*guards(one.name, row.name, row.acted, bool(one.jumps), unit))
     paths = folder.write(rendered({f"{one.name}_errors": drawings.errors(each, unit) for one, each in tried}))
@@ -160,19 +164,15 @@ def _known(
         begun: list[tuple[Mapping[str, float], ErrorBound | None]] = []
         for one in trials:
             start = one.first_estimate(step.observer.form)
-            same = [bound for other, bound in begun if other == start]
-            known[one.name][name] = same[0] if same else _bound(model, steps[one.name][name])
-            begun.append((start, known[one.name][name]))
+            same = [earlier for other, earlier in begun if other == start]
+            try:
+                bound = same[0] if same else stated_bounds.bound_of(steps[one.name][name], model)
+            except NoSolver as missing:
+                note(str(missing))
+                bound = None
+            known[one.name][name] = bound
+            begun.append((start, bound))
     return known
-
-
-def _bound(model: Model, step: CallableStep) -> ErrorBound | None:
-    """What is proved of a step's errors; None, and a note, where there is no solver."""
-    try:
-        return stated_bounds.bound_of(step, model)
-    except NoSolver as missing:
-        note(str(missing))
-        return None
 
 
 def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]:
@@ -185,24 +185,10 @@ def _admitted(names: list[str], refused: Mapping[str, HgogenError]) -> list[str]
     return admitted
 
 
-def _note_no_error(plant: System, trial: Trial) -> None:
-    """Say so where there is no error to settle at the start."""
-    if trial.first_state(plant) == {name: float(value) for name, value in trial.start.items()}:
-        note(
-            f"trial {trial.name}: every observer starts on the truth, so that its first time to settle says nothing; "
-            "give the trial an estimate"
-        )
-
-
-def _left(plant: System, each: list[Measured]) -> tuple[Left, ...]:
-    """Where the plant leaves its ranges, whose truth all observers share."""
-    return left(plant, each[0].first)
-
-
 def _row(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
     row = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
     row |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
-    return {**row, "left": _left(plant, each), "observers": each}
+    return {**row, "left": left(plant, each[0].first), "observers": each}
 
 
 def _names(model: Model, asked: str | None) -> list[str]:

@@ -1,6 +1,5 @@
 """The command `cost`: what a model's emitted C costs on a Cortex-M4F, and whether it keeps to limits."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -83,12 +82,7 @@ def cost_(
     shown = (table, f"{costs.compiler} {costs.flags}\n", file_list(paths))
     show(as_json, {"model": loaded.path, **report, "files": list(map(str, paths))}, *shown)
     limits = {"flash": max_flash, "ram": max_ram, "stack": max_stack, "worst": max_instructions}
-    _demand_within(report, {key: limit for key, limit in limits.items() if limit is not None})
-
-
-def _demand_within(costs: Mapping[str, object], limits: Mapping[str, int]) -> None:
-    """Raises: `TooDear` where a cost is above its limit."""
-    values = {key: int(str(costs[key])) for key in limits}
-    over = tuple((key, values[key], limit) for key, limit in limits.items() if values[key] > limit)
+    asked = [(key, report[key], limit) for key, limit in limits.items() if limit is not None]
+    over = tuple((key, value, limit) for key, value, limit in asked if value > limit)
     if over:
         raise TooDear(over)

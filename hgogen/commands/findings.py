@@ -1,6 +1,11 @@
-"""What `check` prints of a plant: what the outputs show, and which observers to take."""
+"""What `check` prints of a plant: the answer in one line, what the outputs show, and which observers to take.
 
-from collections.abc import Iterable
+In the line stand what is observable, which forms the plant is in, and whether the observer converges. The forms are the
+rows of the survey, which the table under it prints; the observer's own form is named where it is none of those that are
+proved.
+"""
+
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -8,11 +13,16 @@ from rich.table import Table
 from rich.text import Text
 
 from hgogen.analysis.observability import Answer, Observability
-from hgogen.check import Check
+from hgogen.analysis.undefined import MAKER
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands.advice import Advice
+from hgogen.commands.checked import Checked
 from hgogen.commands.tables import COLOURS, few
+from hgogen.form import Form
 from hgogen.sentence import Sentence, point
-from hgogen.trials.sight import Sight
+from hgogen.theorem import convergence
+from hgogen.trials.sight import Sight, as_share
+from hgogen.which_forms import Survey
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
 _LINES = {False: "with the gains of the model's tuning", True: "with first gains, read off the ranges, untried"}
@@ -22,6 +32,68 @@ _WHERE = {  # by whether the gains are proposed, and whether the model is plain 
     (True, False): ", beside the model's plant, after `import hgogen as hg`:",
     (True, True): ", an entry that goes above the first [table] of the model, or into its object:",
 }
+
+
+def headline(seen: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
+    """As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown"."""
+    said = [_observed(seen, least), *_forms(survey, claims)]
+    if claims.observer:
+        said.append(str(convergence(claims.observer, claims.checks)))
+    else:
+        said.append("its observer is refused" if claims.demanded else "no observer")
+    for check in claims.checks:
+        if check.id == ClaimId(claims.observer, "step"):  # of an observer of which that is asked
+            said.append(f"{'' if check.verdict is Verdict.PROVED else 'not '}proved as it runs")
+    return f"{claims.plant}: " + "; ".join(said)
+
+
+def _observed(seen: Observability, least: Sight | None) -> str:
+    known = seen.known
+    if known.rank.unobservable:
+        hidden, doubtful = (few((s.name for s in names), 4) for names in (known.hidden, known.doubtful))
+        said = [f"{hidden} not observable"] if hidden else []
+        said += [f"whether {doubtful} can be observed is unknown"] if doubtful else []
+        return ", ".join(said) + (f", where {known.condition}" if known.where else "")
+    if known.elsewhere:
+        first, *more = known.exceptions
+        return f"locally observable, but {first}" + (", ..." if more else "")
+    if least is not None and least.by_motion:
+        return f"locally observable, {next(iter(least.direction))} by its motion alone"
+    if least is not None and least.hopeless:
+        return f"locally observable, but {next(iter(least.direction))} hopelessly little ({as_share(least.median, 1)})"
+    return "locally observable"
+
+
+def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
+    """Those in which the plant is proved to be, else the one that comes nearest; then the observer's, if that is
+    another one."""
+    proved = [row.kind for row in survey.proved]
+    recast = claims.form.system.origin is not survey.plant.origin
+    known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in survey.candidates])
+    if proved:
+        yield f"{', '.join(proved)}, proved"
+    elif known:
+        yield _form(claims.form, claims.accepted)
+    else:
+        yield _form(survey.best, ()) if survey.candidates else "in none of the forms asked"
+    if claims.demanded and not known:
+        yield f"its observer's form{', of the recast plant' * recast}: {_form(claims.form, claims.accepted)}"
+
+
+def _form(form: Form, accepted: Iterable[str]) -> str:
+    """A form with what is not proved of it."""
+    failed = [check for check in form.checks if check.verdict is Verdict.REFUTED]
+    if failed:
+        known = "accepted" if all(check.id in accepted for check in failed) else "refuted"
+        return f"{form.kind} but for {_names(failed)} ({known})"
+    doubtful = [check for check in form.checks if check.verdict is not Verdict.PROVED]
+    if doubtful:
+        return f"{form.kind} as far as is known: {_names(doubtful)} not proved"
+    return f"{form.kind}, proved"
+
+
+def _names(checks: Iterable[Check]) -> str:
+    return few((check.id if check.id.maker == MAKER else check.id.short for check in checks), 4)
 
 
 def undefined(checks: Iterable[Check]) -> RenderableType:

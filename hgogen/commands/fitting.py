@@ -45,7 +45,7 @@ from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.measured import Record
 from hgogen.reading.text_model import BESIDE, read, to_text
 from hgogen.trials.consistency import WORSE
-from hgogen.trials.prediction import Prediction, predictions
+from hgogen.trials.prediction import predictions
 
 BEGUN = "fit_begun.json"  # the file of a fit that is not done
 EVERY = 1.0  # seconds, or more, between two writings of it
@@ -255,13 +255,16 @@ def _judged(
     """The errors of predictions from the estimates of an observer, in the rows held out: of the fitted plant and of the
     plant as it was, with the same gains."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
+    added = {one.name: one.value for one in result.offsets}  # by the sensor of an output
+    offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
     for record, cut in zip(records, cuts, strict=True):
         u, y = record.of(model.plant.inputs), record.of(model.plant.outputs)
-        after, before = (
-            _predicted(_step(one, observer, record.report.dt, result.noise), u, read, cut)
-            for one, read in ((fitted, y - _offsets(result)), (model, y))
-        )
-        for one, other in zip(after, before, strict=True):
+        errors = []
+        for variant, samples in ((fitted, y - offsets), (model, y)):
+            step = _step(variant, observer, record.report.dt, result.noise).undelayed
+            done = step.run(u=u, y=samples, engine=engine_here())
+            errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
+        for one, other in zip(*errors, strict=True):
             yield {
                 "record": record.report.path,
                 "output": one.output,
@@ -301,20 +304,8 @@ def _step(model: Model, observer: str | None, dt: float, noise: tuple[Mapping[st
     return replace(model, tables={_JUDGE: {"form": "original", "Q": process, "R": R}}).step(_JUDGE, dt)
 
 
-def _offsets(result: Fit) -> np.ndarray:
-    """The constant that the sensor of each output adds (p,)."""
-    values = {one.name: one.value for one in result.offsets}
-    return np.array([values.get(y.name, 0.0) for y in result.plant.outputs])
-
-
 def _without_offset(result: Fit) -> Iterator[str]:
     """What to do about an offset in the commands that follow, whose observers know of none."""
     for one in (each for each in result.offsets if math.isfinite(each.deviation)):
         taken = f"'{one.name}=[COLUMN] - ({one.value:.5g})'"
         yield f"no observer knows the offset of {one.name}: tune and run take it off by --map {taken}, in its unit"
-
-
-def _predicted(step: CallableStep, u: np.ndarray, y: np.ndarray, cut: int) -> tuple[Prediction, ...]:
-    step = step.undelayed
-    done = step.run(u=u, y=y, engine=engine_here())
-    return predictions(step, done.since(cut), u[cut:], y[cut:], _AHEAD)

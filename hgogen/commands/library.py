@@ -1,24 +1,59 @@
 """A library run: many models from one JSON file, each answered in a process of its own.
 
-IN is {"models": [model, ..]} as `reading.entry` reads them; OUT is one object from name to answer, the fields of
-`commands.answers`, null where there is no answer, and where they apply "error", a sentence, "partial": true where the
-time limit struck, and "notes", sentences on questions that failed and on bounds of what has no value somewhere.
+IN is {"models": [model, ..]} as `reading.entry` reads them; OUT is one object from name to answer, null where there is
+no answer, and where they apply "error", a sentence, "partial": true where the time limit struck, and "notes", sentences
+on questions that failed and on bounds of what has no value somewhere.
+
+What is asked of a model is a table from question to fields, cheap ones first. Each answer is proved, or generic as its
+definition says, or None, which means no answer:
+
+    observable_*, rank_*    generic ranks, states alone and with parameters; seconds: of these two questions
+    triangular, ..., uof    z_i' = F_i(z_1..z_(i+1), u), its order, and whether slopes keep off zero on the closed box
+    a_ranges, bounds        outward-rounded ranges; lipschitz: of b on the box; gb_uniform, singular, mimo_*
+
+Without boxes the forms speak of structure only.
 """
 
+import dataclasses
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
-from hgogen.commands.answers import FIELDS, answers
+import sympy as sp
+
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.points import kind
+from hgogen.algebra.rank import observability
+from hgogen.analysis.gauthier_bornard import gauthier_bornard
+from hgogen.analysis.singular_set import singular_set
+from hgogen.check import Verdict
 from hgogen.commands.workers import End, run
 from hgogen.errors import HgogenError
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.lost import doubtful, parts
+from hgogen.intervals.one_sided import one_sided
+from hgogen.intervals.sign import Sign, nonzero
+from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.content import Unread, content_of
-from hgogen.reading.entry import FORMAT, entry
+from hgogen.reading.entry import FORMAT, Entry, entry
+from hgogen.reading.expression import parse
+from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise
+from hgogen.structure.several import cascade
 
+FIELDS = (
+    *("observable_params_known", "observable_joint", "rank_params_known", "rank_joint", "seconds", "triangular"),
+    *("triangular_uy", "uof_structure", "uof", "gb_uniform", "order", "a_ranges", "singular", "bounds", "lipschitz"),
+    *("mimo_levelwise", "mimo_cascade", "mimo_uof"),
+)
 BYTES = 1 << 28  # of a library
 LIMIT = 10.0  # seconds of the processor for each model
+_MANY = 30  # states, from where on what is dear may take seconds
+_SLOW = ("observability", "singular set")
+Answer = tuple[str, Any]
 
 
 @dataclass(eq=False)
@@ -46,12 +81,11 @@ def read(path: Path) -> list[tuple[str, Any]]:
     models = content.get("models") if isinstance(content, Mapping) else None
     if not isinstance(models, list):
         raise BadLibrary(str(path), 'has no list "models"')
-    return [(_name(model, k), model) for k, model in enumerate(models)]
-
-
-def _name(model: Any, k: int) -> str:
-    name = model.get("name") if isinstance(model, Mapping) else None
-    return name if isinstance(name, str) else f"models[{k}]"
+    named: list[tuple[str, Any]] = []
+    for k, model in enumerate(models):
+        name = model.get("name") if isinstance(model, Mapping) else None
+        named.append((name if isinstance(name, str) else f"models[{k}]", model))
+    return named
 
 
 def check(
@@ -62,19 +96,19 @@ def check(
     Args: `limit`: seconds of the processor for each model; what was found until then is kept.
     """
     names = [name for name, _ in models]
-    answers: dict[str, dict[str, Any]] = {name: dict.fromkeys(FIELDS) for name in names}
+    whole: dict[str, dict[str, Any]] = {name: dict.fromkeys(FIELDS) for name in names}
     tasks = []
     for name, model in models:
         if names.count(name) > 1:
-            answers[name]["error"] = f"{names.count(name)} models are named {name!r}; rename all but one"
+            whole[name]["error"] = f"{names.count(name)} models are named {name!r}; rename all but one"
             tick()
         elif isinstance(model, Mapping) and not isinstance(model.get("name"), str):
-            answers[name]["error"] = "has no name; give it one, a text"
+            whole[name]["error"] = "has no name; give it one, a text"
             tick()
         else:
             tasks.append((name, model))
     for event in run(_answered, [model for _, model in tasks], limit=limit):
-        answer = answers[tasks[event.task][0]]
+        answer = whole[tasks[event.task][0]]
         if event.end is None:
             field, value = event.result
             if field == "note":
@@ -87,14 +121,262 @@ def check(
         if event.end is End.CRASHED:
             answer["error"] = "the process that worked on it ended; the answers are those found before"
         tick()
-    return answers
+    return whole
 
 
 def _answered(model: Any) -> Iterator[tuple[str, Any]]:
     """What a worker does with a model."""
     try:
-        read_ = entry(model)
+        one = entry(model)
     except HgogenError as error:
         yield "error", str(error)
         return
-    yield from answers(read_)
+    yield from answers(one)
+
+
+# --- the questions -------------------------------------------------------------------------------------------
+
+
+def answers(entry: Entry) -> Iterator[Answer]:
+    """Pairs of field and value, as they are found; a field may come again, more complete.
+
+    A text of the model that cannot be read gives ("error", sentence); a question that fails, in whatever way, gives
+    ("note", sentence), and the next one is asked.
+    """
+    forms, many = _Forms(entry), len(entry.states) > _MANY
+    # of many states, the questions that may take all the time there is come last
+    for what, question in sorted(_QUESTIONS.items(), key=lambda row: many and row[0] in _SLOW):
+        try:
+            yield from question(forms)
+        except Exception as error:  # no failure of one question may cost the others
+            yield "note", f"{what}: {error or type(error).__name__}"
+
+
+@dataclass(frozen=True)
+class _Forms:
+    """The chains of a model and the signs of their slopes, found once: the forms share them."""
+
+    entry: Entry
+    signs: dict[sp.Expr, bool | None] = dataclasses.field(default_factory=dict)
+
+    @cached_property
+    def rows(self) -> Rows:
+        e = self.entry
+        flow, output = (tuple(one_sided(row, e.outer) for row in rows) for rows in (e.flow, e.output))
+        return Rows(e.states, flow, e.outputs, output, e.inner or {})
+
+    @cached_property
+    def chains(self) -> Chains:
+        return levelwise(self.rows)
+
+    @property
+    def single(self) -> bool:
+        return len(self.entry.output) == 1
+
+    @cached_property
+    def measured(self) -> Shape | None:
+        """The narrowest of the shapes with a gain that the one chain is proved to have."""
+        shapes = (Shape.CONSTANT, Shape.MEASURED)
+        return next((shape for shape in shapes if self.single and self.chains.answer(shape)[0]), None)
+
+    @cached_property
+    def bent(self) -> bool | None:
+        """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
+        where a row may jump in that state, or have no value, which its slope does not see."""
+        links = [link for chain in self.chains.links for link in chain]
+        regular = _signed((link.gain if link.affine else link.slope for link in links), self)
+        if regular:
+            return None if any(link.jumps or _hides(link, self) for link in links) else True
+        return regular if self.entry.boxed else None
+
+    @cached_property
+    def gains(self) -> tuple[sp.Expr, ...]:
+        """a_1 .. a_(n-1), z_i' = a_i z_(i+1) + b_i."""
+        return tuple(link.gain for link in self.chains.links[0][1:])
+
+    @cached_property
+    def rests(self) -> tuple[sp.Expr, ...]:
+        """b_1 .. b_n."""
+        links = self.chains.links[0]
+        return (*(link.rest for link in links[1:]), self.rows.rate(links[-1].state))
+
+
+def _ranks(forms: _Forms) -> Iterator[Answer]:
+    e, before = forms.entry, perf_counter()
+    ranks = observability(e.flow, e.output, e.states, e.inputs, e.unknown or e.known, sides=e.outer)
+    yield "seconds", round(perf_counter() - before, 5)
+    for which, rank in (("params_known", ranks.known), ("joint", ranks.joint)):
+        yield f"observable_{which}", [s.name for s in rank.observable] if rank.final else None
+        yield f"rank_{which}", rank.rank if rank.final else None
+
+
+def _uniform_structure(forms: _Forms) -> Iterator[Answer]:
+    if forms.single:
+        answer, _ = forms.chains.answer(Shape.UNIFORM)
+        yield "uof_structure", answer
+        if answer or forms.measured:
+            yield "order", [s.name for s in forms.chains.order]
+        if answer is False:
+            yield "uof", False
+
+
+def _triangular(forms: _Forms) -> Iterator[Answer]:
+    if not forms.single:
+        return
+    refuted = [forms.chains.answer(shape)[0] is False for shape in (Shape.CONSTANT, Shape.MEASURED)]
+    regular = _regular(forms.gains, forms) if forms.measured and _pure(forms.chains, forms) else None
+    constant = regular if forms.measured is Shape.CONSTANT else None
+    yield "triangular", False if refuted[0] else constant
+    yield "triangular_uy", False if refuted[1] else regular
+
+
+def _pure(chains: Chains, forms: _Forms) -> bool:
+    """Whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
+    heads = [links[0] for links in chains.links]
+    plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
+    return plain and _regular([head.gain for head in heads], forms) is True
+
+
+def _regular(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
+    """Whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
+    return _signed(slopes, forms) if forms.entry.boxed else True
+
+
+def _signed(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
+    """Whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness only."""
+    answers = []
+    for slope in slopes:
+        if slope not in forms.signs:
+            forms.signs[slope] = _sign(slope, forms.entry)
+        answers.append(forms.signs[slope])
+    return False if False in answers else None if None in answers else True
+
+
+def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
+    outside = nonzero(slope, entry.outer).verdict
+    if outside is Verdict.PROVED:
+        return True
+    if outside is not Verdict.REFUTED or entry.inner is None or not entry.declared(slope):
+        return None
+    if nonzero(sp.cancel(slope), entry.outer).verdict is Verdict.PROVED:
+        return None  # a hole that can be filled: it may be read either way
+    inside = nonzero(slope, entry.inner)
+    if inside.verdict is not Verdict.REFUTED or _endless(slope, inside):
+        return None
+    return False
+
+
+def _endless(slope: sp.Expr, sign: Sign) -> bool:
+    """Whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is seen."""
+    least, most = sign.range.least, sign.range.most
+    crosses = least is not None and most is not None and least.value < 0 < most.value
+    at = {s: sp.Rational(value) for s, value in sign.witness.items()}
+    return not crosses and kind(slope, at) == "undefined"
+
+
+def _uniform(forms: _Forms) -> Iterator[Answer]:
+    if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
+        yield "uof", forms.bent
+
+
+def _hides(link: Link, forms: _Forms) -> bool:
+    """Whether what the row reads of its next state may have no value, as the poles of atan(tan x), of slope 1."""
+    own = (part for part in parts(link.row) if part.has(link.state))
+    return bool(doubtful(own, forms.entry.outer))
+
+
+def _ranges(forms: _Forms) -> Iterator[Answer]:
+    if forms.measured and forms.entry.boxed:
+        magnitudes = [_magnitude(gain, forms.entry) for gain in forms.gains]
+        yield "a_ranges", None if None in magnitudes else magnitudes
+
+
+def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
+    """The range of |a|; its lower end is positive where a is proved to keep off zero."""
+    enclosure, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
+    if not enclosure.finite:
+        return None
+    low, high = enclosure.low, enclosure.high
+    if sign.verdict is Verdict.PROVED:
+        least, most = (low, high) if sign.sign > 0 else (-high, -low)
+        return [max(least, float(sign.margin)), most]
+    return [max(low, -high, 0.0), max(-low, high)]
+
+
+def _several(forms: _Forms) -> Iterator[Answer]:
+    shapes: dict[str, Callable[[], Chains]] = {
+        "mimo_levelwise": lambda: forms.chains,
+        "mimo_cascade": lambda: cascade(forms.rows),
+    }
+    for field, make in shapes.items():
+        chains = make()
+        answer, _ = chains.answer(Shape.CONSTANT)
+        if answer:  # whether a gain may vanish is not said: None where one does
+            gains = [link.gain for links in chains.links for link in links[1:]]
+            answer = True if _pure(chains, forms) and _regular(gains, forms) else None
+        yield field, answer
+    answer, _ = forms.chains.answer(Shape.UNIFORM)
+    yield "mimo_uof", forms.bent if answer else answer
+
+
+def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
+    e = forms.entry
+    condition = gauthier_bornard(e.flow, e.output, e.states, e.inputs)
+    yield "gb_uniform", condition.answer if condition.applies else "na"
+
+
+def _bounds(forms: _Forms) -> Iterator[Answer]:
+    """One query after the other; null where no finite range is proved, a note where it has not a value everywhere, the
+    sentence where it cannot be read."""
+    e, faults = forms.entry, []
+    ranges: list[list[float] | None] = [None] * len(e.queries)
+    for k, text in enumerate(e.queries):
+        try:
+            one = bound(parse(text, e.symbols), e.outer)
+        except HgogenError as error:
+            faults.append(f"bound_queries, {text!r}: {error}")
+            continue
+        ranges[k] = [one.low, one.high] if one.finite else None
+        yield "bounds", list(ranges)
+        if not one.defined:
+            yield "note", f"bound_queries, {text!r}: {one.note}"
+    if faults:
+        yield "error", "; ".join(faults)
+
+
+def _singular(forms: _Forms) -> Iterator[Answer]:
+    e = forms.entry
+    factors = singular_set(e.flow, e.output, e.states, e.inputs)
+    yield "singular", [str(factor) for factor in factors] if isinstance(factors, tuple) else factors
+
+
+def _lipschitz(forms: _Forms) -> Iterator[Answer]:
+    e = forms.entry
+    if forms.measured and e.boxed:
+        answer = _is_lipschitz(forms.rests, e)
+        if answer and doubtful((*e.flow, *e.output), e.outer):
+            answer = None  # a part of the model is not shown to have a value on the box
+        yield "lipschitz", answer
+
+
+def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:
+    outside = lipschitz_bound(rests, entry.states, entry.outer, relative=1.0).verdict
+    if outside is Verdict.PROVED:
+        return True
+    if outside is not Verdict.REFUTED or entry.inner is None or not all(map(entry.declared, rests)):
+        return None
+    return False if lipschitz_bound(rests, entry.states, entry.inner).verdict is Verdict.REFUTED else None
+
+
+_QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
+    "observability": _ranks,
+    "structure": _uniform_structure,
+    "singular set": _singular,
+    "triangular form": _triangular,
+    "uniform form": _uniform,
+    "ranges of gains": _ranges,
+    "forms of several outputs": _several,
+    "uniform observability": _gauthier_bornard,
+    "bounds": _bounds,
+    "Lipschitz constant": _lipschitz,
+}

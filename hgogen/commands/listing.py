@@ -1,8 +1,5 @@
 """The command `list`: what there is of each kind. Nothing of it is imported, nor is what computes."""
 
-from collections.abc import Mapping
-
-from rich.console import RenderableType
 from rich.text import Text
 
 from hgogen.commands.command import Json, command, show
@@ -23,13 +20,8 @@ def list_(as_json: Json = False) -> None:
     kinds = ("forms", "observers", "methods", "targets")
     known = {"models": {name: meaning(path) for name, path in available().items()}}
     known |= {kind: {name: summary(kind, name) for name in cases(kind)} for kind in kinds}
-    show(as_json, {**{kind: list(each) for kind, each in known.items()}, "summaries": known}, _listed(known))
-
-
-def _listed(summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
-    """What there is of each kind, a line each with its summary."""
     table = headed("", "", "", "")
-    for kind, each in summaries.items():
+    for kind, each in known.items():
         for k, (name, text) in enumerate((each or {"none": ""}).items()):
             table.add_row("" if k else kind, name, Text(text))
-    return table
+    show(as_json, {**{kind: list(each) for kind, each in known.items()}, "summaries": known}, table)

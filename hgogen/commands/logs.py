@@ -157,6 +157,14 @@ def _once(pairs: Iterable[tuple[str, Value]], option: str) -> dict[str, Value]:
     return values
 
 
+def numbers_in(text: str, what: str, option: str) -> tuple[float, ...]:
+    """Numbers from a text such as "0.5,1"; `what` they must be. Raises: `typer.BadParameter`."""
+    try:
+        return tuple(map(float, text.split(",")))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} must be {what}", param_hint=option) from None
+
+
 def names_in(text: str | None, option: str) -> tuple[str, ...]:
     """What a text such as "a,b" names, None nothing. Raises: `typer.BadParameter` for a text without a name."""
     names = tuple(part.strip() for part in (text or "").split(",") if part.strip())

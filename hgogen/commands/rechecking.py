@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Group, RenderableType
+from rich.console import Group
 from rich.text import Text
 
 from hgogen.commands.command import Json, command, show
@@ -12,7 +12,6 @@ from hgogen.commands.headed import headed
 from hgogen.reading.content import content_of
 from hgogen.recheck import verification
 from hgogen.recheck.file import LARGEST, SHOWN
-from hgogen.recheck.verification import Rechecked
 
 
 @command()
@@ -35,12 +34,6 @@ def recheck_(
     except UnicodeDecodeError:
         raise verification.CannotRead(str(file), "is no text in UTF-8") from None
     outcome = verification.recheck(text)
-    show(as_json, outcome, _rechecked(outcome))
-    outcome.demand()
-
-
-def _rechecked(outcome: Rechecked) -> RenderableType:
-    """The claims of a certificate, and what was verified of them."""
     of = f", {outcome.observer} observer" if outcome.observer else ""
     table = headed(f"{outcome.plant}, {outcome.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
     colours = {"verified": "green", "fails": "red"}
@@ -49,4 +42,6 @@ def _rechecked(outcome: Rechecked) -> RenderableType:
         word.stylize(colours.get(row.found, "yellow"))
         sentence = f"{row.verdict}: {row.sentence}" if row.found in ("open", "stated") else row.sentence
         table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-    return Group(table, "", *map(Text, outcome.remarks), Text(f"model {outcome.model[:SHOWN]}"), Text(outcome.count))
+    lines = (*outcome.remarks, f"model {outcome.model[:SHOWN]}", outcome.count)
+    show(as_json, outcome, Group(table, "", *map(Text, lines)))
+    outcome.demand()

@@ -11,6 +11,7 @@ import hgogen as hg
 from hgogen.commands import tables
 from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, rendered, show
 from hgogen.commands.headed import file_list
+from hgogen.commands.logs import numbers_in
 from hgogen.commands.process import note
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -43,7 +44,10 @@ def response_(
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
-    frequencies = _frequencies(omega, step.time) if omega else _around(slow, fast, step.dt)
+    if omega:
+        frequencies = numbers_in(omega, f"numbers in rad/{step.time}, such as 50,100,300", "--omega")
+    else:
+        frequencies = _around(slow, fast, step.dt)
     continuous, sampled = hg.response(step.observer, frequencies), hg.response(step, frequencies)
     paths: list[Path] = []
     if out is not None:
@@ -76,15 +80,6 @@ def response_(
         what = f"{beyond} {rate} {are} beyond the Nyquist frequency pi/dt"
         note(f"{what} = {math.pi / step.dt:g} {rate}: the samples show a slower alias, and the step has no gain there")
     show(as_json, value, tables.responses(continuous, sampled, step.time), *([file_list(paths)] if paths else []))
-
-
-def _frequencies(text: str, time: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(
-            f"{text!r} must be numbers in rad/{time}, such as 50,100,300", param_hint="--omega"
-        ) from None
 
 
 def _around(slow: float, fast: float, dt: float) -> tuple[float, ...]:

@@ -1,7 +1,10 @@
 """The commands `run` and `noise`: a measured record, and what a quiet one says of noise."""
 
+import csv
+import io
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -12,7 +15,7 @@ import typer
 
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, Run
-from hgogen.commands import csv_texts, drawings, log_tables, tables
+from hgogen.commands import drawings, log_tables, tables
 from hgogen.commands.command import (
     Bar,
     Json,
@@ -28,9 +31,8 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.headed import file_list
 from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_far, truth_name, truth_of, truth_options
-from hgogen.commands.showing import innovation_window
 from hgogen.identification.records import Log, beyond
-from hgogen.model import Model, load
+from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.averaged import WINDOWS
@@ -64,6 +66,8 @@ Map = Annotated[
 
 
 ROUNDING = 1e-12  # of a time over a period
+PIECE = 10_000  # rows of CSV text at once, whose cells take some ten times as much memory as their text
+_NAN = re.compile("nan")
 STAGES = 5  # of `run` until the figures, besides a sample ahead of each prediction
 
 
@@ -157,8 +161,8 @@ def run_(
     if other:
         notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
     status = _flagged(step, done.status)
-    files: dict[str, str | bytes] = {f"{name}_estimates.csv": csv_texts.estimates(step, record, done)}
-    files |= {f"{name}_innovations.csv": csv_texts.innovations(step, record, done)}
+    files: dict[str, str | bytes] = {f"{name}_estimates.csv": _estimates(step, record, done)}
+    files |= {f"{name}_innovations.csv": _innovations(step, record, done)}
     files |= rendered(drawings.record_figures(step, name, _drawn(step, record, y), done, measured))
     paths = folder.demand(*files, f"{name}_report.json")
     report = {
@@ -219,24 +223,18 @@ def _from_double(
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
-    """The step that starts there, and what it takes from the text or, by default, from the first samples."""
+    """The step that starts there, and what it takes from the text or, by default, from the first samples of the
+    states that are outputs, within their ranges."""
     if initial is not None:
         values = numbers_by_name([initial], "--initial")
         return step.started(values), values
-    shown = _shown(step, y)
-    return (step.started({**step.observer.initial, **shown}), shown) if shown else (step, {})
-
-
-def _shown(step: CallableStep, y: np.ndarray) -> dict[str, float]:
-    """The states that are outputs, at their first samples, within their ranges."""
-    system, shown = step.observer.form.system, {}
-    plant = system.declared
+    plant, shown = step.observer.form.system.declared, {}
     for output, column in zip(plant.output, y.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if output in plant.states and len(there):
             state = plant.states[plant.states.index(output)]
             shown[state.name] = float(np.clip(column[there[0]], *state.interval))
-    return shown
+    return (step.started({**step.observer.initial, **shown}), shown) if shown else (step, {})
 
 
 def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
@@ -289,6 +287,41 @@ def _record(
     )
 
 
+def _estimates(step: CallableStep, record: Record, run: Run) -> str:
+    """The estimates as CSV text: time, what was measured, the estimated states, traces, status; empty where
+    missing."""
+    measured = [f"{s.name}_measured" if s.name in run.names else s.name for s in step.outputs]
+    numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
+    return _csv(["t", *measured, *run.names, *run.traces, "status"], numbers, run.status)
+
+
+def _innovations(step: CallableStep, record: Record, run: Run) -> str:
+    """Innovations of the outputs and their variances as CSV text, and the lower triangle of the estimate's covariance
+    by columns, P_i_j of states i and j; without variances of an observer that holds none."""
+    assert run.innovations is not None  # of a step
+    header, columns = ["t", *(f"e_{s.name}" for s in step.outputs)], [record.t, run.innovations]
+    if run.variances is not None and run.covariance is not None:
+        pairs = [(i, j) for j in range(len(run.names)) for i in range(j, len(run.names))]
+        header += [f"s_{s.name}" for s in step.outputs] + [f"P_{run.names[i]}_{run.names[j]}" for i, j in pairs]
+        columns += [run.variances, *(run.covariance[:, i, j] for i, j in pairs)]
+    return _csv(header, np.column_stack(columns))
+
+
+def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None = None) -> str:
+    """Rows of numbers as CSV text, empty for NaN; a status behind each."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerow(header)
+    cells = ",".join(["%.10g"] * numbers.shape[1])
+    pattern = f"{cells},%d\n" if status is not None else f"{cells}\n"
+    missing = np.isnan(numbers).any(axis=1)
+    columns = [*numbers.T, *([] if status is None else [status])]
+    for first in range(0, len(numbers), PIECE):
+        rows = zip(*(column[first : first + PIECE].tolist() for column in columns), strict=True)
+        text = "".join([pattern % row for row in rows])
+        stream.write(_NAN.sub("", text) if missing[first : first + PIECE].any() else text)
+    return stream.getvalue()
+
+
 @command()
 def noise_(
     model: ModelArgument,
@@ -331,3 +364,18 @@ def _flagged(step: CallableStep, status: np.ndarray) -> dict[str, int]:
     """In how many samples each status bit was raised; only those that were."""
     counts = {bit.name: int(np.count_nonzero(status & step.word.type(1 << k))) for k, bit in enumerate(step.bits)}
     return {name: count for name, count in counts.items() if count}
+
+
+def innovation_window(model: Model, option: str, observer: str | None = None) -> float:
+    """The innovation's window d (s) in a tuning of a model, by default the first that has one; `option` is the
+    command's that gives another.
+
+    Raises: `MissingPart` if no adaptive theta is there, or no tuning of that name.
+    """
+    tuning = model.tuning if observer is None else model.tuned(observer)
+    for name in tuning.tables if observer is None else (observer,):
+        innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
+        if innovation is not None:
+            return float(innovation.d)
+    reason = f"its tuning has no adaptive theta, whose window would be the default; give one by {option}"
+    raise MissingPart(model.path, "tuning", reason)

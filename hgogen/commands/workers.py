@@ -60,8 +60,8 @@ def run(work: Work, tasks: Sequence[Any], *, limit: float, processes: int | None
     if "forkserver" in methods:
         context.set_forkserver_preload(["__main__", work.__module__])
     left = iter(range(len(tasks)))
-    count = min(processes or len(_cores()), len(tasks))
-    workers = [_start(context, work, limit) for _ in range(count)]
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = [_start(context, work, limit) for _ in range(min(processes or cores, len(tasks)))]
     try:
         while workers:
             for worker in _due(workers):
@@ -76,10 +76,6 @@ def run(work: Work, tasks: Sequence[Any], *, limit: float, processes: int | None
     finally:
         for worker in workers:
             _end(worker)
-
-
-def _cores() -> Sequence[int]:
-    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
 
 
 def _start(context: Any, work: Work, limit: float) -> _Worker:
