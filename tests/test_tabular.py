@@ -16,11 +16,10 @@ from hgogen.calling.samples import BadShape
 from hgogen.identification.recorded import BadSignal
 from hgogen.model import load
 from hgogen.reading import binary_log
-from hgogen.reading.log import BadRecord
+from hgogen.reading.log import BadRecord, log_of
 from hgogen.reading.mapped import column
 from hgogen.reading.measured import read
 from hgogen.reading.optional import NotInstalled
-from hgogen.reading.tabular import log_of
 
 pandas = pytest.importorskip("pandas")
 NAN = np.nan

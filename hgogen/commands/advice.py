@@ -8,7 +8,7 @@ the plant's own coordinates, which no theorem covers; of each the cheaper first,
 
 import json
 import shlex
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -235,7 +235,10 @@ def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
     if known.lost:
         names = ", ".join(s.name for s in known.lost)
         asked = ", on the branches asked" if seen.asked else ""
-        own = _on_its_own(survey.plant, known.lost)
+        plant, hidden, own = survey.plant, set(known.lost), ""
+        rest = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
+        if rest and not any(e.free_symbols & hidden for e in (*rest, *plant.output)):
+            own = ", or leave it out of the model, of which the other states are a plant of their own"
         yield f"No observer tells {names} from these outputs{asked}: {known.advice}{own}."
     if known.rank.unobservable:
         return
@@ -262,15 +265,6 @@ def _in_its_own_states(model: Model, survey: Survey) -> str:
         "No form asked is proved of the plant, and no theorem covers an observer in its own states: try what you take "
         "on trials that are like your plant, by `hgogen simulate`."
     )
-
-
-def _on_its_own(plant: System, hidden: Iterable[Signal]) -> str:
-    """Whether the others are a plant of their own."""
-    hidden = set(hidden)
-    rows = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
-    if any(e.free_symbols & hidden for e in (*rows, *plant.output)) or not rows:
-        return ""
-    return ", or leave it out of the model, of which the other states are a plant of their own"
 
 
 def _measurements(plant: System) -> Iterator[str]:

@@ -88,7 +88,22 @@ def advise_(
             each=lambda _: bar.tick(),
         )
     advised = renamed(loaded, advised, "advised")
-    rows = [_row(one) for one in advised]
+    rows = [
+        {
+            "name": one.name,
+            "form": one.first.row.name,
+            "theta": one.theta,
+            "certified": one.certified,
+            "settles": one.settles.theta if one.settles and one.theta is not None else None,
+            "settled": one.own.settled if one.own else None,
+            "noise": dict(one.own.noise) if one.own else {},
+            "sigma": dict(one.sigma),
+            "known": KNOWN[one.first.known][0],
+            "operations": cost(one.first.step).operations,
+            "tried": [{"theta": each.theta, "settled": each.settled, "noise": dict(each.noise)} for each in one.tried],
+        }
+        for one in advised
+    ]
     best = min(advised, key=_rank).name
     notes = [one.sentence for one in advised if one.sentence]
     drawn = {"advised": _figure(advised, plant)} if any(len(one.tried) > 1 for one in advised) else {}
@@ -113,22 +128,6 @@ def _rank(one: Advised) -> tuple[bool, int, int]:
     """What settles before what does not, then what is known of it, then its cost."""
     settles = one.own is not None and one.own.settled is not None
     return not settles, KNOWN[one.first.known][1], cost(one.first.step).operations
-
-
-def _row(one: Advised) -> dict[str, Any]:
-    return {
-        "name": one.name,
-        "form": one.first.row.name,
-        "theta": one.theta,
-        "certified": one.certified,
-        "settles": one.settles.theta if one.settles and one.theta is not None else None,
-        "settled": one.own.settled if one.own else None,
-        "noise": dict(one.own.noise) if one.own else {},
-        "sigma": dict(one.sigma),
-        "known": KNOWN[one.first.known][0],
-        "operations": cost(one.first.step).operations,
-        "tried": [{"theta": each.theta, "settled": each.settled, "noise": dict(each.noise)} for each in one.tried],
-    }
 
 
 def _figure(advised: Sequence[Advised], plant: System) -> Any:

@@ -64,19 +64,16 @@ def _languages() -> list[str]:
 def _demand_language(target: str) -> None:
     """Raise `UnknownCase` for a target that is none, or that writes no whole step in a language."""
     if target in set(targets.__all__) - set(_languages()):
-        raise UnknownCase(f"--target {target}:", f"{_no_language(target)}; there are {', '.join(_languages())}")
+        asked = signature(getattr(targets, target))
+        if "command" in asked.parameters:
+            lacks = ", ".join(name for name in _TAKES if name not in asked.parameters)
+            why = f"takes command, and not {lacks}, as a language does"
+        elif asked.return_annotation is Files:
+            why = f"is no language of its own; call hg.targets.{target}"
+        else:
+            why = f"is for Python, as hg.targets.{target}"
+        raise UnknownCase(f"--target {target}:", f"{why}; there are {', '.join(_languages())}")
     demand_known("target", target, _languages())
-
-
-def _no_language(target: str) -> str:
-    """Why a target is none of the languages: what it lacks of one, or what it gives instead."""
-    asked = signature(getattr(targets, target))
-    if "command" in asked.parameters:
-        lacks = ", ".join(name for name in _TAKES if name not in asked.parameters)
-        return f"takes command, and not {lacks}, as a language does"
-    if asked.return_annotation is Files:
-        return f"is no language of its own; call hg.targets.{target}"
-    return f"is for Python, as hg.targets.{target}"
 
 
 def _either(names: list[str]) -> str:

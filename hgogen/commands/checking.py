@@ -224,18 +224,10 @@ def _certify(claims: Checked, path: Path) -> None:
 
 
 def _library(path: Path, limit: float, out: str | None) -> None:
+    """Answer all models of a file; the table says how many have which answer, and what is wrong with the others."""
     models = library.read(path)
     with Bar("models", len(models)) as bar:
         answers = library.check(models, limit=limit, tick=bar.tick)
-    file = _file(out)
-    _written(answers, file) if file else show(out is not None, answers, _summary(answers))
-    bad = sum("error" in answer for answer in answers.values())
-    if bad:
-        note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")
-
-
-def _summary(answers: dict[str, dict[str, Any]]) -> Table:
-    """How many models have which answer to each question, and what is wrong with the others."""
     table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(answers)} models")
     for field in library.FIELDS:
         values = [answer[field] for answer in answers.values()]
@@ -244,4 +236,8 @@ def _summary(answers: dict[str, dict[str, Any]]) -> Table:
     for name, answer in answers.items():
         if "error" in answer:
             table.add_row(f"{name}: {answer['error']}")
-    return table
+    file = _file(out)
+    _written(answers, file) if file else show(out is not None, answers, table)
+    bad = sum("error" in answer for answer in answers.values())
+    if bad:
+        note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")

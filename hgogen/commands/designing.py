@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from hgogen.call import CallableStep
 from hgogen.certificates.contraction import theta_of
-from hgogen.certificates.rate_and_noise import Point, designed, tuned
+from hgogen.certificates.rate_and_noise import designed, tuned
 from hgogen.commands import tables
 from hgogen.commands.command import Bar, Json, ModelArgument, Out, Tuned, command, folder_of, rendered, show
 from hgogen.commands.headed import file_list
@@ -69,13 +69,29 @@ def design_(
     from hgogen.trials.curve import curve
 
     paths = folder.write(rendered({"design": curve(points, step)}))
+    rows = [
+        {
+            "observer": one.observer.name,
+            "designed": one.wanted,
+            "theta": float(theta_of(one.observer)),
+            "K": None if one.gain is None else one.gain.K,
+            "argument": None if one.gain is None else one.gain.argument,
+            "rate": one.rate,
+            "longest": one.longest,
+            "noise": [
+                {"state": x, "output": y, "continuous": one.continuous.get((x, y)), "step": one.step.get((x, y))}
+                for x, y in {**one.continuous, **one.step}
+            ],
+        }
+        for one in points
+    ]
     value = {
         "model": loaded.path,
         "observer": step.observer.name,
         "form": step.observer.form.kind,
         "method": step.rule,
         "dt": step.dt,
-        "points": [_row(one) for one in points],
+        "points": rows,
         "refused": {f"{rate:g}": str(error) for rate, error in refused.items()},
         "files": [str(path) for path in paths],
     }
@@ -112,19 +128,3 @@ def _short(rate: float) -> float:
     """To three digits, down."""
     digits = 2 - math.floor(math.log10(rate))
     return float(f"{math.floor(rate * 10.0**digits) / 10.0**digits:.3g}")
-
-
-def _row(one: Point) -> dict[str, Any]:
-    return {
-        "observer": one.observer.name,
-        "designed": one.wanted,
-        "theta": float(theta_of(one.observer)),
-        "K": None if one.gain is None else one.gain.K,
-        "argument": None if one.gain is None else one.gain.argument,
-        "rate": one.rate,
-        "longest": one.longest,
-        "noise": [
-            {"state": x, "output": y, "continuous": one.continuous.get((x, y)), "step": one.step.get((x, y))}
-            for x, y in {**one.continuous, **one.step}
-        ],
-    }

@@ -41,7 +41,7 @@ from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.content import Unread, content_of
 from hgogen.reading.entry import FORMAT, Entry, entry
 from hgogen.reading.expression import parse
-from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise
+from hgogen.structure.chain import Chains, Rows, Shape, levelwise
 from hgogen.structure.several import cascade
 
 FIELDS = (
@@ -185,9 +185,13 @@ class _Forms:
         where a row may jump in that state, or have no value, which its slope does not see."""
         links = [link for chain in self.chains.links for link in chain]
         regular = _signed((link.gain if link.affine else link.slope for link in links), self)
-        if regular:
-            return None if any(link.jumps or _hides(link, self) for link in links) else True
-        return regular if self.entry.boxed else None
+        if not regular:
+            return regular if self.entry.boxed else None
+        for link in links:
+            own = (part for part in parts(link.row) if part.has(link.state))
+            if link.jumps or doubtful(own, self.entry.outer):  # as the poles of atan(tan x), of slope 1
+                return None
+        return True
 
     @cached_property
     def gains(self) -> tuple[sp.Expr, ...]:
@@ -277,12 +281,6 @@ def _endless(slope: sp.Expr, sign: Sign) -> bool:
 def _uniform(forms: _Forms) -> Iterator[Answer]:
     if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
         yield "uof", forms.bent
-
-
-def _hides(link: Link, forms: _Forms) -> bool:
-    """Whether what the row reads of its next state may have no value, as the poles of atan(tan x), of slope 1."""
-    own = (part for part in parts(link.row) if part.has(link.state))
-    return bool(doubtful(own, forms.entry.outer))
 
 
 def _ranges(forms: _Forms) -> Iterator[Answer]:

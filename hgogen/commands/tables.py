@@ -218,13 +218,12 @@ def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableT
     title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
     table = headed(title, "observer", *states, numbers=len(states))
     for one in each:
-        table.add_row(one.name, *(_beside(one.proved.get(x), one.worst.get(x)) for x in states))
+        cells = []
+        for bound, worst in ((one.proved.get(x), one.worst.get(x)) for x in states):
+            seen = "-" if worst is None else f"{worst:.3g}"
+            cells.append("-" if bound is None else f"{up(bound, 3)} ({seen})")
+        table.add_row(one.name, *cells)
     return [table, ""]
-
-
-def _beside(bound: float | None, worst: float | None) -> str:
-    """A bound, and in brackets what was seen; a dash of what there is not."""
-    return "-" if bound is None else f"{up(bound, 3)} ({'-' if worst is None else f'{worst:.3g}'})"
 
 
 def _state(values: Mapping[str, float]) -> str:
@@ -276,15 +275,12 @@ def agreements(each: Iterable[Agreement], unit: str) -> RenderableType:
         numbers=5,
     )
     for one in each:
-        settled = ", ".join(_pair(*pair) for pair in one.settled)
+        pairs = [(_number(first), _number(second)) for first, second in one.settled]
+        settled = ", ".join(first if first == second else f"{first}/{second}" for first, second in pairs)
         agreed = Text("yes", style="green") if one.agreed else Text("no", style="red")
         difference = f"{one.before:.1e}", f"{one.after:.1e}"
         table.add_row(one.trial, str(one.seed), f"{one.until:g}", *difference, settled, agreed)
     return Group(table, "")
-
-
-def _pair(first: float | None, second: float | None) -> str:
-    return _number(first) if _number(first) == _number(second) else f"{_number(first)}/{_number(second)}"
 
 
 def status(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:

@@ -75,7 +75,10 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
     make, refusals, skipped = getattr(observers, observer), list[NoFirst](), list[NoFirst]()
     for row in rows:
         if row.form is None or refuted(row.form.checks):
-            skipped.append(NoFirst(_failed(row)))
+            # of a form that the survey did not ask, the first check that fails; else what the survey says of it
+            failed = refuted(row.form.checks) if row.form and row.verdict is None else ()
+            reasons = (f"{check.id} is refuted: {check.reason}" for check in failed)
+            skipped.append(NoFirst(next(reasons, f"the plant is not in the form {row.name}: {row.why}")))
             continue
         starting = starting_gains(row.form, make, dt=dt)
         if not starting:
@@ -83,21 +86,9 @@ def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First 
         try:
             step = sample(make(row.form, **starting.gains), dt=starting.dt)
         except HgogenError as error:
-            refusals.append(NoFirst(_why(error), too_long=isinstance(error, StepTooLong)))
+            # without what to take instead, such as another form: all are asked
+            reason = str(replace(error, fix="") if isinstance(error, BadGain) else error)
+            refusals.append(NoFirst(reason, too_long=isinstance(error, StepTooLong)))
         else:
             return First(observer, row, starting, step)
     return next(iter((*refusals, *skipped)), NoFirst("no form takes the plant"))
-
-
-def _failed(row: Row) -> str:
-    """Why the form of a row is passed over: what the survey says of it, or of one that it did not ask, its check."""
-    failed = refuted(row.form.checks) if row.form and row.verdict is None else ()
-    return next(
-        (f"{check.id} is refuted: {check.reason}" for check in failed),
-        f"the plant is not in the form {row.name}: {row.why}",
-    )
-
-
-def _why(error: HgogenError) -> str:
-    """Why an observer is refused, without what to take instead, such as another form: all have been asked."""
-    return str(replace(error, fix="") if isinstance(error, BadGain) else error)

@@ -45,7 +45,12 @@ class OrnsteinUhlenbeck:
     def at(self, times: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
         """The noise (N, k) at evenly spaced `times` (N) of each of k generators."""
         normal = np.column_stack([rng.standard_normal(len(times)) for rng in rngs])
-        return _ornstein_uhlenbeck(self, normal, times[1] - times[0])
+        rho = math.exp(-(times[1] - times[0]) / self.tau) if self.tau > 0 else 0.0
+        scaled = self.sigma * normal
+        scaled[1:] *= math.sqrt(1.0 - rho * rho)
+        if scaled.shape[1] < FEW:
+            return np.column_stack([_recursion(column.tolist(), rho) for column in scaled.T])
+        return np.asarray(_recursion(scaled, rho))
 
 
 @dataclass(frozen=True)
@@ -76,15 +81,6 @@ class Settled:
     state: str
     band: float
     hold: float
-
-
-def _ornstein_uhlenbeck(noise: OrnsteinUhlenbeck, normal: np.ndarray, dt: float) -> np.ndarray:
-    rho = math.exp(-dt / noise.tau) if noise.tau > 0 else 0.0
-    scaled = noise.sigma * normal
-    scaled[1:] *= math.sqrt(1.0 - rho * rho)
-    if scaled.shape[1] < FEW:
-        return np.column_stack([_recursion(column.tolist(), rho) for column in scaled.T])
-    return np.asarray(_recursion(scaled, rho))
 
 
 def _recursion(values: Any, rho: float) -> Any:

@@ -126,7 +126,12 @@ class Tuning:
             if passed[-1] not in self.tables or passed[-1] in passed[:-1]:
                 raise BadModelFile(self.file, f"{where}.of", f"names {passed[-1]!r:.60}, no tuning that has a form")
             entry = self.table(passed[-1]).get("form", "triangular")
-        return self._form(where, entry)
+        table = dict(entry) if isinstance(entry, Mapping) else {"kind": entry}
+        make = self._case(where, forms, table.pop("kind", "triangular"))
+        options = {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
+        if callable(make):
+            self._arguments(where, make, options)
+        return self._refusals(where, lambda: make(self.plant, **options))
 
     def period(self, name: str) -> float:
         """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
@@ -178,15 +183,6 @@ class Tuning:
             listed = f"the other tunings are {', '.join(others)}" if others else "write another tuning"
             raise BadModelFile(self.file, where, f"is {member!r}, which must be the name of another tuning; {listed}")
         return self.observer(str(member), around, start)
-
-    def _form(self, where: str, entry: Any) -> Any:
-        arguments = {key: value for key, value in entry.items() if key != "kind"} if isinstance(entry, Mapping) else {}
-        options = {key: tuple(value) if isinstance(value, list) else value for key, value in arguments.items()}
-        kind = entry.get("kind", "triangular") if isinstance(entry, Mapping) else entry
-        make = self._case(where, forms, kind)
-        if callable(make):
-            self._arguments(where, make, options)
-        return self._refusals(where, lambda: make(self.plant, **options))
 
     def _case(self, where: str, folder: Any, name: Any) -> Any:
         """A case of a plural folder by name; what is no text stands for itself."""

@@ -50,14 +50,11 @@ def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
     if done.returncode == FAILED:
         raise Damaged(said)
     if done.returncode:
-        ended = f"{_ending(done.returncode)}{said and f': {said}'}"
+        status = f"status {done.returncode}" if done.returncode > 0 else signal.Signals(-done.returncode).name
+        ended = f"{status}{said and f': {said}'}"
         raise Damaged(f"the process that read it ended ({ended}), so that the file may be damaged")
     stream = io.BytesIO(done.stdout)
     return {name: np.load(stream, allow_pickle=False) for name in json.loads(stream.readline())}
-
-
-def _ending(status: int) -> str:
-    return signal.Signals(-status).name if status < 0 else f"status {status}"
 
 
 def plain(values: Any) -> np.ndarray:
@@ -75,18 +72,20 @@ def is_missing(value: Any) -> bool:
     return value is None or (isinstance(value, float) and math.isnan(value)) or str(value) in ("NaT", "<NA>")
 
 
+def texts(array: np.ndarray) -> list[str]:
+    """Each value as text, "" where there is none."""
+    return ["" if is_missing(value) else str(value) for value in array.tolist()]
+
+
 def _parquet(content: bytes) -> Arrays:
     from pyarrow import parquet
 
     whole = parquet.read_table(io.BytesIO(content), use_threads=False)
-    return {name: _written(plain(whole.column(k).to_numpy())) for k, name in enumerate(whole.column_names)}
-
-
-def _written(array: np.ndarray) -> np.ndarray:
-    """An array without objects: these as texts, "" where there is none."""
-    if array.dtype.kind != "O":
-        return array
-    return np.array(["" if is_missing(value) else str(value) for value in array.tolist()], dtype=str)
+    arrays = {name: plain(whole.column(k).to_numpy()) for k, name in enumerate(whole.column_names)}
+    for name, array in arrays.items():
+        if array.dtype.kind == "O":
+            arrays[name] = np.array(texts(array), dtype=str)
+    return arrays
 
 
 def _mat(content: bytes) -> Arrays:

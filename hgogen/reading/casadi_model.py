@@ -70,26 +70,24 @@ def from_casadi(
 
 
 def _pairs(system: str, kind: str, pairs: Any) -> list[tuple[Graph, tuple[Signal, ...]]]:
-    """The declared pairs of a kind. Raises: `BadGraph`."""
+    """The declared pairs of a kind, each as its symbol and the Signal of each of its entries. Raises: `BadGraph`."""
     if not isinstance(pairs, Iterable):
         raise BadGraph(system, f"{kind} is {str(pairs)[:60]}; give a list of pairs (symbol, Signal)")
-    return [_pair(system, kind, pair) for pair in pairs]
-
-
-def _pair(system: str, kind: str, pair: Any) -> tuple[Graph, tuple[Signal, ...]]:
-    """A declared pair as its symbol and the Signal of each of its entries. Raises: `BadGraph`."""
     fix = f"{kind} is a list of pairs (symbol, Signal)"
-    if not isinstance(pair, tuple | list) or len(pair) != 2:
-        raise BadGraph(system, f"{kind} holds {str(pair)[:60]}, no pair; {fix}")
-    symbol, declared = pair
-    entries = (
-        (declared,) if isinstance(declared, Signal) else tuple(declared) if isinstance(declared, tuple | list) else ()
-    )
-    if not isinstance(symbol, ca.SX | ca.MX) or not symbol.is_valid_input():
-        raise BadGraph(system, f"{kind} holds {str(symbol)[:60]}, no CasADi symbol; {fix}")
-    if len(entries) != symbol.numel() or not all(isinstance(entry, Signal) for entry in entries):
-        raise BadGraph(system, f"{symbol} in {kind} has {symbol.numel()} entries; give a Signal for each, {fix}")
-    return symbol, entries
+    declared: list[tuple[Graph, tuple[Signal, ...]]] = []
+    for pair in pairs:
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise BadGraph(system, f"{kind} holds {str(pair)[:60]}, no pair; {fix}")
+        symbol, signals = pair
+        if isinstance(signals, Signal):
+            signals = (signals,)
+        entries = tuple(signals) if isinstance(signals, tuple | list) else ()
+        if not isinstance(symbol, ca.SX | ca.MX) or not symbol.is_valid_input():
+            raise BadGraph(system, f"{kind} holds {str(symbol)[:60]}, no CasADi symbol; {fix}")
+        if len(entries) != symbol.numel() or not all(isinstance(entry, Signal) for entry in entries):
+            raise BadGraph(system, f"{symbol} in {kind} has {symbol.numel()} entries; give a Signal for each, {fix}")
+        declared.append((symbol, entries))
+    return declared
 
 
 def _graph(system: str, what: str, rows: Graph | Iterable[Graph]) -> Graph:

@@ -74,12 +74,9 @@ def _chain(plant: System, state: Signal, order: int, signal: Signal | None) -> t
         fix = "give a pair for each derivative that is a state, order - 1 of them" if order > 1 else "leave them out"
         have = f"{len(signal.rates)} rates, and order = {order}"
         raise BadSystem(plant.name, f"the disturbance {signal} has {have}; {fix}")
-    first = Signal(signal.name, signal.unit, signal.meaning, signal.nominal, signal.low, signal.high)
-    return (first, *(_rate(signal, k, plant.time) for k in range(1, order)))
-
-
-def _rate(signal: Signal, k: int, time: str) -> Signal:
-    """A derivative of the disturbance, which is estimated, and not given as that of an input is."""
-    rate = signal.derivative(k, time)
-    what = "derivative" if k == 1 else f"derivative of order {k}"
-    return Signal(rate.name, rate.unit, f"{what} of {signal.name}", low=rate.low, high=rate.high)
+    chain = [Signal(signal.name, signal.unit, signal.meaning, signal.nominal, signal.low, signal.high)]
+    for k in range(1, order):
+        rate = signal.derivative(k, plant.time)
+        what = "derivative" if k == 1 else f"derivative of order {k}"  # which is estimated, not given as of an input
+        chain.append(Signal(rate.name, rate.unit, f"{what} of {signal.name}", low=rate.low, high=rate.high))
+    return tuple(chain)

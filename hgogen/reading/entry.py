@@ -24,6 +24,7 @@ from hgogen.algebra.tape import tape
 from hgogen.errors import BadArgument
 from hgogen.intervals.box import EVERYTHING, Box, End, box
 from hgogen.reading.expression import parse
+from hgogen.reading.filename import shown
 from hgogen.reading.text_model import from_table
 
 FORMAT = (
@@ -86,7 +87,7 @@ def entry(model: Any) -> Entry:
     expression of the listed names.
     """
     if not isinstance(model, Mapping):
-        raise BadEntry(_shown(model).strip("'"), f"is no object; write it as {FORMAT}")
+        raise BadEntry(shown(model).strip("'"), f"is no object; write it as {FORMAT}")
     name = str(model.get("name", "without a name"))
     if isinstance(model.get("states"), Mapping):
         return _of_table(name, model)
@@ -125,23 +126,18 @@ def _of_table(name: str, model: Mapping[str, Any]) -> Entry:
     )
 
 
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 def _list(name: str, key: str, value: Any) -> Sequence[Any]:
     if value is None:
         return ()
     if not isinstance(value, Sequence) or isinstance(value, str | bytes):
-        raise BadEntry(name, f"{key} is {_shown(value)}; write a list")
+        raise BadEntry(name, f"{key} is {shown(value)}; write a list")
     return value
 
 
 def _names(name: str, key: str, value: Any) -> tuple[str, ...]:
     for one in _list(name, key, value):
         if not isinstance(one, str) or not _NAME.match(one):
-            raise BadEntry(name, f"{key} holds {_shown(one)}, which is no name: a letter, then letters, digits, _")
+            raise BadEntry(name, f"{key} holds {shown(one)}, which is no name: a letter, then letters, digits, _")
     return tuple(value or ())
 
 
@@ -149,7 +145,7 @@ def _texts(name: str, key: str, value: Any) -> tuple[str, ...]:
     texts = []
     for one in _list(name, key, value):
         if isinstance(one, bool) or not isinstance(one, str | int | float) or _is_nan(one):
-            raise BadEntry(name, f"{key} holds {_shown(one)}; write each expression as text")
+            raise BadEntry(name, f"{key} holds {shown(one)}; write each expression as text")
         texts.append(one if isinstance(one, str) else repr(one))
     return tuple(texts)
 
@@ -165,17 +161,17 @@ def _boxes(
     for key, groups in _BOXES.items():
         ranges = model.get(key) or {}
         if not isinstance(ranges, Mapping):
-            raise BadEntry(name, f'{key} is {_shown(ranges)}; write an object of ranges, such as {{"x": [0, 1]}}')
+            raise BadEntry(name, f'{key} is {shown(ranges)}; write an object of ranges, such as {{"x": [0, 1]}}')
         allowed = [s for group in groups for s in lists[group]]
         for symbol, ends in ranges.items():
             if symbol not in allowed:
                 raise BadEntry(name, f"{key} names {symbol!r}, which is none of its {' and '.join(groups)}")
             pair = _list(name, f"{key} of {symbol}", ends)
             if len(pair) != 2:
-                raise BadEntry(name, f"{key} of {symbol} is {_shown(ends)}; write [low, high]")
+                raise BadEntry(name, f"{key} of {symbol} is {shown(ends)}; write [low, high]")
             (low, low_in), (high_in, high) = (_end(name, f"{key} of {symbol}", end) for end in pair)
             if not low <= high or low == math.inf or high == -math.inf:
-                raise BadEntry(name, f"{key} of {symbol}, {_shown(ends)}, holds no number; give low <= high")
+                raise BadEntry(name, f"{key} of {symbol}, {shown(ends)}, holds no number; give low <= high")
             outer[symbols[symbol]] = (low, high)
             inner[symbols[symbol]] = (low_in, high_in)
             empty = empty or low_in > high_in
@@ -187,23 +183,20 @@ def _end(name: str, what: str, value: Any) -> tuple[End, End]:
     if isinstance(value, str):
         if value.strip() in _INFINITE:
             return (_INFINITE[value.strip()],) * 2
-        return _between(name, what, value, parse(value, {}))
+        exact = parse(value, {})
+        if exact.is_Rational:
+            return (Fraction(exact),) * 2
+        ball = values(tape((exact,), ()), (), _BITS)[0]
+        if not ball.is_finite():
+            raise BadEntry(name, f"{what} holds {value!r}, which is no finite real number")
+        return _fraction(ball.lower()), _fraction(ball.upper())
     if isinstance(value, bool) or not isinstance(value, int | float) or _is_nan(value):
-        raise BadEntry(name, f'{what} holds {_shown(value)}, which is no number; write 0.5 or "pi/3"')
+        raise BadEntry(name, f'{what} holds {shown(value)}, which is no number; write 0.5 or "pi/3"')
     if isinstance(value, float) and math.isinf(value):
         return value, value
     return (Fraction(repr(value)),) * 2
 
 
-def _between(name: str, what: str, text: str, value: sp.Expr) -> tuple[End, End]:
-    if value.is_Rational:
-        return (Fraction(value),) * 2
-    ball = values(tape((value,), ()), (), _BITS)[0]
-    if not ball.is_finite():
-        raise BadEntry(name, f"{what} holds {text!r}, which is no finite real number")
-    return _exact(ball.lower()), _exact(ball.upper())
-
-
-def _exact(ball: Any) -> Fraction:
+def _fraction(ball: Any) -> Fraction:
     mantissa, exponent = ball.man_exp()
     return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)

@@ -13,7 +13,6 @@ from hgogen.errors import HgogenError
 LONGEST = 100  # bytes in UTF-8: two of them and an ending fit the 255 that file systems take
 _STRANGE = re.compile(r'[/\\:*?"<>|]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-_SHOWN = 60  # characters
 
 
 @dataclass(eq=False)
@@ -30,8 +29,12 @@ class BadFileName(HgogenError):
 
 def shown(name: Any) -> str:
     """A name in a sentence, quoted, the end of a long one left out."""
-    text = repr(name)
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+    return cut(repr(name))
+
+
+def cut(text: str, most: int = 60) -> str:
+    """A text in a sentence, the end of one of more than so many characters left out."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def fault(name: str) -> str:

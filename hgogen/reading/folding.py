@@ -22,9 +22,8 @@ from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Box, bound
 from hgogen.intervals.lost import parts
 from hgogen.intervals.sign import nonzero
+from hgogen.reading.filename import cut
 from hgogen.sentence import NONE, Reason, because
-
-_LENGTH = 60  # of an expression in a sentence
 
 
 class Demand(NamedTuple):
@@ -67,16 +66,13 @@ def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
 def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
     """The demands of the `written` expression that its `reading` does not make, each once."""
     written = dict.fromkeys(written)
-    demanded = set(_all(reading)) if written else set()
-    return tuple(demand for demand in written if demand not in demanded)
-
-
-def _all(expression: sp.Expr) -> Iterator[Demand]:
-    for node in parts(expression):
+    demanded: set[Demand] = set()
+    for node in parts(reading) if written else ():
         if isinstance(node, sp.Pow):
-            yield from of_power(node.base, node.exp)
+            demanded.update(of_power(node.base, node.exp))
         else:
-            yield from of_call(node.func, *node.args)
+            demanded.update(of_call(node.func, *node.args))
+    return tuple(demand for demand in written if demand not in demanded)
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:
@@ -124,8 +120,8 @@ class Fold:
         if not places:
             return NONE
         pattern = "SymPy reads {text} as {reading}, also where {places: or }; {reading} is what is meant here"
-        where = [because("{a} {relation} 0", a=_short(str(a)), relation=relation) for a, relation in places.items()]
-        return because(pattern, text=_short(self.text), reading=_short(str(self.reading)), places=where)
+        where = [because("{a} {relation} 0", a=cut(str(a)), relation=relation) for a, relation in places.items()]
+        return because(pattern, text=cut(self.text), reading=cut(str(self.reading)), places=where)
 
 
 def _met(relation: str, a: sp.Expr, box: Box) -> bool:
@@ -133,7 +129,3 @@ def _met(relation: str, a: sp.Expr, box: Box) -> bool:
         return nonzero(a, box).verdict is Verdict.PROVED if relation == "=" else bound(a, box).low >= 0
     except HgogenError:
         return False
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _LENGTH else f"{text[: _LENGTH - 3]}..."

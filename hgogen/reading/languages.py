@@ -12,10 +12,6 @@ BYTES = 4_000_000  # of one model
 SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a model declares its plant
 
 
-def _toml(text: str) -> Any:
-    return tomllib.loads(text)
-
-
 def _json(text: str) -> Any:
     return json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
 
@@ -32,7 +28,7 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no finite number")
 
 
-READERS: dict[str, Callable[[str], Any]] = {".toml": _toml, ".json": _json}
+READERS: dict[str, Callable[[str], Any]] = {".toml": tomllib.loads, ".json": _json}
 
 
 def declares(path: Path) -> bool:

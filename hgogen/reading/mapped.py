@@ -3,10 +3,15 @@
     T1 + 273.15      2*pi/60*rpm      -[Current(A)]
 
 by the grammar of text models. In brackets stands the name of a column that is no identifier. A column whose name is the
-whole text comes first, in the unit of its signal where it names another (reading/converted.py).
+whole text comes first, in the unit of its signal where its name holds another, as "T1 [degC]" or "Current(A)": it is
+converted by y -> factor y + offset. The units are pint's, an optional library; an expression says itself what it does.
 """
 
+import math
 import re
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,9 +20,16 @@ import sympy as sp
 from hgogen.graph import NoGraph, to_casadi
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.log import BadRecord, Column, Table
+from hgogen.reading.optional import NotInstalled, library
 
+FAR = 1e9  # where a conversion is asked for besides 0: its offset then costs no digits of the factor
 _BRACKETS = re.compile(r"\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")  # with a pair of brackets in it, as of a unit
 _SIGNS = re.compile(r"[-+*/()\[\]]")
+_UNIT = re.compile(r"[\[(]([^\[\]()]+)[\])]\s*$")
+_POWER = re.compile(r"(?<=[A-Za-z°µ])\^?(-?\d)")
+_WORDS = {"²": "**2", "³": "**3", "·": "*", "°C": "degC", "°F": "degF", "°": "degree", "%": "percent", "Ω": "ohm"}
+_GRAVITY = {"g": "standard_gravity", "G": "standard_gravity", "mg": "millistandard_gravity"}  # of an acceleration
+_ANGLES = {"radian", "degree", "revolution", "turn"}
 
 
 def column(log: Table, text: str) -> Column:
@@ -37,7 +49,8 @@ def column(log: Table, text: str) -> Column:
         expression = parse(plain, symbols)
         words = set(re.findall(r"[^\W\d]\w*", plain))
         read = {written: log.column(names[written]) for written in names if written in words}
-        graph = ca.Function("column", *_graph(expression, {symbols[written]: written for written in read}))
+        inputs = {symbols[written]: ca.SX.sym(written) for written in read}
+        graph = ca.Function("column", list(inputs.values()), to_casadi([expression], inputs))
     except (BadExpression, NoGraph) as error:
         listed = ", ".join(name if name.isidentifier() else f"[{name}]" for name in log.header if name)
         raise BadRecord(log.path, f"the expression {text!r}: {error}; its columns are {listed}") from None
@@ -67,6 +80,100 @@ def _placeholder(log: Table, k: int) -> str:
     return name
 
 
-def _graph(expression: sp.Expr, written: dict[sp.Symbol, str]) -> tuple[list[ca.SX], list[ca.SX]]:
-    inputs = {symbol: ca.SX.sym(name) for symbol, name in written.items()}
-    return list(inputs.values()), to_casadi([expression], inputs)
+# --- units --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """value -> factor value + offset, from a column's unit to a signal's; `note`: what to say of it."""
+
+    factor: float
+    offset: float
+    note: str
+
+    def operand(self, column: str) -> str:
+        """The converted column in an expression of columns."""
+        shift = f" {'+' if self.offset > 0 else '-'} {abs(self.offset):.12g}" if self.offset else ""
+        return f"({self.factor:.12g}*{column}{shift})"
+
+
+class Inconvertible(ValueError):
+    """Two units of different kinds."""
+
+
+def named_unit(column: str) -> str:
+    """The unit at the end of a column's name, in brackets; "" for none."""
+    match = _UNIT.search(column)
+    return match[1].strip() if match and re.search(r"[^\W\d]|[%°]", match[1]) else ""
+
+
+def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
+    """A column in the unit of its signal, what stands for it in an expression, and the log with a note on it.
+
+    Raises: `BadRecord` where the units do not convert.
+    """
+    plain = operand(log, text)
+    try:
+        change = conversion(name, text, unit)
+    except Inconvertible as error:
+        fix = f"rename it, or take its numbers as they are, by an expression such as 1*{plain}"
+        raise BadRecord(log.path, f"the column {text!r} {error}; {fix}") from None
+    if isinstance(change, str):
+        return (replace(log, notes=(*log.notes, change)) if change else log), column, plain
+    log = replace(log, notes=(*log.notes, change.note))
+    return log, replace(column, values=change.factor * column.values + change.offset), change.operand(plain)
+
+
+def conversion(name: str, column: str, unit: str) -> Conversion | str:
+    """That of a column to the unit of the signal `name`; a note, which may be empty, where there is nothing to convert
+    or nobody to do it. Raises: `Inconvertible`, of units of different kinds."""
+    source = named_unit(column)
+    if not source or not unit or _normal(source) == _normal(unit):
+        return ""
+    try:
+        registry = _registry()
+    except NotInstalled as error:
+        return f"{name}: the unit in {column!r} is not compared with the model's, {unit}, since {error}"
+    pair = [_parsed(registry, text) for text in (source, unit)]
+    if None in pair:
+        return ""
+    first, second = pair
+    if source in _GRAVITY and second.dimensionality == registry.Unit(_GRAVITY[source]).dimensionality:
+        first = registry.Unit(_GRAVITY[source])
+    if first.dimensionality != second.dimensionality or _turns(first, second):
+        raise Inconvertible(f"is in {source}, which does not convert to {unit}, the unit of {name}")
+    try:
+        zero, far = (float(registry.Quantity(value, first).to(second).magnitude) for value in (0.0, FAR))
+    except Exception:  # pint's own, of offsets in products
+        return f"{name}: {source} is not converted to {unit}, which is no matter of a factor and an offset"
+    factor, offset = (far - zero) / FAR, zero
+    if math.isclose(factor, 1.0, rel_tol=1e-12) and not offset:
+        return ""
+    return Conversion(factor, offset, f"{name}: converted from {source} to {unit}")
+
+
+@cache
+def _registry() -> Any:
+    return library("pint", "a unit in a column's name", "units").UnitRegistry()
+
+
+def _normal(text: str) -> str:
+    for sign, written in _WORDS.items():
+        text = text.replace(sign, written)
+    return _POWER.sub(r"**\1", text).replace(" ", "*")
+
+
+def _parsed(registry: Any, text: str) -> Any:
+    """The unit of a text; None where pint knows none, as of a remark in brackets."""
+    try:
+        return registry.Unit(_normal(text))
+    except Exception:  # pint's own, of several kinds
+        return None
+
+
+def _turns(first: Any, second: Any) -> bool:
+    """Whether one counts cycles and the other angles, whose factor 2 pi pint leaves out."""
+    cycles, angles = (
+        [bool(names & set(map(str, unit._units))) for unit in (first, second)] for names in ({"hertz"}, _ANGLES)
+    )
+    return (cycles[0] and angles[1]) or (cycles[1] and angles[0])

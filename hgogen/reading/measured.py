@@ -18,12 +18,10 @@ import numpy as np
 
 from hgogen.reading import averaged, mapped
 from hgogen.reading.averaged import Window
-from hgogen.reading.converted import Inconvertible, conversion
 from hgogen.reading.differences import difference, said_of
 from hgogen.reading.given import unmasked
-from hgogen.reading.log import BadRecord, Column, Table
+from hgogen.reading.log import BadRecord, Column, Table, log_of
 from hgogen.reading.report import Report
-from hgogen.reading.tabular import log_of
 from hgogen.reading.time_unit import plural, seconds
 from hgogen.signal import Signal
 
@@ -152,9 +150,9 @@ def read(
     operands = {name: mapped.operand(log, text) for name, text in columns.items()}
     alone = {name: text for name, text in columns.items() if text in log.header}
     for name, text in alone.items():
-        log, series[name], operands[name] = _converted(log, series[name], name, text, units.get(name, ""))
+        log, series[name], operands[name] = mapped.converted(log, series[name], name, text, units.get(name, ""))
     if time is not None:
-        log, clock, _ = _converted(log, log.column(time), "time", time, unit)
+        log, clock, _ = mapped.converted(log, log.column(time), "time", time, unit)
         times = _stamps(log, clock, unit, caller)
     else:
         times = np.arange(log.rows) * float(period or 0.0)
@@ -167,23 +165,6 @@ def read(
             reason = f"the column {one.name!r} holds no number for {name}{example}; say {caller.fix(name)}"
             raise BadRecord(log.path, reason)
     return record.with_rates({name: of for name, of in rates.items() if name in taken})
-
-
-def _converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
-    """A column in the unit of its signal, what stands for it in an expression, and the log with a note on it.
-
-    Raises: `BadRecord` where the units do not convert.
-    """
-    operand = mapped.operand(log, text)
-    try:
-        change = conversion(name, text, unit)
-    except Inconvertible as error:
-        fix = f"rename it, or take its numbers as they are, by an expression such as 1*{operand}"
-        raise BadRecord(log.path, f"the column {text!r} {error}; {fix}") from None
-    if isinstance(change, str):
-        return (replace(log, notes=(*log.notes, change)) if change else log), column, operand
-    log = replace(log, notes=(*log.notes, change.note))
-    return log, replace(column, values=change.factor * column.values + change.offset), change.operand(operand)
 
 
 def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
@@ -260,14 +241,6 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
 
 
-def _averaged(names: Sequence[str]) -> tuple[str, ...]:
-    if not names:
-        return ()
-    return (
-        f"{', '.join(names)}: averaged over each step, every row held until the next, so that the integral is kept",
-    )
-
-
 def _typical(times: np.ndarray) -> float:
     """The period of ascending times, 0 of a single one, with the fewest digits for which the grid ends within their
     rounding or, where they jitter, `_BEAT` of a period: 0.01 and no 0.00999999999999979."""
@@ -340,6 +313,10 @@ def _gridded(
         first = there[_first_of_equals(point[nearest][there])]
         values[point[nearest][first], c] = numbers[first]
     means = [name for name in series if name in inputs and averaged.wanted(steps, period, dt)]
+    notes = [*log.notes, *_pace(period, dt, unit)]
+    if means:
+        held = "every row held until the next, so that the integral is kept"
+        notes.append(f"{', '.join(means)}: averaged over each step, {held}")
     for name in means:
         hold = max(averaged.HELD * period, dt)
         values[:, list(series).index(name)] = averaged.averaged(
@@ -370,6 +347,6 @@ def _gridded(
         filled=samples - used,
         shift=float(away.max()),
         unit=unit,
-        notes=(*log.notes, *_pace(period, dt, unit), *_averaged(means)),
+        notes=tuple(notes),
     )
     return Record(times[0] + np.arange(samples) * dt, tuple(series), values, report)

@@ -19,6 +19,7 @@ from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.program import Field
+from hgogen.reading.filename import cut
 
 Values: TypeAlias = Mapping[str, float] | Sequence[float]
 Matrix: TypeAlias = Mapping[str, float | Mapping[str, float]] | Sequence[float] | np.ndarray
@@ -55,7 +56,7 @@ def in_order(
         name = key.name if isinstance(key, sp.Symbol) else key
         own = name if name in shown else aliases.get(name, name)
         if own not in shown:
-            raise BadNames(what, f"names {_short(repr(name))}, {elsewhere.get(name) or _unknown(name, shown)}")
+            raise BadNames(what, f"names {cut(repr(name), _LENGTH)}, {elsewhere.get(name) or _unknown(name, shown)}")
         if own in named:
             raise BadNames(what, f"names {own} twice; give it once")
         named[own] = value
@@ -91,7 +92,7 @@ def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[st
     matrix = []
     for name, row in zip(names, entries, strict=True):
         if not isinstance(row, Mapping):
-            reason = f"is no row by name, as others are; give {{{name} = {_short(str(row))}}}"
+            reason = f"is no row by name, as others are; give {{{name} = {cut(str(row), _LENGTH)}}}"
             raise BadNames(f"{what} of {name}", reason)
         blank = {other: _BLANK for other in names if other != name}
         matrix.append(in_order(f"{what} of {name}", row, names, default=blank, **others))
@@ -108,12 +109,16 @@ def of_coordinates(what: str, values: Any, form: Form) -> Any:
     """
     if not isinstance(values, Mapping):  # whose names need no definition: those of a phase form are long
         return values
-    names = _coordinates(form)
+    entry = zip(form.names, form.entry, strict=True)  # what is neither a state nor minus one is shown by its definition
+    names = {name: name if str(e) in (name, f"-{name}") else f"{name} = {cut(str(e), _LENGTH)}" for name, e in entry}
     entries = quadratic(what, values, names, elsewhere=_no_coordinates(form, names))
     if not any(isinstance(row, Mapping) for row in values.values()):
         return entries
     mirrored = zip(form.signs, entries, strict=True)
-    return [[_minus(a) if s != t else a for t, a in zip(form.signs, row, strict=True)] for s, row in mirrored]
+    return [
+        [0.0 - a if s != t and isinstance(a, Real) else a for t, a in zip(form.signs, row, strict=True)]
+        for s, row in mirrored
+    ]
 
 
 def of_outputs(what: str, values: Any, form: Form) -> Any:
@@ -156,16 +161,6 @@ def _braces(values: Mapping[str, str]) -> str:
     return f"{{{', '.join(f'{name}: {value}' for name, value in values.items())}}}"
 
 
-def _minus(entry: Any) -> Any:
-    return 0.0 - entry if isinstance(entry, Real) else entry
-
-
-def _coordinates(form: Form) -> dict[str, str]:
-    """The names of z, with the definition of what is neither a state as first declared nor minus one."""
-    entries = zip(form.names, form.entry, strict=True)
-    return {name: name if str(e) in (name, f"-{name}") else f"{name} = {_short(str(e))}" for name, e in entries}
-
-
 def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
     """What to name in place of each state of the plant, as first declared or recast, or z_i that is no coordinate."""
     origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
@@ -175,7 +170,3 @@ def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
         inside = ", ".join(reading or names.values())
         advice[state.name] = f"which is no coordinate of this form ({form.kind}); in its place give {inside}"
     return {name: sentence for name, sentence in advice.items() if name not in names}
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _LENGTH else f"{text[: _LENGTH - 3]}..."

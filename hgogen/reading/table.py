@@ -45,22 +45,18 @@ def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear",
     Raises: `BadTable` for fewer than two points, lists of different lengths, what is no finite number, `xs` that do not
     increase, an `x` that is no real expression, a map that is not linear, more than two expressions; `BadName`.
     """
-    several = isinstance(x, tuple | list) and len(x) > 1
-    arguments, axes = (list(x), _axes(name, len(x), xs)) if several else ([x], [xs])
+    arguments: list[Any] = [x]
+    axes: list[Any] = [xs]
+    if isinstance(x, tuple | list) and len(x) > 1:
+        if len(x) > 2:
+            fix = "write it as a sum or product of such, or as a formula"
+            raise BadTable(name, f"is taken at {len(x)} expressions, and a table is a function of one or two; {fix}")
+        if not isinstance(xs, tuple | list) or len(xs) != 2 or not all(isinstance(each, Iterable) for each in xs):
+            taken = f"is taken at 2 expressions and its axes are {xs!r:.60}"
+            raise BadTable(name, f"{taken}; give two lists of numbers, (xs, ys)")
+        arguments, axes = list(x), list(xs)
     cells = cells_of(axes, ys, kind, name)
     return applied(cells, [_argument(name, each) for each in arguments])
-
-
-def _axes(name: str, count: int, xs: Any) -> list[Any]:
-    """The lists of numbers of a map's axes."""
-    if count > 2:
-        fix = "write it as a sum or product of such, or as a formula"
-        raise BadTable(name, f"is taken at {count} expressions, and a table is a function of one or two; {fix}")
-    if not isinstance(xs, tuple | list) or len(xs) != count or not all(isinstance(each, Iterable) for each in xs):
-        raise BadTable(
-            name, f"is taken at 2 expressions and its axes are {xs!r:.60}; give two lists of numbers, (xs, ys)"
-        )
-    return list(xs)
 
 
 def _argument(name: str, x: Any) -> sp.Expr:

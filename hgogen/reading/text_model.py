@@ -166,11 +166,11 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
 
     def expressions(kind: str, key: str) -> list[Fold]:
         """The expressions under `key` in every table of a kind."""
-        entries = groups[kind].items()
-        return [
-            named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols, tables)
-            for name, entry in entries
-        ]
+        folds = []
+        for name, entry in groups[kind].items():
+            text = entry[key] if isinstance(entry[key], str) else repr(entry[key])
+            folds.append(named(file, f"{kind}.{name}.{key}", read_expression, text, symbols, tables))
+        return folds
 
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
@@ -229,16 +229,10 @@ _FITS: dict[str, Callable[[Any], bool]] = {
 def _shown(value: Any) -> str:
     if isinstance(value, dict | list):
         return "a table" if isinstance(value, dict) else "a list"
-    return f"{str(value)[:40]!r}, text" if isinstance(value, str) else _digits(value)
-
-
-def _digits(value: Any) -> str:
-    """A value in a sentence; an integer of thousands of digits cannot even be printed."""
-    return "a huge number" if isinstance(value, int) and value.bit_length() > 1000 else repr(value)[:40]
-
-
-def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else repr(value)
+    if isinstance(value, str):
+        return f"{str(value)[:40]!r}, text"
+    huge = isinstance(value, int) and value.bit_length() > 1000  # of thousands of digits it cannot even be printed
+    return "a huge number" if huge else repr(value)[:40]
 
 
 def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
@@ -348,7 +342,8 @@ def _decimals(numbers: Any) -> Any:
 
 
 def _expression(plant: System, symbols: Mapping[str, Signal], expression: sp.Expr) -> str:
-    exact = expression.xreplace({number: _rational(number) for number in expression.atoms(sp.Float)})
+    floats = expression.atoms(sp.Float)
+    exact = expression.xreplace({number: sp.Rational(Fraction(repr(float(number)))) for number in floats})
     text = str(exact)
     try:
         same = parse(text, symbols, {cells.name: cells for cells in plant.tables}) == exact
@@ -357,10 +352,6 @@ def _expression(plant: System, symbols: Mapping[str, Signal], expression: sp.Exp
     if not same:
         raise NoText(plant.name, f"{text[:200]} reads back as another expression; rename the signal E or pi")
     return text
-
-
-def _rational(number: sp.Float) -> sp.Rational:
-    return sp.Rational(Fraction(repr(float(number))))
 
 
 def _quoted(text: str) -> str:
