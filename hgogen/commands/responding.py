@@ -44,10 +44,11 @@ def response_(
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
-    if omega:
-        frequencies = numbers_in(omega, f"numbers in rad/{step.time}, such as 50,100,300", "--omega")
-    else:
-        frequencies = _around(slow, fast, step.dt)
+    frequencies = (
+        numbers_in(omega, f"numbers in rad/{step.time}, such as 50,100,300", "--omega")
+        if omega
+        else _around(slow, fast, step.dt)
+    )
     continuous, sampled = hg.response(step.observer, frequencies), hg.response(step, frequencies)
     paths: list[Path] = []
     if out is not None:

@@ -166,11 +166,10 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
 
     def expressions(kind: str, key: str) -> list[Fold]:
         """The expressions under `key` in every table of a kind."""
-        folds = []
-        for name, entry in groups[kind].items():
-            text = entry[key] if isinstance(entry[key], str) else repr(entry[key])
-            folds.append(named(file, f"{kind}.{name}.{key}", read_expression, text, symbols, tables))
-        return folds
+        return [
+            named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols, tables)
+            for name, entry in groups[kind].items()
+        ]
 
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
@@ -233,6 +232,10 @@ def _shown(value: Any) -> str:
         return f"{str(value)[:40]!r}, text"
     huge = isinstance(value, int) and value.bit_length() > 1000  # of thousands of digits it cannot even be printed
     return "a huge number" if huge else repr(value)[:40]
+
+
+def _text(value: str | float) -> str:
+    return value if isinstance(value, str) else repr(value)
 
 
 def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:

@@ -64,14 +64,11 @@ def tokens(text: str) -> Iterator[Token]:
         kind = str(match.lastgroup)
         token = Token(kind, match[kind], match.start(kind) + 1)
         if kind == "other":
-            raise BadExpression(text, token.column, _strange(token.text))
+            reason = f"{token.text!r} is not in the grammar; {_FIXES.get(token.text, 'remove it')}"
+            if not token.text.isascii():
+                name = unicodedata.name(token.text, "without a name")
+                reason = f"{token.text!a} ({name}) is not in the grammar; write ASCII letters, digits and signs"
+            raise BadExpression(text, token.column, reason)
         yield token
         if kind == "end":
             return
-
-
-def _strange(character: str) -> str:
-    if character.isascii():
-        return f"{character!r} is not in the grammar; {_FIXES.get(character, 'remove it')}"
-    name = unicodedata.name(character, "without a name")
-    return f"{character!a} ({name}) is not in the grammar; write ASCII letters, digits and signs"
