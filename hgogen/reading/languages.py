@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,6 @@ from hgogen.reading.content import Unread, content_of
 
 BYTES = 4_000_000  # of one model
 SIGNALS = ("states", "inputs", "parameters", "outputs")  # the tables in which a model declares its plant
-
-
-def _json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -28,7 +25,10 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no finite number")
 
 
-READERS: dict[str, Callable[[str], Any]] = {".toml": tomllib.loads, ".json": _json}
+READERS: dict[str, Callable[[str], Any]] = {
+    ".toml": tomllib.loads,
+    ".json": partial(json.loads, object_pairs_hook=_once, parse_constant=_no_constant),
+}
 
 
 def declares(path: Path) -> bool:

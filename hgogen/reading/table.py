@@ -81,7 +81,14 @@ def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
     x = [_numbers(name, what, each) for what, each in zip(_WHAT, axes, strict=False)]
     numbers = _curve(name, x[0], values) if len(x) == 1 else _map(name, x, values)
     for what, each in zip(_WHAT, x, strict=False):
-        _demand_increase(name, what, each, len(x))
+        if len(x) > 1 and len(set(each)) < 2:
+            constant = ", ".join(f"{float(number):g}" for number in each[:3]) or "empty"
+            fix = "give 2 numbers or more, or leave this axis out: a table of the other expression alone"
+            raise BadTable(name, f"{what} is a constant, {constant}; {fix}")
+        for k, (a, b) in enumerate(pairwise(each), 1):
+            if not a < b:
+                pair = f"{what} {k} and {k + 1}, {float(a):g} and {float(b):g}"
+                raise BadTable(name, f"{pair}, do not increase; sort them")
     cells = Cells(name, kind, tuple(map(Axis, x)), numbers)
     if not _fits(cells):
         raise BadTable(name, "is too steep, or too large, for double precision; choose other units")
@@ -112,19 +119,6 @@ def _map(name: str, axes: Sequence[Numbers], values: Any) -> tuple[Numbers, ...]
     if count * width > MOST:
         raise BadTable(name, f"has {count} x {width} points; give {MOST} at most")
     return rows
-
-
-def _demand_increase(name: str, what: str, x: Numbers, count: int) -> None:
-    if count > 1 and len(set(x)) < 2:
-        fix = "give 2 numbers or more, or leave this axis out: a table of the other expression alone"
-        raise BadTable(
-            name, f"{what} is a constant, {', '.join(f'{float(each):g}' for each in x[:3]) or 'empty'}; {fix}"
-        )
-    for k, (a, b) in enumerate(pairwise(x)):
-        if not a < b:
-            raise BadTable(
-                name, f"{what} {k + 1} and {k + 2}, {float(a):g} and {float(b):g}, do not increase; sort them"
-            )
 
 
 def _fits(cells: Cells) -> bool:
