@@ -73,22 +73,15 @@ class _Reading:
 def runs(rows: Sequence[tuple[Shape, T]], least: int) -> list[list[T]]:
     """Those things alike that go on by equal steps, in their order, at least so many: first with equal constants, then
     with any."""
-    taken = set[int]()
-    return [
-        run
-        for constant in (True, False)
-        for alike in _sorted((each for each in rows if id(each) not in taken), constant)
-        for run in _progressions(alike, taken, least)
-    ]
-
-
-def _sorted(rows: Iterable[tuple[Shape, T]], constant: bool) -> list[list[tuple[Shape, T]]]:
-    """Those of one shape, by the numbers of their elements."""
-    groups: dict[Hashable, list[tuple[Shape, T]]] = {}
-    for row in rows:
-        key = row[0].key, tuple(map(repr, row[0].constants)) if constant else ()
-        groups.setdefault(key, []).append(row)
-    return [sorted(group, key=lambda row: row[0].elements) for group in groups.values()]
+    taken, result = set[int](), list[list[T]]()
+    for constant in (True, False):
+        groups: dict[Hashable, list[tuple[Shape, T]]] = {}
+        for row in (each for each in rows if id(each) not in taken):
+            key = row[0].key, tuple(map(repr, row[0].constants)) if constant else ()
+            groups.setdefault(key, []).append(row)
+        for group in groups.values():
+            result += _progressions(sorted(group, key=lambda row: row[0].elements), taken, least)
+    return result
 
 
 def _progressions(rows: list[tuple[Shape, T]], taken: set[int], least: int) -> list[list[T]]:

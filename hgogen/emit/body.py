@@ -33,11 +33,14 @@ def body(
     roots = [statement.node for statement in statements]
     every = ordered(roots)
     printer.count(roots, every)
-    _hoist(printer, every, hoist)
+    inputs = {node.source: node for node in every if node.op == ca.OP_INPUT and node.source[0] in hoist}
+    for source in sorted(inputs):
+        printer.declare(inputs[source], printer.local(*source))
     rest = iter(named)
     columns = [(name, list(islice(rest, size))) for name, size in names]
     for name, column in columns:
-        _label(name, column)
+        for node in (each for each in column if each.op == ELEMENT):
+            node.args[0].labels.setdefault(node.element[0], name)
     for node in every:
         if node.routine:
             printer.label(node)
@@ -51,13 +54,6 @@ def body(
     uses = united(printer.uses)
     where = (target.uses for statement in statements for target in statement.targets)
     return Code(tuple(printer.lines), uses), Code(tuple(written), united([uses, *where]))
-
-
-def _label(name: str, column: list[Node]) -> None:
-    """Name what a routine computes."""
-    for node in column:
-        if node.op == ELEMENT:
-            node.args[0].labels.setdefault(node.element[0], name)
 
 
 def _declare(printer: LoopPrinter, name: str, column: list[Node]) -> None:
@@ -77,10 +73,3 @@ def _written(printer: LoopPrinter, statement: Statement) -> Sequence[str]:
     if node.op == ca.OP_CONST:
         return [target.write("")] if node.constant else []
     return target.raised(printer.truth(node))
-
-
-def _hoist(printer: LoopPrinter, every: list[Node], hoist: Collection[int]) -> None:
-    """Declare the inputs that the block also writes, before anything is written."""
-    inputs = {node.source: node for node in every if node.op == ca.OP_INPUT and node.source[0] in hoist}
-    for source, node in sorted(inputs.items(), key=lambda item: item[0]):
-        printer.declare(node, printer.local(*source))

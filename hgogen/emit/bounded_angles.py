@@ -8,7 +8,7 @@ A bound is an interval of what an operation gives where that is a number, and wh
 each operation, for which 3 pi/2 leaves room.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from math import inf
 from typing import NamedTuple
 
@@ -44,24 +44,23 @@ _WAVE = Bound(-1.0, 1.0, False)
 def operations(function: ca.Function) -> list[int]:
     """The operation of each instruction of an SX function, with sines and cosines of bounded angles told apart."""
     codes = [function.instruction_id(k) for k in range(function.n_instructions())]
-    return codes if _ANGLES.keys().isdisjoint(codes) else list(_parted(function, codes))
-
-
-def _parted(function: ca.Function, codes: Iterable[int]) -> Iterator[int]:
-    """The same of the operations of its instructions."""
-    bounds: dict[int, Bound] = {}
+    if _ANGLES.keys().isdisjoint(codes):
+        return codes
+    bounds, result = dict[int, Bound](), list[int]()
     for k, op in enumerate(codes):
-        read, wrote = function.instruction_input(k), function.instruction_output(k)
-        of = [bounds[place] for place in read] if op in _BOUNDS or op in _ANGLES else []
-        yield next((code for limit, code in _ANGLES.get(op, ()) if of[0].size <= limit), op)
+        known = op in _BOUNDS or op in _ANGLES
+        of = [bounds[place] for place in function.instruction_input(k)] if known else []
+        result.append(next((code for limit, code in _ANGLES.get(op, ()) if of[0].size <= limit), op))
         value = function.instruction_constant(k) if op == ca.OP_CONST else inf
+        if abs(value) < inf:
+            bound = Bound(value, value, True)
+        elif op in _BOUNDS:
+            bound = _BOUNDS[op](*of)
+        else:
+            bound = _WAVE if op in _ANGLES else _ANY
         if op != ca.OP_OUTPUT:  # which names an output where others name a place of work
-            bounds |= dict.fromkeys(wrote, Bound(value, value, True) if abs(value) < inf else _bound(op, of))
-
-
-def _bound(op: int, of: list[Bound]) -> Bound:
-    """Of an operation on what is bounded."""
-    return _BOUNDS[op](*of) if op in _BOUNDS else _WAVE if op in _ANGLES else _ANY
+            bounds |= dict.fromkeys(function.instruction_output(k), bound)
+    return result
 
 
 def _number(a: Bound, b: Bound) -> bool:
@@ -76,10 +75,6 @@ def _product(a: Bound, b: Bound) -> Bound:
     return Bound(min(ends), max(ends), _number(a, b))
 
 
-def _quotient(a: Bound, b: Bound) -> Bound:
-    return _ANY if b.low <= 0 <= b.high else _product(a, Bound(1 / b.high, 1 / b.low, b.number))
-
-
 def _smaller(a: Bound, b: Bound) -> Bound:
     return Bound(min(a.low, b.low), min(a.high, b.high) if a.number else b.high, b.number)
 
@@ -92,7 +87,7 @@ _BOUNDS: Mapping[int, Callable[..., Bound]] = {
     ca.OP_ADD: lambda a, b: Bound(a.low + b.low, a.high + b.high, _number(a, b)),
     ca.OP_SUB: lambda a, b: Bound(a.low - b.high, a.high - b.low, _number(a, b)),
     ca.OP_MUL: _product,
-    ca.OP_DIV: _quotient,
+    ca.OP_DIV: lambda a, b: _ANY if b.low <= 0 <= b.high else _product(a, Bound(1 / b.high, 1 / b.low, b.number)),
     ca.OP_NEG: lambda a: Bound(-a.high, -a.low, a.number),
     ca.OP_TWICE: lambda a: Bound(2 * a.low, 2 * a.high, a.number),
     ca.OP_SQ: lambda a: _product(a, a),

@@ -11,7 +11,7 @@ from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.cstruct import typedefs
 from hgogen.emit.csyntax import BESIDE, C, documented, harmless, spoken
-from hgogen.emit.interface import MEANINGS, Entry, direction, entries, of_section
+from hgogen.emit.interface import MEANINGS, direction, entries, of_section
 from hgogen.emit.manual import (
     UNTIMELY,
     gains,
@@ -47,12 +47,17 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     lines += ["#include <stddef.h>"]
     lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.timed else []
     lines += [""]
-    lines += [*_status(step), *_constants(step, real), *_mathematics(step), ""]
+    equations = (harmless(line).replace("endverbatim", "end verbatim") for line in mathematics(step, C))
+    verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
+    lines += [*_status(step), *_constants(step, real), *verbatim, ""]
     for struct in typedefs(step.name, of_memory(step, C, real, marked=True), _NONE, lambda text: text or _NO_RANGE):
         lines += [*struct, ""]
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
-        lines += [*_function(step, entry), f"{prototype(step, entry)};", ""]
+        parameters = [f"@param[{direction(entry, name)}] {name} {MEANINGS[name]}" for name in entry.parameters]
+        returned = [f"@return 0{', or an or of the status bits' * bool(step.bits)}"] if entry.status else []
+        lines += _block([f"@brief {spoken(entry.meaning)}", *parameters, *returned])
+        lines += [f"{prototype(step, entry)};", ""]
     for each in csaved.prototypes(step):
         lines += [*_saving(each), f"{each};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
@@ -61,13 +66,6 @@ def header(step: Step, real: Real, command: str) -> list[str]:
 def _block(lines: Iterable[str]) -> list[str]:
     """A comment of several lines that Doxygen reads."""
     return ["/**", *(f" * {line}".rstrip() for line in lines), " */"]
-
-
-def _function(step: Step, entry: Entry) -> list[str]:
-    """What a function does, what it is given and what it says."""
-    parameters = [f"@param[{direction(entry, name)}] {name} {MEANINGS[name]}" for name in entry.parameters]
-    returned = [f"@return 0{', or an or of the status bits' * bool(step.bits)}"] if entry.status else []
-    return _block([f"@brief {spoken(entry.meaning)}", *parameters, *returned])
 
 
 def _saving(function: Prototype) -> list[str]:
@@ -79,14 +77,6 @@ def _saving(function: Prototype) -> list[str]:
     ]
     returned = [f"@return {csaved.RETURNS}"] if function.returns != "void" else []
     return _block([f"@brief {spoken(function.meaning)}", *parameters, *returned])
-
-
-def _mathematics(step: Step) -> list[str]:
-    """The equations as they are, which are no text for Doxygen."""
-    lines = map(harmless, mathematics(step, C))
-    return _block(
-        ["@file", "@verbatim", *(line.replace("endverbatim", "end verbatim") for line in lines), "@endverbatim"]
-    )
 
 
 _COMPILED = (
@@ -120,19 +110,15 @@ def _manual(step: Step, real: Real) -> list[str]:
     restored = state(step, marked(step), "after init or reset and before the first call")
     changes = " that changes" * bool(step.observer.form.system.tables)
     paragraphs += [*late(step, real), f"{changed} {restored}", _COMPILED.format(changes=changes)]
-    return _block(["@file", *_use(step), *(line for each in paragraphs for line in ("", each))])
-
-
-def _use(step: Step) -> list[str]:
-    """How a caller begins, and what he does in a period."""
     what, every = "predict, and update where a sample came," if step.timed else "one step", pace(step.dt, step.time)
-    return [
+    use = [
         f"How to use it: one init, then {what} a sampling period of {every}.",
         *("", "@code", *indented(each.local for each in structs(step))),
-        *(f"    {step.name}_init(&s, &p);", f"    for (;;) {{                      every {every}"),
+        *(f"    {name}_init(&s, &p);", f"    for (;;) {{                      every {every}"),
         *indented(_body(step), 8),
-        *(f"        {step.name}_estimate(&s, &p, &x);", "    }", "@endcode"),
+        *(f"        {name}_estimate(&s, &p, &x);", "    }", "@endcode"),
     ]
+    return _block(["@file", *use, *(line for each in paragraphs for line in ("", each))])
 
 
 def _body(step: Step) -> list[str]:
@@ -155,21 +141,17 @@ def _call(step: Step, section: Section) -> str:
     return prototype(step, of_section(step, section)).call(address)
 
 
-def _bit(step: Step, value: int) -> str:
-    """Return a bit in the type of the status: the complement of a narrower constant would mask the bits above it."""
-    size = step.word.itemsize
-    return f"0x{value:04X}u" if status_type(step) == "unsigned" else f"UINT{8 * size}_C(0x{value:0{2 * size}X})"
-
-
 def _status(step: Step) -> list[str]:
     if not step.bits:
         return []
-    upper, width = step.name.upper(), max(len(bit.name) for bit in step.bits)
+    upper, width, size = step.name.upper(), max(len(bit.name) for bit in step.bits), step.word.itemsize
+    # in the type of the status: the complement of a narrower constant would mask the bits above it
+    value = "0x{:04X}u" if status_type(step) == "unsigned" else f"UINT{8 * size}_C(0x{{:0{2 * size}X}})"
     lines = ["/** @name Status bits: what happened, and what it asks of you. */", "/** @{ */", ""]
     for k, bit in enumerate(step.bits):
         lines += [
             documented(f"{bit.meaning}. To do: {step.asked(bit)}."),
-            f"#define {upper}_{bit.name:{width}} {_bit(step, 1 << k)}",
+            f"#define {upper}_{bit.name:{width}} {value.format(1 << k)}",
             "",
         ]
     return [*lines, "/** @} */", ""]

@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 
 from hgogen.emit.cnames import c_name
-from hgogen.emit.interface import Entry
 from hgogen.emit.syntax import ATOM, OR, PRODUCT, UNARY, Rows, Syntax
 
 
@@ -41,10 +40,6 @@ def harmless(text: str) -> str:
 
 def _loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str]:
     return (f"for (unsigned {k} = {first}; {k} < {end}{f' && {also}' if also else ''}; ++{k}) {{",)
-
-
-def _called(prefix: str, entry: Entry) -> str:
-    return f"status |= {prefix}_{entry.inner or entry.name}({', '.join(entry.parameters)});"
 
 
 def _limited(of: Rows) -> Sequence[str]:
@@ -128,7 +123,7 @@ C = Syntax(
     empty="void",
     result="return {};",
     raised="status |= {prefix}_{bit};",
-    called=_called,
+    called=lambda prefix, of: f"status |= {prefix}_{of.inner or of.name}({', '.join(of.parameters)});",
     comment=comment,
     equal=True,
     limited=_limited,

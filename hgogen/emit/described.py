@@ -29,7 +29,9 @@ def described(item: Field) -> str:
 def of_signal(step: Step, signal: Signal) -> Field:
     """A signal as the field of one number, of which the same is said."""
     low, high = signal.interval
-    unit = _units(step).get(signal.name, signal.unit)
+    derivatives = (u.derivative(k, step.time) for u in step.inputs for k in range(1, len(step.inputs)))
+    units = {each.name: each.unit for each in derivatives}  # in the model's time
+    unit = units.get(signal.name, signal.unit)
     return scalar(signal.name, 0, low=low, high=high, unit=unit, meaning=signal.meaning)
 
 
@@ -42,9 +44,3 @@ def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
     """The members of the parameters: kind and fields, those that there are."""
     kinds = (("plant", step.plant), ("gain", step.gains), ("derived", step.derived))
     return tuple((kind, fields) for kind, fields in kinds if fields)
-
-
-def _units(step: Step) -> dict[str, str]:
-    """Of the derivatives of inputs, by name, in the model's time."""
-    each = (u.derivative(k, step.time) for u in step.inputs for k in range(1, len(step.inputs)))
-    return {signal.name: signal.unit for signal in each}

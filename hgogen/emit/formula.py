@@ -89,7 +89,8 @@ def _close(text: str, start: int) -> int:
 def _part(match: re.Match[str]) -> str:
     """A power, a number, a name or a sign."""
     if match["short"]:
-        return f"^{{{_raised(match['short'])}}}"
+        power = match["short"].removeprefix("-")
+        return f"^{{{'-' * match['short'].startswith('-')}{named(power)}}}"
     if match["ratio"]:
         above, below = match["ratio"].split("/")
         return rf"\frac{{{above}}}{{{below}}}"
@@ -101,10 +102,6 @@ def _part(match: re.Match[str]) -> str:
     if word := match["name"] or match["article"] or match["joined"]:
         return _name(word, match["mark"] or "", word != match["name"])
     return _SIGNS[match["sign"]]
-
-
-def _raised(power: str) -> str:
-    return f"-{named(power[1:])}" if power.startswith("-") else named(power)
 
 
 def _name(name: str, mark: str, spoken: bool) -> str:

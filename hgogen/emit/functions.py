@@ -57,10 +57,6 @@ def head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
     return [line.format(**words) for line in syntax.function]
 
 
-def _said(syntax: Syntax, name: str) -> list[str]:
-    return [syntax.comment(_MEANINGS[name])] if name in _MEANINGS else []
-
-
 def _graph(name: str, real: Real) -> ca.Function:
     return power_of_two(real) if name == POWER_OF_TWO else elementary(real)[name]
 
@@ -78,4 +74,5 @@ def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
     )
     constants, result = body(printer, _graph(name, real), [Target(syntax.result.format)], [], [])
     inner = chosen(syntax, real, name, constants + result)
-    return joined([code(*_said(syntax, name), *head(syntax, prefix, real, name)), inner, code("}")])
+    said = [syntax.comment(_MEANINGS[name])] if name in _MEANINGS else []
+    return joined([code(*said, *head(syntax, prefix, real, name)), inner, code("}")])

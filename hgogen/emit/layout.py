@@ -8,10 +8,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from hgogen.emit.described import parameters
 from hgogen.emit.saved import mark
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Place, lines_of
-from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.sensors import AT
 
@@ -26,7 +26,7 @@ def state_type(step: Step, real: Real = "double") -> np.dtype:
 def params_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_params."""
     kinds: list[tuple[str, np.dtype]] = [(step.mark.name, np.dtype(np.uint32))] if step.mark else []
-    kinds += [(kind, np.dtype(_members(fields, real), align=True)) for kind, fields in _parameters(step) if fields]
+    kinds += [(kind, np.dtype(_members(fields, real), align=True)) for kind, fields in parameters(step)]
     return np.dtype(kinds or [("none", np.dtype(np.uint8))], align=True)
 
 
@@ -35,15 +35,17 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
     signals = {"input": step.inputs, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
     members += [("at", np.dtype(np.uint32))] if step.timed else []
-    members += [(kind, np.dtype(_scalars(each, real), align=True)) for kind, each in signals.items() if each]
-    traces = [(name, _NUMBER[real]) for name in step.observer.traces]
-    return np.dtype(members + ([("traces", np.dtype(traces, align=True))] if traces else []), align=True)
+    scalars = {kind: [signal.name for signal in each] for kind, each in signals.items()}
+    scalars |= {"traces": list(step.observer.traces)}
+    for kind, names in scalars.items():
+        members += [(kind, np.dtype([(name, _NUMBER[real]) for name in names], align=True))] if names else []
+    return np.dtype(members, align=True)
 
 
 def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
     """Where each place of a step lies in a record (1) of `kept_type`."""
     views = _stored(step, record["state"])
-    for kind, fields in _parameters(step):
+    for kind, fields in parameters(step):
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
     for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
         views |= {Place(kind, signal.name): record[kind][signal.name] for signal in signals}
@@ -102,10 +104,6 @@ def _flat(record: np.ndarray, field: Field) -> np.ndarray:
     return array if field.size == 1 else array[0]
 
 
-def _parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
-    return ("plant", step.plant), ("gain", step.gains), ("derived", step.derived)
-
-
 def _arrays(groups: Iterable[Group], real: Real) -> list[tuple[object, ...]]:
     return [
         (g.name, np.dtype(_members(g.fields, real) + _arrays(g.groups, real), align=True), (g.count,)) for g in groups
@@ -115,7 +113,3 @@ def _arrays(groups: Iterable[Group], real: Real) -> list[tuple[object, ...]]:
 def _members(fields: Iterable[Field], real: Real) -> list[tuple[object, ...]]:
     kinds = {"real": _NUMBER[real], "index": np.uint32}
     return [(f.name, kinds[f.kind]) if f.size == 1 else (f.name, kinds[f.kind], (f.size,)) for f in fields]
-
-
-def _scalars(signals: Iterable[Signal], real: Real) -> list[tuple[object, ...]]:
-    return [(signal.name, _NUMBER[real]) for signal in signals]

@@ -74,13 +74,15 @@ class LoopPrinter(Printer):
             return
         name = node.name = self.fresh(node.labels.get(0, name))
         node.labels[0] = name
-        {FILL: self._filled, FOLD: self._folded, TABLE: self._fixed}[node.op](node, name)
-
-    def _filled(self, node: Node, name: str) -> None:
-        self.lines.append(self._array(self.syntax.array, name, node.count, value=self.literal(0)))
-        self.lines += self._loop(
-            node.count, 0, node.args[0], lambda: f"{name}[{self.counter}] = {self.value(node.args[0])};"
-        )
+        if node.op == FOLD:
+            self._folded(node, name)
+        elif node.op == FILL:
+            (element,) = node.args
+            self.lines.append(self._array(self.syntax.array, name, node.count, value=self.literal(0)))
+            self.lines += self._loop(node.count, 0, element, lambda: f"{name}[{self.counter}] = {self.value(element)};")
+        else:
+            values = ", ".join(map(self.literal, node.table))
+            self.lines.append(self._array(self.syntax.fixed, name, len(node.table), values=values))
 
     def _folded(self, node: Node, name: str) -> None:
         first, term = node.args
@@ -91,21 +93,12 @@ class LoopPrinter(Printer):
         total = Node(node.fold, (Node(FOLD, fold=node.fold, name=name), term))
         self.lines += self._loop(node.count, 0, term, lambda: f"{name} = {self.raw(total)[0]};")
 
-    def _fixed(self, node: Node, name: str) -> None:
-        values = ", ".join(map(self.literal, node.table))
-        self.lines.append(self._array(self.syntax.fixed, name, len(node.table), values=values))
-
     def written(self, node: Node, targets: Sequence[Target]) -> list[str]:
         """A loop that writes elements of an array."""
-        first, step = targets[0].element, targets[1].element - targets[0].element
+        first, step, each = targets[0].element, targets[1].element - targets[0].element, targets[0].each
+        assert each
         origin = first if step == 1 else 0
-        return self._loop(
-            len(targets), origin, node, lambda: self._each(targets[0], self._number(first, step), self.value(node))
-        )
-
-    def _each(self, target: Target, number: str, text: str) -> str:
-        assert target.each
-        return target.each(number, text)
+        return self._loop(len(targets), origin, node, lambda: each(self._number(first, step), self.value(node)))
 
     def _loop(self, count: int, origin: int, node: Node, statement: Callable[[], str]) -> list[str]:
         """A loop for a value, with the constants that it declares for it, which counts from `origin`."""

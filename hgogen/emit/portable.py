@@ -5,7 +5,7 @@ A docstring without a full stop is printed above its function; one with it is fo
 
 import ast
 import inspect
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache
@@ -71,7 +71,10 @@ def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
     """The arrays, a search along each axis, and the polynomial of the cell. Raises: `PointsMerge`."""
     demand_apart(lookup, real)
     there = functions_of(lookup_functions)
-    declared = code(*(_fixed(syntax, real, name, numbers) for name, numbers in lookup.arrays.items()))
+    declared = Code()
+    for name, numbers in lookup.arrays.items():
+        values = ", ".join(syntax.literal(number, real) for number in numbers)
+        declared += code(syntax.fixed.format(type=syntax.types[real], name=name, size=len(numbers), values=values))
     arguments = ", ".join(f"{axis.name}: float" for axis in lookup.axes)
     steps = "".join(f" {line}\n" for line in (*lookup.flattened, f"return {lookup.formula('0.0')}"))
     (tree,) = ast.parse(f"def {lookup.name}({arguments}) -> float:\n{steps}").body
@@ -101,12 +104,6 @@ class _Renamed(ast.NodeTransformer):
         if node.id in self.counts:
             return ast.Constant(self.counts[node.id])
         return ast.Name(self.names.get(node.id, node.id), node.ctx)
-
-
-def _fixed(syntax: Syntax, real: Real, name: str, numbers: Sequence[float]) -> str:
-    """The declaration of an array that is never written."""
-    values = ", ".join(syntax.literal(number, real) for number in numbers)
-    return syntax.fixed.format(type=syntax.types[real], name=name, size=len(numbers), values=values)
 
 
 def chosen(syntax: Syntax, real: Real, name: str, body: Code) -> Code:
@@ -208,7 +205,7 @@ class _Function:
         """Its comment, its head, what is declared first, its statements, and what its compiler needs around it."""
         syntax, tree = self.syntax, self.tree
         said = ast.get_docstring(tree) or ""
-        inner = self._chosen(declared + self._block(tree.body))
+        inner = chosen(syntax, self.words.real, tree.name, declared + self._block(tree.body))
         names = {**self.words.types, **self.words.reals}
         comment = [] if not said or said.endswith(".") else [syntax.comment(said.format(**names))]
         before, after = syntax.around.get(tree.name, ((), ()))
@@ -221,10 +218,6 @@ class _Function:
         start = code(*before, *comment, *(line.format(**head) for line in syntax.function))
         uses = united([*self.used, Uses(types=types)])
         return start + inner + code("}", *after) + Code((), uses)
-
-    def _chosen(self, body: Code) -> Code:
-        """The body, or where the language has another one, that behind its switch."""
-        return chosen(self.syntax, self.words.real, self.tree.name, body)
 
     def _type(self, kind: str) -> str:
         self.used += [TRUTH] if kind == "bool" else []
@@ -285,7 +278,8 @@ class _Function:
         return how.format(type=self._type(kind), name=name, value=text)
 
     def _for(self, loop: ast.For) -> Code:
-        k, bounds, body, also = _annotation(loop.target), _arguments(loop.iter), loop.body, ""
+        assert isinstance(loop.iter, ast.Call)
+        k, bounds, body, also = _annotation(loop.target), loop.iter.args, loop.body, ""
         match body[0]:
             case ast.If(test=ast.UnaryOp(op=ast.Not(), operand=test), body=[ast.Break()]):
                 also, body = self._value(test), body[1:]
@@ -328,8 +322,10 @@ class _Function:
                 return self._count(count), ATOM
             case ast.Constant(value=float() as number):
                 return self.syntax.literal(number, self.words.real), ATOM
+            case ast.Name(id=name) if name in self.words.counts:
+                return self._count(self.words.counts[name]), ATOM
             case ast.Name(id=name):
-                return self._name(name), ATOM
+                return self.words.reals.get(name, name), ATOM
             case ast.BinOp(left=left, op=sign, right=right) | ast.Compare(left=left, ops=[sign], comparators=[right]):
                 return self._infix(self._kind(node), left, sign, right)
             case ast.BoolOp(op=ast.And(), values=values):
@@ -359,9 +355,6 @@ class _Function:
             return self.syntax.rounded[self.words.real].format(whole), ATOM
         return whole, binds
 
-    def _name(self, name: str) -> str:
-        return self._count(self.words.counts[name]) if name in self.words.counts else self.words.reals.get(name, name)
-
     def _call(self, name: str, arguments: list[ast.expr]) -> Text:
         kinds = {"real": self.words.type("real"), **self.words.types}
         if name == "aligned":
@@ -370,19 +363,12 @@ class _Function:
         if name in kinds:
             value = self._value(arguments[0], UNARY)
             return self.syntax.cast.format(type=kinds[name], value=value), self.syntax.casted
-        parameters = self.words.functions[name].args.args
-        texts = map(self._argument, arguments, parameters)
+        texts = list[str]()
+        for node, parameter in zip(arguments, self.words.functions[name].args.args, strict=True):
+            text, kind = self._value(node), _array(parameter)
+            # an array that is a parameter of this function already came as it is passed on
+            texts.append(self.syntax.passed[kind[1]].format(text) if kind and text not in self.parameters else text)
         return f"{self.words.prefix}_{name}({', '.join(texts)})", ATOM
-
-    def _argument(self, node: ast.expr, parameter: ast.arg) -> str:
-        """An array of the function's own is passed as it is; one of its parameters already was."""
-        text, kind = self._value(node), _array(parameter)
-        return self.syntax.passed[kind[1]].format(text) if kind and text not in self.parameters else text
-
-
-def _arguments(node: ast.expr) -> list[ast.expr]:
-    assert isinstance(node, ast.Call)
-    return node.args
 
 
 def _names(node: ast.AST) -> set[str]:

@@ -213,15 +213,16 @@ class Printer:
     def arrange(self, call: Node) -> None:
         """Leave to a call of a routine what it passes: elements, or where a column is all of an argument, that."""
         assert call.routine
-        columns = self.routines[call.routine.key].columns(call)
-        call.passed = tuple(tuple(column) if each.by_value else self._as_array(column) for each, column in columns)
+        columns = list[tuple[Node, ...]]()
+        for each, column in self.routines[call.routine.key].columns(call):
+            columns.append(tuple(column))
+            if not each.by_value:
+                first, _ = column[0].source
+                lies = all(n.op == ca.OP_INPUT and n.source == (first, k) for k, n in enumerate(column))
+                if lies and self.whole(first)[1] == len(column):
+                    columns[-1] = (Node(ARRAY, source=(first, 0)),)
+        call.passed = tuple(columns)
         call.args = tuple(chain.from_iterable(call.passed))
-
-    def _as_array(self, column: list[Node]) -> tuple[Node, ...]:
-        """A column, or where it is all of an argument, that."""
-        first, _ = column[0].source
-        lies = all(n.op == ca.OP_INPUT and n.source == (first, k) for k, n in enumerate(column))
-        return (Node(ARRAY, source=(first, 0)),) if lies and self.whole(first)[1] == len(column) else tuple(column)
 
     def call_routine(self, node: Node) -> None:
         """Statements that call a routine: it fills an array for each of its results."""

@@ -45,7 +45,9 @@ def promised(step: Step) -> list[str]:
     if not known.bounds:
         return [f"{head}: {_UNPROVED}"]
     lines = [f"{head}, proved: at every call, for ever, {_when(step, known)}"]
-    lines += [f"  |{name} - its estimate| <= {_bound(step, name, most)}" for name, most in known.bounds.items()]
+    for name, most in known.bounds.items():
+        bound = _of(up(_CLOSE * Fraction(most), _DIGITS), _signal(step, name))
+        lines.append(f"  |{name} - its estimate| <= {bound}")
     lines += [f"  of {name} nothing within the width of its range;" for name in known.beyond]
     lines += ["  provided that", *(f"    {each};" for each in _assumed(step, known)), f"    {_ALONE}."]
     more = [_DERIVED.format(", ".join(_derived(known)))] * bool(_derived(known))
@@ -63,10 +65,6 @@ def _when(step: Step, known: Signed) -> str:
         return f"{after}, wherever in its ranges the plant is then, the estimate where this file starts it"
     most = ", ".join(f"{name} off by {down(most, _DIGITS)}" for name, most in known.begins.items())
     return f"{after}, from an estimate with at most {most} there, which a start alone does not ensure"
-
-
-def _bound(step: Step, name: str, most: float) -> str:
-    return _of(up(_CLOSE * Fraction(most), _DIGITS), _signal(step, name))
 
 
 def _signal(step: Step, name: str) -> Signal:
@@ -89,21 +87,20 @@ def _assumed(step: Step, known: Signed) -> Iterator[str]:
     read = "samples and the exact inputs" if step.inputs else "samples"
     yield f"a call comes every {pace(step.dt, step.time)}, with the {read} of that time"
     yield "gains and parameters are the nominal ones of this file"
-    yield f"no call since the start or a reset has returned a status bit{_but(step)}"
-    for name, each in known.assumed.items():
-        yield from (_SAID[name](step, signal, size) for signal, size in _signals(step, each))
+    raised = any(bit.place == Place("status", _USUAL) for bit in step.bits)
+    usual = f" but {_USUAL}" * (raised and _USUAL in STEP_BITS)
+    yield f"no call since the start or a reset has returned a status bit{usual}"
+    system = step.observer.form.system
+    signals = (*system.declared.states, *system.inputs, *system.outputs, *system.parameters)
+    by_name = {signal.name: signal for signal in signals}
+    for kind, each in known.assumed.items():
+        yield from (_SAID[kind](step, by_name[name], size) for name, size in each.items())
     yield from _still(step, known.assumed.get("rates", {}))
     clear = [_clear(x, _signal(step, x), most) for x, most in known.inside.items()]
     own = [_range(_signal(step, x)) for x in _derived(known) if _signal(step, x).bounded]
     yield f"at all times the plant keeps to {', '.join([*clear, *own])}"
     if step.inputs:
         yield f"so do its inputs, to {', '.join(map(_range, step.inputs))}"
-
-
-def _but(step: Step) -> str:
-    """The bit that may be raised all the same."""
-    raised = any(bit.place == Place("status", _USUAL) for bit in step.bits)
-    return f" but {_USUAL}" if raised and _USUAL in STEP_BITS else ""
 
 
 def _derived(known: Signed) -> list[str]:
@@ -122,13 +119,6 @@ def _range(u: Signal) -> str:
     return f"{same(low)} <= {u} <= {same(high)}"
 
 
-def _signals(step: Step, each: Each) -> Iterator[tuple[Signal, float]]:
-    system = step.observer.form.system
-    signals = (*system.declared.states, *system.inputs, *system.outputs, *system.parameters)
-    by_name = {signal.name: signal for signal in signals}
-    yield from ((by_name[name], size) for name, size in each.items())
-
-
 def _still(step: Step, rates: Each) -> Iterator[str]:
     """Of the inputs that do not move between two calls, or move as nobody reads."""
     if step.between == "hold" and step.inputs:
@@ -142,16 +132,14 @@ def _still(step: Step, rates: Each) -> Iterator[str]:
             yield f"{u} never moves"
 
 
-def _parameter(step: Step, p: Signal, size: float) -> str:
-    return f"the plant's {p} is constant and within {_of(same(size), p)} of its declared value"
-
-
 _SAID: Mapping[str, Callable[[Step, Signal, float], str]] = {
     "noise": lambda _, y, size: f"each sample of {y} errs by at most {_of(same(size), y)}, whatever its course",
     "rounded": lambda _, y, size: f"a sample of {y} is rounded to steps of {_of(same(size), y)}",
     "late": lambda step, y, size: f"{y} is sampled within {same(size)} {step.time} of the time of its call",
     "disturbance": lambda step, x, size: f"{x}' is within {_of(same(size), x, step.time)} of what the model says",
-    "parameters": _parameter,
+    "parameters": lambda _, p, size: (
+        f"the plant's {p} is constant and within {_of(same(size), p)} of its declared value"
+    ),
     "rates": lambda step, u, size: f"{u} moves by at most {_of(same(size), u, step.time)}",
 }
 
