@@ -6,7 +6,7 @@ C, and does not depend on this machine's mathematical library.
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from math import ldexp
@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.algebra.lookup import Lookup
+from hgogen.emit.code import indented
 from hgogen.emit.elementary import elementary
 from hgogen.emit.node import (
     CHOOSE,
@@ -77,13 +78,19 @@ class Writer:
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
         self.names |= {"rounds": number(ROUNDS[self.real])}
         self.names |= {"floor": _floor(number, int(ALL_WHOLE[self.real])), "divided": _divided}
-        self.names |= {"power_of_two": _power_of_two(number)}
+        self.names |= {"power_of_two": lambda k: number(ldexp(1.0, int(k)))}
 
     def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
         """The lines that compute a function; its outputs as nodes, each with its name or text in `name`."""
         outputs = read(function)
         for node in ordered(node for output in outputs for node in output):
-            self._name(node, inputs, kind)
+            if node.op == ca.OP_CONST:
+                node.name = self._constant(node.constant, kind)
+            elif node.op == ca.OP_INPUT:
+                operand = inputs(*node.source)
+                node.name = operand.text if operand.local else self.fresh(operand.text)
+            else:
+                node.name = self.fresh(self._text(node, kind))
         return outputs
 
     def number(self, node: Node, kind: Number) -> str:
@@ -97,15 +104,6 @@ class Writer:
         self.count += 1
         self.lines.append(f"t{self.count} = {text}")
         return f"t{self.count}"
-
-    def _name(self, node: Node, inputs: Callable[[int, int], Operand], kind: Number) -> None:
-        if node.op == ca.OP_CONST:
-            node.name = self._constant(node.constant, kind)
-        elif node.op == ca.OP_INPUT:
-            operand = inputs(*node.source)
-            node.name = operand.text if operand.local else self.fresh(operand.text)
-        else:
-            node.name = self.fresh(self._text(node, kind))
 
     def _text(self, node: Node, kind: Number) -> str:
         op, values = node.op, [self.number(arg, kind) for arg in node.args]
@@ -172,10 +170,6 @@ def _floor(number: Any, whole: int) -> Callable[[Any], Any]:
     return floor
 
 
-def _power_of_two(number: Any) -> Callable[[Any], Any]:
-    return lambda k: number(ldexp(1.0, int(k)))
-
-
 def _divided(a: Any, b: Any) -> Any:
     """a / b for b = 0 or -0, as IEEE 754 has it."""
     with np.errstate(all="ignore"):
@@ -187,11 +181,6 @@ def defined(text: Sequence[str], names: dict[str, Any], name: str, title: str) -
     """What Python text defines under a name."""
     exec(compile("\n".join(text), f"<{title}>", "exec"), names)
     return names[name]
-
-
-def indented(lines: Iterable[str]) -> list[str]:
-    """Every line one level in."""
-    return [f"    {line}" for line in lines]
 
 
 @cache

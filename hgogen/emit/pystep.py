@@ -13,10 +13,11 @@ import numpy as np
 
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import layout, pygraph, saved
+from hgogen.emit.code import indented
 from hgogen.emit.kinds import Kinds
 from hgogen.emit.node import Node, boolean
 from hgogen.emit.printer import Operand
-from hgogen.emit.pygraph import DTYPE, indented
+from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.syntax import Number, Real
 from hgogen.program import (
     Block,
@@ -87,7 +88,9 @@ class _Writer:
 
     def entries(self) -> dict[str, Entry]:
         step, text = self.step, list[str]()
-        shown = self._function("shown", step.estimate, self._traces())
+        last = self.names["D"].nbytes // self.size["D"] - len(step.observer.traces)
+        traces = (self._read(Place("state", name), 0, self.real) for name in step.observer.traces)
+        shown = self._function("shown", step.estimate, [f"D[{last + k}] = {text}" for k, text in enumerate(traces)])
         text += self._function("tune", step.tuning)
         for section in step.called:
             self.sections[section.name] = len(self.sections)
@@ -118,12 +121,6 @@ class _Writer:
             *(f"if {state} != {ready}:", begins, unmade[0]),
             *(f"if {parameters} != {ready}:", begins, unmade[1], "    shown()", "    return status"),
         ]
-
-    def _traces(self) -> list[str]:
-        traces = self.step.observer.traces
-        last = self.names["D"].nbytes // self.size["D"] - len(traces)
-        texts = [self._read(Place("state", name), 0, self.real) for name in traces]
-        return [f"D[{last + k}] = {text}" for k, text in enumerate(texts)]
 
     def _called(self, section: Section) -> str:
         return f"section{self.sections[section.name]}"

@@ -24,16 +24,21 @@ _BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C o
 def documentation(step: Step, real: Real, command: str) -> list[str]:
     """The lines at the head of the crate."""
     first, *others = title(step, command)
-    text = [
-        first,
-        "",
-        "```text",
-        *others,
-        "",
-        *mathematics(step, RUST),
-        "```",
-        *(part for paragraph in _manual(step, real) for part in ("", paragraph)),
+    every = pace(step.dt, step.time)
+    begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
+    timed = [_TIMED.format(rates=rates(step), function=step.timed[-1].name)] if step.timed else []
+    manual = [
+        f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
+        f"{period(step)} No input and no state panics. The result {result(step, 'the bits of `status`')}.",
+        *parts(step, "`step`", "`{}`"),
+        *timed,
+        *late(step, real),
+        gains(step, "`p.gain`", "`p.tune()`"),
+        state(step, _MADE, "before the first call", "`{}`"),
+        _BITS,
     ]
+    text = [first, "", "```text", *others, "", *mathematics(step, RUST), "```"]
+    text += [part for paragraph in manual for part in ("", paragraph)]
     return [f"//! {line(part)}".rstrip() for part in text]
 
 
@@ -62,20 +67,3 @@ def status(step: Step) -> list[str]:
         return []
     said = doc("Status bits: what happened, and what it asks of you.")
     return [*said, "pub mod status {", *indented(bits), "}", ""]
-
-
-def _manual(step: Step, real: Real) -> list[str]:
-    """Its paragraphs."""
-    every = pace(step.dt, step.time)
-    begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
-    timed = [_TIMED.format(rates=rates(step), function=step.timed[-1].name)] if step.timed else []
-    return [
-        f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
-        f"{period(step)} No input and no state panics. The result {result(step, 'the bits of `status`')}.",
-        *parts(step, "`step`", "`{}`"),
-        *timed,
-        *late(step, real),
-        gains(step, "`p.gain`", "`p.tune()`"),
-        state(step, _MADE, "before the first call", "`{}`"),
-        _BITS,
-    ]

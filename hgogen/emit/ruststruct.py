@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from hgogen.emit.code import indented
 from hgogen.emit.rustsyntax import RUST, line
-from hgogen.emit.structs import Member, Struct
+from hgogen.emit.structs import Struct
 from hgogen.program import lines_of
 from hgogen.step import Step
 
@@ -41,12 +41,7 @@ def initial(structs: Mapping[str, Struct], kind: str) -> list[str]:
             inner = indented(initial(structs, member.kind))
             lines += [f"{member.name}: {start}{RUST.struct('', member.kind)} {{", *inner, f"}}{end},"]
         else:
-            lines.append(f"{member.name}: {_values(member)},")
+            first, *others = member.begins
+            values = f"{first}; {len(member.begins)}" if set(others) == {first} else ", ".join(member.begins)
+            lines.append(f"{member.name}: {f'[{values}]' if others else first},")
     return lines
-
-
-def _values(member: Member) -> str:
-    first, *others = member.begins
-    if not others:
-        return first
-    return f"[{first}; {len(member.begins)}]" if set(others) == {first} else f"[{', '.join(member.begins)}]"

@@ -35,17 +35,9 @@ def line(text: str) -> str:
     return " ".join(text.splitlines())
 
 
-def _comment(text: str) -> str:
-    return f"// {line(text)}" if text else ""
-
-
 def _loop(k: str, first: str, end: str, also: str, used: bool) -> list[str]:
     leave = [f"if !({also}) {{", "    break;", "}"] if also else []
     return [f"for {k if used else '_'} in {first}..{end} {{", *leave]
-
-
-def _index(array: str, k: str) -> str:
-    return f"{array}[{f'({k})' if ' ' in k else k} as usize]"
 
 
 def _called(_: str, entry: Entry) -> str:
@@ -103,7 +95,7 @@ RUST = Syntax(
     loop=_loop,
     falling="for {k} in ({end} + 1..{first} + 1).rev() {{",
     increment="{} += 1;",
-    index=_index,
+    index=lambda array, k: f"{array}[{f'({k})' if ' ' in k else k} as usize]",
     member="let {name} = &mut {element};",
     struct=lambda _, kind: _STRUCTS.get(kind) or "".join(part.capitalize() for part in kind.split("_")),
     struct_member={True: "pub {name}: [{type}; {size}],", False: "pub {name}: {type},"},
@@ -116,7 +108,7 @@ RUST = Syntax(
     result="{}",
     raised="status |= status::{bit};",
     called=_called,
-    comment=_comment,
+    comment=lambda text: f"// {line(text)}" if text else "",
     limited=_limited,
     instead={"power_of_two": ("", "{type}::from_bits((x + {BIASED}).to_bits() << {SHIFT})")},
 )

@@ -16,7 +16,6 @@ from hgogen.emit.cfunction import Prototype, own, status_type, structs
 from hgogen.emit.code import Code, code, joined
 from hgogen.emit.statements import Writer
 from hgogen.program import Block, Loop, Place, Program, Repeat, Statement, When, lines_of, places, walk
-from hgogen.step import Step
 from hgogen.stepping.machine import Reading
 
 FEWEST = 4  # numbers that a part writes
@@ -44,7 +43,11 @@ class SharingWriter(Writer):
 
     def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> Code:
         """Every statement in order."""
-        return joined(self._run(run, taken) for run in _runs(program))
+        texts = list[Code]()
+        for run in _runs(program):
+            part = self._parts.get(self._alone(run).lines) if _name(run) else None
+            texts.append(part.call if part else super().statements(run, taken))
+        return joined(texts)
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
@@ -74,22 +77,17 @@ class SharingWriter(Writer):
         name = f"{self.prefix}_{_name(run)}" + (f"_{number}" if number > 1 else "")
         return Prototype(status_type(self.step) if says else "void", name, structs(self.step)[:1], public=False)
 
-    def _run(self, run: Program, taken: frozenset[str]) -> Code:
-        part = self._parts.get(self._alone(run).lines) if _name(run) else None
-        return part.call if part else super().statements(run, taken)
-
-    @cached_property
-    def _plain(self) -> Writer:
-        return Writer(self.syntax, self.step, self.real)
-
     @cached_property
     def _alone(self) -> Callable[[Program], Code]:
         """The statements of a part as a function has them, once, as each is asked for wherever it stands."""
-        return cache(self._plain.function)
+        return cache(Writer(self.syntax, self.step, self.real).function)
 
     def _left(self, run: Program) -> set[Place]:
         """The places that a part writes, if all of them are as after a reset then; else none."""
-        initial, written = _initial(self.step), _written(run)
+        structs_ = [("state", self.step.state)]
+        structs_ += [(line[-1].name, line[-1].fields) for line in lines_of(self.step.groups)]
+        initial = {Place(struct, field.name): field.initial for struct, fields in structs_ for field in fields}
+        written = _written(run)
         if not written <= initial.keys():
             return set()
         memory = (reading := Reading(run, self.step.groups)).memory
@@ -97,12 +95,6 @@ class SharingWriter(Writer):
             memory[place][...] = np.nan if place in written else initial[place]
         reading.action(run)()
         return written if all((memory[place] == initial[place]).all() for place in written) else set()
-
-
-def _initial(step: Step) -> dict[Place, tuple[float, ...]]:
-    """What a state holds after a reset, by place."""
-    structs_ = [("state", step.state), *((line[-1].name, line[-1].fields) for line in lines_of(step.groups))]
-    return {Place(struct, field.name): field.initial for struct, fields in structs_ for field in fields}
 
 
 def _everywhere(program: Program) -> Iterator[Program]:

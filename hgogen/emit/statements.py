@@ -106,12 +106,9 @@ class Writer:
         declared = joined(self._declaration(place, size) for place, size in work)
         taken = {place.name for place, _ in work} | set(ARGUMENTS) | set(self.kinds.groups)
         taken |= set(self.syntax.parameters.values())
-        taken |= {f"{letter}{depth}" for letter in "ik" for depth in range(2, self._depth(program) + 1)}
+        depths = (len(self.kinds.groups[s.group]) for s in walk(program) if isinstance(s, Loop))
+        taken |= {f"{letter}{depth}" for depth in range(2, max(depths, default=0) + 1) for letter in "ik"}
         return declared + self.statements(program, frozenset(taken))
-
-    def _depth(self, program: Program) -> int:
-        """How deep the loops lie in each other."""
-        return max((len(self.kinds.groups[s.group]) for s in walk(program) if isinstance(s, Loop)), default=0)
 
     def _declaration(self, place: Place, size: int) -> Code:
         flag, types = place in self.kinds.flags and size == 1, self.syntax.types

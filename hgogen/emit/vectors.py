@@ -10,7 +10,6 @@ a rounding unit each, as going from float to double touches them all; so the tol
 double its share by rounding units.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -55,7 +54,9 @@ def record(step: Step, real: Real) -> Vectors:
     y = np.hstack([y, _ages(step)])
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
-    count = SAMPLES if step.guards == "all" else _before_lost(seen for seen, _ in runs.values())
+    # without guards up to the first sample after which not every run sees plausible numbers
+    sound = np.all([(np.abs(seen) <= LOST).all(axis=1) for seen, _ in runs.values()], axis=0)
+    count = SAMPLES if step.guards == "all" or sound.all() else int(np.argmin(sound))
     u, y = u[:count], y[:count]
     runs = {kind: (seen[:count], status[:count]) for kind, (seen, status) in runs.items()}
     seen, status = runs[real]
@@ -63,12 +64,6 @@ def record(step: Step, real: Real) -> Vectors:
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
     distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(seen).max(axis=0)
     return Vectors(u, y, seen, 16 * distance, status)
-
-
-def _before_lost(runs: Iterable[np.ndarray]) -> int:
-    """How many samples there are, from the first, after which every run sees plausible numbers."""
-    sound = np.all([(np.abs(seen) <= LOST).all(axis=1) for seen in runs], axis=0)
-    return len(sound) if sound.all() else int(np.argmin(sound))
 
 
 def lost(step: Step) -> tuple[int, int]:
@@ -83,13 +78,9 @@ def faults(step: Step) -> str:
 
 def start(step: Step) -> dict[Place, list[float]]:
     """What the state holds at the first sample, by place: the estimate off its rest, where a plant may stand still and
-    show nothing of its model."""
+    show nothing of its model, as far as an element of it is linear in one of the state's."""
     boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
-    return _estimate(step, [low + 0.7 * (high - low) for low, high in boxes])
-
-
-def _estimate(step: Step, wanted: list[float]) -> dict[Place, list[float]]:
-    """The fields of the state whose estimate is `wanted`, as far as each of its elements is linear in one of theirs."""
+    wanted = [low + 0.7 * (high - low) for low, high in boxes]
     values = {Place("state", field.name): np.array(field.initial) for field in step.state}
     known = nominal(step.observer) | values
     changed = {}

@@ -109,17 +109,12 @@ def _functions(writer: SharingWriter) -> Iterator[Code]:
     for section in (*step.inner, *step.parts):
         yield _function(inside(step, section), writer.function(section.program))
     yield rarely + _function(nominal(step), _nominal(step, writer.real))
+    changing = (each for each in entries(step).values() if each.public and each.status and "s" in each.written)
+    asking = {each.name for each in changing} if step.mark else set[str]()
     for name, body in _bodies(writer).items():
-        asks = step.mark is not None and name in _asking(step)
-        text = _asked(step, declared[name], body) if asks else _function(declared[name], body)
+        text = _asked(step, declared[name], body) if name in asking else _function(declared[name], body)
         yield rarely + text if name == "reset" else text
     yield saving(step, writer.real)
-
-
-def _asking(step: Step) -> set[str]:
-    """The functions that ask for the marks: the public ones that change the state."""
-    known = entries(step).values()
-    return {each.name for each in known if each.public and each.status and "s" in each.written}
 
 
 def _asked(step: Step, prototype: Prototype, body: Code) -> Code:
@@ -153,7 +148,10 @@ def _bodies(writer: SharingWriter) -> dict[str, Code]:
     bodies |= {section.name: writer.function(section.program) for section in step.timed}
     bodies["estimate"] = writer.function(step.estimate)
     bodies["tune"] = _made(step) + writer.function(step.tuning)
-    return bodies | {"reset": _reset(writer), "init": _init(step)}
+    bodies["reset"] = _reset(writer)
+    tune, reset = (prototypes(step)[name].call(own) for name in ("tune", "reset"))
+    bodies["init"] = code(f"{nominal(step).call(own)};", f"(void){tune};", f"{reset};", parameters="ps")
+    return bodies
 
 
 def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
@@ -238,9 +236,3 @@ def _made(step: Step) -> Code:
     upper, made = step.name.upper(), nominal(step).call(own)
     test = f"if (p->{step.mark.name} != {upper}_READY) {{"
     return braced(test, code(f"{made};", f"status = {upper}_{NO_PARAMETERS.name};", parameters="p"))
-
-
-def _init(step: Step) -> Code:
-    known = prototypes(step)
-    calls = [nominal(step).call(own), f"(void){known['tune'].call(own)}", known["reset"].call(own)]
-    return code(*(f"{call};" for call in calls), parameters="ps")

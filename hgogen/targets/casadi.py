@@ -159,7 +159,8 @@ def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, 
     """The outputs of a function; what it calls stays a call, so that the order of operations does."""
 
     def apply(op: int, lookup: Lookup | None, *values: Graph) -> Graph:
-        return (lookup or _applied(op, known))(*values)
+        own = lookup or _CHOSEN.get(op) or known.get(CALLS.get(op, ""))
+        return own(*values) if own else (ca.SX.unary if len(values) == 1 else ca.SX.binary)(op, *values)
 
     def call(routine: ca.Function, values: Sequence[Graph]) -> list[Graph]:
         symbols = routine.sx_in()
@@ -168,9 +169,3 @@ def _walked(function: ca.Function, inputs: Sequence[Graph], known: Mapping[str, 
         return results
 
     return walked(function, inputs, apply, call, operations(function) if known else ())
-
-
-def _applied(op: int, known: Mapping[str, Callable[..., Graph]]) -> Callable[..., Graph]:
-    """What an operation does with SX scalars."""
-    own = _CHOSEN.get(op) or known.get(CALLS.get(op, ""))
-    return own or (lambda *values: (ca.SX.unary if len(values) == 1 else ca.SX.binary)(op, *values))

@@ -108,7 +108,9 @@ def _many(writer: LaneWriter) -> list[str]:
     arguments = "&memory->s, &memory->p, &in, &out, &plant"
     sections = (f"status |= {p}_{section.name}({arguments});" for section in step.sections)
     x = [_stored(p, "x", len(step.states), i, f"plant.{c_name(each.name)}") for i, each in enumerate(step.states)]
-    traces = [_stored(p, "traces", len(step.observer.traces), j, each) for j, each in enumerate(_traces(writer))]
+    inside = replace(writer, syntax=replace(writer.syntax, reach="memory->{}."))
+    values = (inside.number(Place("state", name)) for name in step.observer.traces)
+    traces = [_stored(p, "traces", len(step.observer.traces), j, value) for j, value in enumerate(values)]
     body = [
         *(f"{p}_{kind} {name};" for kind, name in (("input", "in"), ("output", "out"), ("plant", "plant"))),
         f"{own(p)}_status status = {{0}};",
@@ -123,11 +125,6 @@ def _many(writer: LaneWriter) -> list[str]:
         f"    const {real} *u, const {real} *y, {real} *x, {real} *traces, {step.word}_t *statuses)",
         *("{", "    for (size_t k = 0u; k < count; ++k) {", *indented(body, 8), "    }", "}"),
     ]
-
-
-def _traces(writer: LaneWriter) -> list[str]:
-    within = replace(writer, syntax=replace(writer.syntax, reach="memory->{}."))
-    return [within.number(Place("state", name)) for name in writer.step.observer.traces]
 
 
 def _loaded(p: str, array: str, size: int, j: int, place: str) -> str:

@@ -20,7 +20,8 @@ def record(step: Step, *, real: Real = "double") -> Files:
     """The record runner of a step as C99 text. Raises: `NoStep`, `BadReal`."""
     demand_step(step, "record")
     demand_real(real)
-    name, traces = step.name, _traces(step, real)
+    name, writer = step.name, Writer(C, step, real)
+    traces = [writer.number(Place("state", trace)) for trace in step.observer.traces]
     sizes = {Prototype("size_t", f"{name}_{struct}_size"): f"{name}_{struct}" for struct in ("state", "params", "kept")}
     bodies = {prototype: [f"return sizeof({struct});"] for prototype, struct in sizes.items()}
     bodies |= _entries(step, traces)
@@ -52,11 +53,6 @@ def _run(step: Step, traces: list[str]) -> list[str]:
     unused = ([] if m else ["(void)u;"]) + ([] if traces else ["(void)traces;"])
     structs = [*([f"{name}_input in;"] if m else []), f"{name}_output out;", f"{name}_plant plant;", *unused]
     return [*structs, "for (size_t k = 0u; k < count; ++k) {", *indented(inner), "}"]
-
-
-def _traces(step: Step, real: Real) -> list[str]:
-    writer = Writer(C, step, real)
-    return [writer.number(Place("state", trace)) for trace in step.observer.traces]
 
 
 def _sample(step: Step, real: Real) -> list[str]:
