@@ -1,7 +1,7 @@
 """The ecosystems that a folder may be for, as ecosystems.toml has them: files, and how a project takes them."""
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -80,11 +80,7 @@ def chosen(words: str, name: str) -> tuple[Ecosystem, ...]:
             fix = nearest(word, (*known(), ALL), f"there are {', '.join(known())}, and all")
             raise UnknownEcosystem(f"--for {word[:60]}:", f"there is no such ecosystem; {fix}")
     picked = tuple(_table()[word] for word in known() if word in names or ALL in names)
-    _demand_free(name, picked)
-    return picked
-
-
-def _demand_free(name: str, ecosystems: Iterable[Ecosystem]) -> None:
-    for each in ecosystems:
+    for each in picked:
         if name.lower() in each.reserved:
             raise ReservedName(name, each.title)
+    return picked

@@ -51,30 +51,29 @@ def folder(
     ecosystems = tuple(ecosystems)
     values = _values(step, real) | {"costs": priced(costs, sources[f"{step.name}.c"])}
     values["uses"] = "\n".join(f"## {each.title}\n\n{Text(each.use).substitute(values)}" for each in ecosystems)
-    texts = {_place(name): text for name, text in sources.items()}
+    texts = {f"{SOURCES}/{name}" if name.endswith((".c", ".h")) else name: text for name, text in sources.items()}
     for each in (common(), *ecosystems):
         for path, name in each.files.items():
-            texts[Text(path).substitute(values)] = _written(path, template(name).substitute(values))
+            text = template(name).substitute(values)
+            if path.endswith(".c"):  # in lines that are not too long
+                text = "\n".join(folded(text.splitlines())) + "\n"
+            texts[Text(path).substitute(values)] = text
     return Files(tuple(texts.items()))
-
-
-def _place(name: str) -> str:
-    return f"{SOURCES}/{name}" if name.endswith((".c", ".h")) else name
-
-
-def _written(path: str, text: str) -> str:
-    """The text, of C in lines that are not too long."""
-    return "\n".join(folded(text.splitlines())) + "\n" if path.endswith(".c") else text
 
 
 def _values(step: Step, real: Real) -> dict[str, Any]:
     """What the templates have places for."""
-    declared, samples, states = prototypes(step), _signals(step), step.states
-    filled = [f"in.{c_name(s.name)} = ...;" for s in step.inputs] + [
-        f"out.{c_name(s.name)} = ...;" for s in step.samples
-    ]
-    outer = [each for each in structs(step) if each.name in ("s", "p")]
-    inner = [each.local for each in structs(step) if each not in outer]
+    declared = prototypes(step)
+    samples: Signals = (*(("in", s) for s in step.inputs), *(("out", s) for s in step.samples))
+    parts = (f"`{step.name}_{section.name}`" for section in (*step.sections, *step.timed))
+    called = [each.local for each in structs(step) if each.name not in ("s", "p")]
+    called += [f"{short}.{c_name(s.name)} = read_{s.name}();" for short, s in samples]
+    measured = list[str]()  # in the place of what a sketch would measure
+    for short, s in samples:
+        yours = comment(f"yours: {_said(step, s)}".rstrip(": "))
+        measured.append(f"{short}.{c_name(s.name)} = 0; {yours}")
+    printed = (f"Serial.print(' '); Serial.print(x.{c_name(s.name)});" for s in step.states)
+    used = (f"(void)x.{c_name(s.name)}; {comment(_said(step, s))}".rstrip() for s in step.states)
     release = re.match(r"\d+\.\d+\.\d+", version())
     period = (seconds(step.time) or 1.0) * step.dt
     return {
@@ -92,17 +91,17 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "step": declared["step"].call(address),
         "estimate": declared["estimate"].call(address),
         "locals": "\n".join(each.local for each in structs(step)),
-        "filled": "\n".join(filled),
+        "filled": "\n".join(f"{short}.{c_name(s.name)} = ...;" for short, s in samples),
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
-        "apart": _BY_PARTS.substitute(parts=_parts(step)) if step.apart else "",
+        "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.apart else "",
         "marked": f"{marked(step)} ",
-        "members": "\n".join(_members(step)),
+        "members": "\n".join(_members(step, samples)),
         "bits": "\n".join(_row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.asked(bit)) for bit in step.bits),
         "readers": "\n\n".join(_reader(step, signal, real) for _, signal in samples),
-        "called": "\n".join(indented([*inner, *_taken(samples)])),
-        "measured": "\n".join(indented(_zeros(step, samples))),
-        "printed": "\n".join(indented((_print(signal) for signal in states), 8)),
-        "used": "\n".join(indented((_use(step, signal) for signal in states), 12)),
+        "called": "\n".join(indented(called)),
+        "measured": "\n".join(indented(measured)),
+        "printed": "\n".join(indented(printed, 8)),
+        "used": "\n".join(indented(used, 12)),
     }
 
 
@@ -112,25 +111,15 @@ def _clock(seconds_: float) -> dict[str, str]:
     return {"clock": clock, "ticks": str(max(1, round(seconds_ * rate)))}
 
 
-def _parts(step: Step) -> str:
-    """The functions of the parts of a step, in their order."""
-    return ", ".join(f"`{step.name}_{section.name}`" for section in (*step.sections, *step.timed))
-
-
-def _signals(step: Step) -> Signals:
-    """What a call is given, each with its struct."""
-    return (*(("in", s) for s in step.inputs), *(("out", s) for s in step.samples))
-
-
 def _row(*cells: str) -> str:
     """A row of a table."""
     texts = (" ".join(cell.replace("|", "\\|").split()) for cell in cells)
     return f"| {' | '.join(texts)} |"
 
 
-def _members(step: Step) -> list[str]:
+def _members(step: Step, samples: Signals) -> list[str]:
     """Rows of all that a caller writes or reads."""
-    signals = (*_signals(step), *(("x", state) for state in step.states))
+    signals = (*samples, *(("x", state) for state in step.states))
     rows = [_row(f"`{short}.{c_name(s.name)}`", _said(step, s)) for short, s in signals]
     for kind, fields in (each for each in parameters(step) if each[0] != "derived"):
         named = (replace(item, name=c_name(item.name), unit=step.unit(item)) for item in fields)
@@ -145,30 +134,9 @@ def _said(step: Step, signal: Signal) -> str:
 def _reader(step: Step, signal: Signal, real: Real) -> str:
     said = comment(_said(step, signal))
     lines = (
-        f"static {real} {_read(signal)}(void) {said}".rstrip(),
+        f"static {real} read_{signal.name}(void) {said}".rstrip(),
         "{",
         f"    return {C.literal(resting(signal), real)};",
         "}",
     )
     return "\n".join(lines)
-
-
-def _read(signal: Signal) -> str:
-    return f"read_{signal.name}"
-
-
-def _taken(samples: Signals) -> list[str]:
-    return [f"{short}.{c_name(signal.name)} = {_read(signal)}();" for short, signal in samples]
-
-
-def _zeros(step: Step, samples: Signals) -> list[str]:
-    """What a sketch gives in the place of measurements."""
-    return [f"{short}.{c_name(s.name)} = 0; {comment(f'yours: {_said(step, s)}'.rstrip(': '))}" for short, s in samples]
-
-
-def _print(signal: Signal) -> str:
-    return f"Serial.print(' '); Serial.print(x.{c_name(signal.name)});"
-
-
-def _use(step: Step, signal: Signal) -> str:
-    return f"(void)x.{c_name(signal.name)}; {comment(_said(step, signal))}".rstrip()

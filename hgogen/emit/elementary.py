@@ -27,9 +27,8 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.emit.minimax import DOUBLE, FLOAT
 from hgogen.emit.primitives import Real
-from hgogen.emit.working_precision import Numbers, when
+from hgogen.emit.working_precision import DOUBLE, FLOAT, Precision, when
 from hgogen.graph import Graph
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
@@ -79,7 +78,7 @@ def _polar(x: Graph) -> tuple[Graph, Graph]:
 
 
 @dataclass(frozen=True)
-class _Arithmetic(Numbers):
+class _Arithmetic(Precision):
     """The functions in one working precision."""
 
     # --- sqrt

@@ -1,6 +1,6 @@
 """The small functions of emitted code, in the order in which they call each other; see `emit.notation`."""
 
-from hgogen.emit.notation import ALL_WHOLE, LARGE, ROUNDS, real
+from hgogen.emit.notation import ALL_WHOLE, FIRST, LARGE, ROUNDS, n, real, start
 
 
 def abs(v: float) -> float:
@@ -80,3 +80,15 @@ def nan() -> float:
     """Not a number."""
     large = inf()
     return large - large
+
+
+def search(x: float) -> float:
+    """Of a table, along an axis: the distance of x from the start of its cell k. As many breakpoints are at or below x,
+    which steps of powers of two find; see `hgogen.algebra.lookup`."""
+    k = 0
+    probe = FIRST
+    while probe > 0:
+        if k + probe <= n and start[k + probe] <= x:
+            k = k + probe
+        probe = probe // 2
+    return x - start[k]

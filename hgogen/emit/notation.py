@@ -22,6 +22,8 @@ Columns = list[Column]  # n of them
 
 n = square = line = half = 0  # n, n^2, n + 1, n/2 or the whole number below
 SWEEPS = HALVINGS = DEGREE = 0  # those of `discretisation.kernels`
+FIRST = 0  # of a search: the largest power of two that is not above the number n of breakpoints
+start: FixedVector = []  # of a search: the breakpoint below each cell
 LARGE = 0.0  # so that its square is infinite
 ALL_WHOLE = 0.0  # numbers from here on are whole
 ROUNDS = 0.0  # three halves of it: added to a number, it rounds it to a whole one

@@ -13,7 +13,7 @@ from types import ModuleType
 
 from hgogen.algebra.lookup import Argument, Lookup
 from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
-from hgogen.emit import helpers, lookup_functions, matrix_loops
+from hgogen.emit import helpers, matrix_loops
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
 from hgogen.emit.primitives import ALL_WHOLE, BIASED, ROUNDS, SHIFT
 from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
@@ -70,7 +70,7 @@ def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -
 def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
     """The arrays, a search along each axis, and the polynomial of the cell. Raises: `PointsMerge`."""
     demand_apart(lookup, real)
-    there = functions_of(lookup_functions)
+    there = functions_of(helpers)
     declared = Code()
     for name, numbers in lookup.arrays.items():
         values = ", ".join(syntax.literal(number, real) for number in numbers)

@@ -32,13 +32,9 @@ class _Function:
         head = {"type": syntax.types["void"], "name": f"{self.writer.prefix}_{self.subprogram.name}"}
         parameters = ", ".join(self._parameters())
         lines = (line.format(**head, parameters=parameters) for line in syntax.function)
-        return code(syntax.comment(MEANINGS[routine.name]), *lines) + self._statements().indented() + code("}", "")
-
-    def _statements(self) -> Code:
-        routine = self.subprogram.routine
         names = (name for each in self.subprogram.passed for name in each.names)
         printer = LoopPrinter(
-            self.writer.syntax,
+            syntax,
             real=self.writer.real,
             prefix=self.writer.prefix,
             inputs=self._read,
@@ -52,7 +48,8 @@ class _Function:
         targets = [self._written(*place, entry) for place, entry in zip(places, entries, strict=True)]
         arrays = [each.number for each in self.subprogram.passed if not each.by_value]
         constants, statements = body(printer, routine.function, targets, [], arrays)
-        return constants + statements
+        said = code(syntax.comment(MEANINGS[routine.name]), *lines)
+        return said + (constants + statements).indented() + code("}", "")
 
     def _written(self, name: str, k: int, entry: str) -> Target:
         """Where an element goes; of a matrix a comment says which it is."""

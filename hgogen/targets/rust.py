@@ -117,7 +117,8 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     bodies = {section.name: writer.function(section.program) for section in functions}
     calls = joined(called(RUST, step, section) for section in step.parts)
     bodies["step"] = calls if step.parts else writer.function(step.sections[0].program)
-    of_state = [_made("State", "the state as before the first call", initial(memory, "state"))]
+    fresh = indented(["State {", *indented(initial(memory, "state")), "}"])
+    of_state = [code("/// the state as before the first call", "pub const fn new() -> State {", *fresh, "}")]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
     of_state += [code(*rustsaved.save(step)), code(*rustsaved.restored(step, writer.real))]
@@ -126,11 +127,6 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
     of_parameters = [new, _method(step, known["tune"], writer.function(step.tuning))]
     return spaced(of_state), spaced(of_parameters)
-
-
-def _made(struct: str, meaning: str, members: list[str]) -> Code:
-    inner = indented([f"{struct} {{", *indented(members), "}"])
-    return code(f"/// {meaning}", f"pub const fn new() -> {struct} {{", *inner, "}")
 
 
 def _method(step: Step, entry: Entry, body: Code) -> Code:
