@@ -6,7 +6,7 @@ from string import Template
 
 import numpy as np
 
-from hgogen.emit.cfunction import Parameter, prototypes, structs
+from hgogen.emit.cfunction import Parameter, assigned, prototypes, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.syntax import Real
@@ -56,8 +56,7 @@ def literal(value: float, real: Real) -> str:
 def driver(step: Step) -> str:
     """What calls a step: `memory`, BEGIN, `sample` and `estimate`."""
     declared, inner = prototypes(step), [each for each in structs(step) if each.name in ("in", "out")]
-    signals = [(short, s) for short, named in (("in", step.inputs), ("out", step.samples)) for s in named]
-    filled = [f"{short}.{c_name(s.name)} = row[{column}];" for column, (short, s) in enumerate(signals)]
+    filled = [f"{short}.{c_name(s.name)} = row[{column}];" for column, (short, s) in enumerate(assigned(step))]
     states = [f"values[{i}] = x.{c_name(s.name)};" for i, s in enumerate(step.states)]
     return Template(text("step.c")).substitute(
         name=step.name,

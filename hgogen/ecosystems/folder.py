@@ -7,7 +7,7 @@ from typing import Any
 
 from hgogen.ecosystems.ecosystem import Ecosystem, Text, common, template
 from hgogen.ecosystems.price import priced
-from hgogen.emit.cfunction import address, prototypes, status_type, structs
+from hgogen.emit.cfunction import address, assigned, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.csyntax import C, comment
@@ -34,7 +34,6 @@ _PRINTED_STATUS = {  # how a sketch prints a status of so many bytes
         "Serial.print((unsigned long)(status & 0xFFFFFFFFu), HEX);",
     ),
 }
-Signals = tuple[tuple[str, Signal], ...]  # each with the struct that it is a member of
 
 
 def folder(
@@ -64,7 +63,7 @@ def folder(
 def _values(step: Step, real: Real) -> dict[str, Any]:
     """What the templates have places for."""
     declared = prototypes(step)
-    samples: Signals = (*(("in", s) for s in step.inputs), *(("out", s) for s in step.samples))
+    samples = assigned(step)
     parts = (f"`{step.name}_{section.name}`" for section in (*step.sections, *step.timed))
     called = [each.local for each in structs(step) if each.name not in ("s", "p")]
     called += [f"{short}.{c_name(s.name)} = read_{s.name}();" for short, s in samples]
@@ -95,7 +94,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
         "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.apart else "",
         "marked": f"{marked(step)} ",
-        "members": "\n".join(_members(step, samples)),
+        "members": "\n".join(_members(step)),
         "bits": "\n".join(_row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.asked(bit)) for bit in step.bits),
         "readers": "\n\n".join(_reader(step, signal, real) for _, signal in samples),
         "called": "\n".join(indented(called)),
@@ -117,9 +116,9 @@ def _row(*cells: str) -> str:
     return f"| {' | '.join(texts)} |"
 
 
-def _members(step: Step, samples: Signals) -> list[str]:
+def _members(step: Step) -> list[str]:
     """Rows of all that a caller writes or reads."""
-    signals = (*samples, *(("x", state) for state in step.states))
+    signals = (*assigned(step), *(("x", state) for state in step.states))
     rows = [_row(f"`{short}.{c_name(s.name)}`", _said(step, s)) for short, s in signals]
     for kind, fields in (each for each in parameters(step) if each[0] != "derived"):
         named = (replace(item, name=c_name(item.name), unit=step.unit(item)) for item in fields)

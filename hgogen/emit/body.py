@@ -33,17 +33,14 @@ def body(
     roots = [statement.node for statement in statements]
     every = ordered(roots)
     printer.count(roots, every)
-    inputs = {node.source: node for node in every if node.op == ca.OP_INPUT and node.source[0] in hoist}
-    for source in sorted(inputs):
-        printer.declare(inputs[source], printer.local(*source))
+    _hoist(printer, every, hoist)
     rest = iter(named)
     columns = [(name, list(islice(rest, size))) for name, size in names]
     for name, column in columns:
         for node in (each for each in column if each.op == ELEMENT):
             node.args[0].labels.setdefault(node.element[0], name)
-    for node in every:
-        if node.routine:
-            printer.label(node)
+    for node in (each for each in every if each.routine):
+        printer.label(node)
     for name, column in columns:
         _declare(printer, name, column)
     for node in roots:
@@ -73,3 +70,10 @@ def _written(printer: LoopPrinter, statement: Statement) -> Sequence[str]:
     if node.op == ca.OP_CONST:
         return [target.write("")] if node.constant else []
     return target.raised(printer.truth(node))
+
+
+def _hoist(printer: LoopPrinter, every: list[Node], hoist: Collection[int]) -> None:
+    """Declare the inputs that the block also writes, before anything is written."""
+    inputs = {node.source: node for node in every if node.op == ca.OP_INPUT and node.source[0] in hoist}
+    for source in sorted(inputs):
+        printer.declare(inputs[source], printer.local(*source))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from hgogen.emit.interface import Entry, entries, of_section
 from hgogen.program import Section
+from hgogen.signal import Signal
 from hgogen.step import Step
 
 
@@ -82,6 +83,11 @@ def structs(step: Step) -> tuple[Parameter, ...]:
     """The structs that there are, as parameters: state, parameters, input, output, estimate."""
     kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "out"), ("plant", "x")]
     return tuple(Parameter(f"{step.name}_{kind}", short) for kind, short in kinds if kind != "input" or step.inputs)
+
+
+def assigned(step: Step) -> tuple[tuple[str, Signal], ...]:
+    """The signals that a call is given, each with the struct that a caller assigns it in."""
+    return (*(("in", s) for s in step.inputs), *(("out", s) for s in step.samples))
 
 
 def prototypes(step: Step) -> dict[str, Prototype]:

@@ -6,7 +6,7 @@ comments are Doxygen's, too."""
 from collections.abc import Iterable
 
 from hgogen.emit import csaved
-from hgogen.emit.cfunction import Prototype, address, prototype, prototypes, status_type, structs
+from hgogen.emit.cfunction import address, prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
 from hgogen.emit.cstruct import typedefs
@@ -54,12 +54,14 @@ def header(step: Step, real: Real, command: str) -> list[str]:
         lines += [*struct, ""]
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
-        parameters = [f"@param[{direction(entry, name)}] {name} {MEANINGS[name]}" for name in entry.parameters]
-        returned = [f"@return 0{', or an or of the status bits' * bool(step.bits)}"] if entry.status else []
-        lines += _block([f"@brief {spoken(entry.meaning)}", *parameters, *returned])
-        lines += [f"{prototype(step, entry)};", ""]
-    for each in csaved.prototypes(step):
-        lines += [*_saving(each), f"{each};", ""]
+        parameters = [(direction(entry, name), name, MEANINGS[name]) for name in entry.parameters]
+        returned = f"0{', or an or of the status bits' * bool(step.bits)}" * entry.status
+        lines += [*_said(entry.meaning, parameters, returned), f"{prototype(step, entry)};", ""]
+    save, restore = csaved.prototypes(step)
+    means = {"s": MEANINGS["s"], **csaved.MEANINGS}
+    for each, written, returned in ((save, "saved", ""), (restore, "s", csaved.RETURNS)):
+        parameters = [("out" if p.name == written else "in", p.name, means[p.name]) for p in each.parameters]
+        lines += [*_said(each.meaning, parameters, returned), f"{each};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
 
 
@@ -68,15 +70,10 @@ def _block(lines: Iterable[str]) -> list[str]:
     return ["/**", *(f" * {line}".rstrip() for line in lines), " */"]
 
 
-def _saving(function: Prototype) -> list[str]:
-    """What a function does that saves a state, or restores it."""
-    means = {"s": MEANINGS["s"], **csaved.MEANINGS}
-    written = {function.parameters[0 if function.returns != "void" else 1].name}
-    parameters = [
-        f"@param[{'out' if p.name in written else 'in'}] {p.name} {means[p.name]}" for p in function.parameters
-    ]
-    returned = [f"@return {csaved.RETURNS}"] if function.returns != "void" else []
-    return _block([f"@brief {spoken(function.meaning)}", *parameters, *returned])
+def _said(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
+    """What a function does, what goes in or comes out by which name, and what it returns."""
+    lines = [f"@param[{direction}] {name} {said}" for direction, name, said in parameters]
+    return _block([f"@brief {spoken(meaning)}", *lines, *([f"@return {returned}"] if returned else [])])
 
 
 _COMPILED = (

@@ -169,12 +169,6 @@ class LaneWriter(Writer):
 
     # --- lane by lane
 
-    def _each(self, inner: Code) -> Code:
-        """Statements for each lane that runs, whose number is `lane`."""
-        head = f"for (int lane = 0; lane < {self.width}; ++lane) {{"
-        mask = self.masks[-1].name
-        return braced(head, braced(f"if ({mask}[lane]) {{", inner) if mask else inner)
-
     def _copy(self, copy: Copy) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
         numbers = [self.within(self.whole(place), total) for place in (copy.target, copy.source)]
@@ -184,7 +178,10 @@ class LaneWriter(Writer):
         first, end = f"(size_t)lane * {size}", f"sizeof({self.syntax.struct(self.prefix, copy.group)})"
         head = f"for (size_t byte = {first}; byte < {end}; byte += {size} * {self.width}) {{"
         bytes_ = braced(head, code(f"__builtin_memcpy({', '.join(ends)}, {size});"))
-        return braced("{", declared + self._each(bytes_)) + Code((), self.uses(array, copy.target, copy.source))
+        mask = self.masks[-1].name
+        one = braced(f"if ({mask}[lane]) {{", bytes_) if mask else bytes_
+        every = braced(f"for (int lane = 0; lane < {self.width}; ++lane) {{", one)
+        return braced("{", declared + every) + Code((), self.uses(array, copy.target, copy.source))
 
     def _kernel(self, kernel: Kernel) -> Code:
         """A call for all lanes at once, after which those that do not run have back what they had."""

@@ -221,21 +221,17 @@ def recovery(step: Step) -> str:
         if any(sign.output is None for sign in step.signs)
         else "",
     ]
+    counted = ["the fault counts", *(f"s.{field.name}" for field in step.state if field.lasting)]
+    lasting = " and ".join(filter(None, (", ".join(counted[:-1]), counted[-1])))
     projected = "Where that of the range first reaches its limit, the estimate is projected onto the declared ranges. "
     return (
         f"The step counts {counts}; other samples count down, and so does each change of sign of the error, so that "
         f"noise does not add up. A guard acts where a count reaches its limit, after {times} of such samples at the "
-        f"least. {projected * bool(guards[1])}All of the state but {_lasting(step)} restarts from the sample "
+        f"least. {projected * bool(guards[1])}All of the state but {lasting} restarts from the sample "
         f"{', and '.join(filter(None, guards))}. The count stays and its limit doubles, so that a guard acts again "
         f"when such samples have come for twice as long in all, later every {longest}, until the count is 0 again: "
         "after a fault that has lasted long, a restart may take as long once more."
     )
-
-
-def _lasting(step: Step) -> str:
-    """What a restart from the sample leaves."""
-    *first, last = ["the fault counts", *(f"s.{field.name}" for field in step.state if field.lasting)]
-    return f"{', '.join(first)} and {last}" if first else last
 
 
 def rates(step: Step) -> str:

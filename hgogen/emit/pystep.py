@@ -149,18 +149,15 @@ class _Writer:
                 return self._loop(statement)
             case Repeat():
                 return self._statements(statement.unrolled)
-            case When():
-                return self._when(statement)
+            case When(flag=flag, body=body, otherwise=otherwise):
+                lines = [f"if {self._read(flag, 0, 'double')}:", *indented(self._statements(body) or ["pass"])]
+                return [*lines, *(["else:", *indented(self._statements(otherwise))] if otherwise else [])]
             case Copy():
                 return self._copy(statement)
             case Call():
                 return [f"status |= {self._called(statement.section)}()"]
             case Kernel():
                 return self._kernel(statement)
-
-    def _when(self, when: When) -> list[str]:
-        lines = [f"if {self._read(when.flag, 0, 'double')}:", *indented(self._statements(when.body) or ["pass"])]
-        return [*lines, *(["else:", *indented(self._statements(when.otherwise))] if when.otherwise else [])]
 
     # --- memory
 

@@ -42,7 +42,9 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     demand_file(step.name)
     demand_distinct(step, C)
     writer = LaneWriter(in_lanes(step.name, real), step, real)
-    text = _functions(writer)
+    sections = [_section(writer, section.name, section.program) for section in step.sections]
+    whole = joined([*sections, _section(writer, "estimate", step.estimate)])
+    text = routines(writer, whole.uses.routines) + whole
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
     searches = tables(C, f"{own(step.name)}_one", real, text.uses.lookups).lines
     parts = [searches, prelude(step.name, real, 8 * step.word.itemsize), _structs(writer), _shared(writer, text.uses)]
@@ -59,14 +61,6 @@ _NEEDS = (  # vector types, conversions between them, and operations that round 
 
 
 # --- functions
-
-
-def _functions(writer: LaneWriter) -> Code:
-    """The functions of routines, sections and the estimate."""
-    step = writer.step
-    sections = [_section(writer, section.name, section.program) for section in step.sections]
-    whole = joined([*sections, _section(writer, "estimate", step.estimate)])
-    return routines(writer, whole.uses.routines) + whole
 
 
 def _section(writer: LaneWriter, name: str, program: Program) -> Code:
