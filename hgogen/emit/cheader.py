@@ -72,7 +72,7 @@ def _block(lines: Iterable[str]) -> list[str]:
 
 def _said(meaning: str, parameters: Iterable[tuple[str, str, str]], returned: str) -> list[str]:
     """What a function does, what goes in or comes out by which name, and what it returns."""
-    lines = [f"@param[{direction}] {name} {said}" for direction, name, said in parameters]
+    lines = [f"@param[{way}] {name} {said}" for way, name, said in parameters]
     return _block([f"@brief {spoken(meaning)}", *lines, *([f"@return {returned}"] if returned else [])])
 
 

@@ -13,7 +13,7 @@ from hgogen.emit.formula import formulas
 from hgogen.emit.manual import BETWEEN, said_what_for, title
 from hgogen.intervals.digits import same
 from hgogen.method import equations
-from hgogen.program import INF, Field
+from hgogen.program import INF
 from hgogen.reading.time_unit import pace
 from hgogen.step import Step
 from hgogen.theorem import rows
@@ -59,10 +59,11 @@ def _plant(step: Step) -> list[str]:
     plant = step.observer.form.system.declared
     kinds = {"state": plant.states, "input": plant.inputs, "output": plant.outputs, "parameter": plant.parameters}
     lines = list[list[str]]()
-    for kind, signal in ((kind, signal) for kind, signals in kinds.items() for signal in signals):
-        range_ = f"{signal.low:g} .. {signal.high:g}" if signal.bounded else ""
-        value = "" if signal.nominal is None else same(float(signal.nominal))
-        lines.append([f"`{signal.name}`", kind, _plain(signal.meaning), _plain(signal.unit), range_, value])
+    for kind, signals in kinds.items():
+        for signal in signals:
+            range_ = f"{signal.low:g} .. {signal.high:g}" if signal.bounded else ""
+            value = "" if signal.nominal is None else same(float(signal.nominal))
+            lines.append([f"`{signal.name}`", kind, _plain(signal.meaning), _plain(signal.unit), range_, value])
     head = ("signal", "kind", "meaning", "unit", "range", "value")
     return [
         "## Plant",
@@ -104,20 +105,17 @@ def _observer(step: Step) -> list[str]:
 
 
 def _gains(step: Step) -> list[str]:
-    lines = [_gain(step, field, k) for field in step.gains for k in range(field.size)]
+    lines = list[list[str]]()
+    for field in step.gains:
+        for k, (low, high) in enumerate(field.box):
+            name = field.name if field.size == 1 else f"{field.name}[{k}]"
+            label = field.labels[k] if field.labels else entry(field.name, field.entries[k]) if field.entries else ""
+            meaning = f"{field.meaning}: {label}" if label and field.size > 1 else field.meaning
+            range_ = f"{low:g} .. {high:g}" if low > -INF and high < INF else ""
+            lines.append([f"`{name}`", same(field.initial[k]), range_, _plain(step.unit(field)), _plain(meaning)])
     if not lines:
         return ["There are no gains to tune."]
     return _table(("gain", "value", "range", "unit", "meaning"), lines)
-
-
-def _gain(step: Step, field: Field, k: int) -> list[str]:
-    """A row of one element of a gain."""
-    low, high = field.box[k]
-    name = field.name if field.size == 1 else f"{field.name}[{k}]"
-    label = field.labels[k] if field.labels else entry(field.name, field.entries[k]) if field.entries else ""
-    meaning = f"{field.meaning}: {label}" if label and field.size > 1 else field.meaning
-    range_ = f"{low:g} .. {high:g}" if low > -INF and high < INF else ""
-    return [f"`{name}`", same(field.initial[k]), range_, _plain(step.unit(field)), _plain(meaning)]
 
 
 def _method(step: Step) -> list[str]:

@@ -331,8 +331,3 @@ ARITHMETIC: Mapping[Real, _Arithmetic] = {
     "float": _Arithmetic(**vars(FLOAT)),
     "double": _Arithmetic(**vars(DOUBLE)),
 }
-
-
-def power_of_two(real: Real) -> ca.Function:
-    """The function of that name."""
-    return ARITHMETIC[real].power_of_two

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from types import ModuleType
 
-from hgogen.algebra.lookup import Argument, Lookup
+from hgogen.algebra.lookup import Lookup
 from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
 from hgogen.emit import helpers, matrix_loops
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
@@ -79,18 +79,15 @@ def _table(syntax: Syntax, prefix: str, real: Real, lookup: Lookup) -> Code:
     steps = "".join(f" {line}\n" for line in (*lookup.flattened, f"return {lookup.formula('0.0')}"))
     (tree,) = ast.parse(f"def {lookup.name}({arguments}) -> float:\n{steps}").body
     assert isinstance(tree, ast.FunctionDef)
-    searches = [_searched(there["search"], axis) for axis in lookup.axes]
-    tree.body = [*(statement for search in searches for statement in search), *tree.body]
+    searches = list[ast.stmt]()
+    for axis in lookup.axes:
+        names = {"x": axis.name, "start": axis.array, "k": axis.cell}
+        counts = {"n": len(axis.breaks), "FIRST": axis.probes[0]}
+        *statements, last = _Renamed(names, counts).visit(deepcopy(there["search"])).body
+        searches += [*statements, ast.Assign([ast.Name(axis.distance, ast.Store())], last.value)]
+    tree.body = [*searches, *tree.body]
     words = _Words(syntax, prefix, real, there, {}, {})
     return code(syntax.comment(lookup.said)) + _Function(words, tree).text(declared) + code("")
-
-
-def _searched(search: ast.FunctionDef, axis: Argument) -> list[ast.stmt]:
-    """The statements of the search along an axis, of which the last says the distance."""
-    names = {"x": axis.name, "start": axis.array, "k": axis.cell}
-    counts = {"n": len(axis.breaks), "FIRST": axis.probes[0]}
-    *statements, last = _Renamed(names, counts).visit(deepcopy(search)).body
-    return [*statements, ast.Assign([ast.Name(axis.distance, ast.Store())], last.value)]
 
 
 class _Renamed(ast.NodeTransformer):

@@ -128,15 +128,12 @@ class _Writer:
     def _function(self, name: str, program: Program, after: Sequence[str] = ()) -> list[str]:
         self.filled = {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
         self.work = {place: k for k, (place, _) in enumerate(sorted(places(program))) if place.struct == "work"}
-        start = ["status = 0", *(line for place, size in sorted(places(program)) for line in self._zero(place, size))]
+        start = ["status = 0"]
+        for place, size in sorted(places(program)):
+            if place in self.work and (size == 1 or place in self.filled):  # which a kernel may be the first to write
+                elements = (self._local(place, element) for element in range(size))
+                start.append(f"{' = '.join(elements)} = {'0' if self.kinds.is_index(place) else 'zero'}")
         return [f"def {name}():", *indented([*start, *self._statements(program), *after, "return status"])]
-
-    def _zero(self, place: Place, size: int) -> list[str]:
-        """A work value, or an array that a kernel may be the first to write."""
-        if place not in self.work or (size > 1 and place not in self.filled):
-            return []
-        zero = "0" if self.kinds.is_index(place) else "zero"
-        return [f"{' = '.join(self._local(place, element) for element in range(size))} = {zero}"]
 
     def _statements(self, program: Iterable[Statement]) -> list[str]:
         return [line for statement in program for line in self._statement(statement)]

@@ -69,17 +69,13 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     demand_distinct(step, RUST)
     files = {f"{step.name}.rs": _source(step, real, command)}
     files |= {f"{step.name}_check.rs": self_check(step, real)} if check else {}
-    return sources(step, RUST, files, _recipe(step.name) if check else ())
-
-
-def _recipe(name: str) -> Recipe:
-    """How the self-check is compiled and run."""
-    compiler = ("rustc", "--edition", "2021", "-O")
-    return (
+    compiler, name = ("rustc", "--edition", "2021", "-O"), step.name
+    recipe: Recipe = (  # of the self-check
         (*compiler, "--crate-type", "lib", f"{name}.rs"),
         (*compiler, "--extern", f"{name}=lib{name}.rlib", f"{name}_check.rs", "-o", "check"),
         ("./check",),
     )
+    return sources(step, RUST, files, recipe if check else ())
 
 
 def _source(step: Step, real: Real, command: str) -> list[str]:
