@@ -331,3 +331,8 @@ ARITHMETIC: Mapping[Real, _Arithmetic] = {
     "float": _Arithmetic(**vars(FLOAT)),
     "double": _Arithmetic(**vars(DOUBLE)),
 }
+
+
+def power_of_two(real: Real) -> ca.Function:
+    """The function of that name."""
+    return ARITHMETIC[real].power_of_two

@@ -8,7 +8,7 @@ import casadi as ca
 
 from hgogen.emit.body import body
 from hgogen.emit.code import Code, code, joined, spaced
-from hgogen.emit.elementary import ARITHMETIC, elementary
+from hgogen.emit.elementary import elementary, power_of_two
 from hgogen.emit.looping import LoopPrinter
 from hgogen.emit.operations import CALLS
 from hgogen.emit.portable import called_by, chosen, small
@@ -58,7 +58,7 @@ def head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
 
 
 def _graph(name: str, real: Real) -> ca.Function:
-    return ARITHMETIC[real].power_of_two if name == POWER_OF_TWO else elementary(real)[name]
+    return power_of_two(real) if name == POWER_OF_TWO else elementary(real)[name]
 
 
 def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:

@@ -119,7 +119,13 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
     continuous = {"continuous": flow.state} if isinstance(flow, Flow) else {}
     functions = [call, *([flow.derivative, flow.estimate] if isinstance(flow, Flow) else [])]
     texts = [(f"{function.name()}.casadi", function.serialize()) for function in functions]
-    texts.append((f"{step.name}_entries.json", _listed(step, vectors | continuous)))
+    keys = ("name", "initial", "unit", "meaning")
+    listed: dict[str, list[dict[str, Any]]] = {
+        name: [{key: getattr(each, key) for key in keys} for each in vector.entries]
+        for name, vector in (vectors | continuous).items()
+    }
+    listed["status"] = [{"name": bit.name, "meaning": bit.meaning, "action": step.asked(bit)} for bit in step.raised]
+    texts.append((f"{step.name}_entries.json", json.dumps(listed, indent=1) + "\n"))
     return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in step.raised), flow=flow, **vectors)
 
 
@@ -128,13 +134,6 @@ def _flow(graphs: Graphs) -> Flow | NoEquation:
         return graphs.flow()
     except NoEquation as error:
         return error
-
-
-def _listed(step: Step, vectors: Mapping[str, Vector]) -> str:
-    keys = ("name", "initial", "unit", "meaning")
-    rows = {name: [{key: getattr(e, key) for key in keys} for e in vector.entries] for name, vector in vectors.items()}
-    bits = [{"name": bit.name, "meaning": bit.meaning, "action": step.asked(bit)} for bit in step.raised]
-    return json.dumps({**rows, "status": bits}, indent=1) + "\n"
 
 
 # --- the function of a block
