@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from plants import MODELS, model
 
 import hgogen as hg
-from hgogen.certificates.contraction import _beyond, contraction
-from hgogen.certificates.reach import Reach, _proved, reach
+from hgogen.certificates.contraction import Reach, _beyond, _proved, contraction, reach
 from hgogen.chains.sampled import Sampled
 from hgogen.check import Verdict
 from hgogen.guarantees.all_shorter import Piece

@@ -23,7 +23,7 @@ from plants import MODELS, model
 
 import hgogen as hg
 from hgogen.certificates import rounding_share
-from hgogen.certificates.rounded_step import rounding_errors
+from hgogen.certificates.one_call import rounding_errors
 from hgogen.check import Verdict
 from hgogen.emit.exact import evaluate, machine
 from hgogen.guarantees.inclusion import Inclusion

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli
 from hgogen.call import CallableStep
-from hgogen.certificates import reach
+from hgogen.certificates import contraction
 from hgogen.commands.checked import checked
 from hgogen.emit.promised import promised
 from hgogen.guarantees import under_inputs
@@ -131,7 +131,7 @@ def test_theta_is_its_declared_one_where_no_interval_is_proved(least: Fraction |
 
 
 def test_ends_without_what_is_between_are_not_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reach, "all_shorter", lambda *_: ())
+    monkeypatch.setattr(contraction, "all_shorter", lambda *_: ())
     observer = hg.observers.high_gain(hg.forms.triangular(model("pendulum")), theta=19, poles=(-1, -1))
     step = hg.signed(hg.sample(observer, hg.methods.rk4, dt=1e-3), rates={"tau": 5})
     assert hg.contraction(step).reach.least is not None

@@ -1,6 +1,5 @@
 """Up to which dt a step is certified, advised and admitted, the certified first."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -27,20 +26,18 @@ class Admitted:
     @property
     def sentence(self) -> Sentence:
         """The limits in their order; of what is advised only where it goes beyond what is certified."""
-        return Sentence.of("dt = {dt} {time}: {limits:; }", dt=self.dt, time=self.time, limits=tuple(self._limits))
-
-    @property
-    def _limits(self) -> Iterator[Sentence]:
+        limits = []
         if self.certified is None:
-            yield Sentence.of("certified at none")
+            limits.append(Sentence.of("certified at none"))
         else:
             pattern = "certified up to {most}" if self.throughout else "certified at {most}"
             typed = Fraction(repr(self.certified))  # as it is typed: 0.147, which no float is
-            yield Sentence.of(pattern, most=Down(typed, 3))
+            limits.append(Sentence.of(pattern, most=Down(typed, 3)))
         if self.advised is not None and not (self.throughout and self.advised <= (self.certified or 0)):
-            yield Sentence.of("tried without failure up to {most}", most=Down(self.advised, 3))
+            limits.append(Sentence.of("tried without failure up to {most}", most=Down(self.advised, 3)))
         if self.refused is not None:
-            yield Sentence.of("refused above {most}", most=Down(self.refused, 3))
+            limits.append(Sentence.of("refused above {most}", most=Down(self.refused, 3)))
+        return Sentence.of("dt = {dt} {time}: {limits:; }", dt=self.dt, time=self.time, limits=tuple(limits))
 
 
 def admitted(step: Step, known: Contraction) -> Admitted:

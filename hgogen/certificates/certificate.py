@@ -99,7 +99,11 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
     except Unreadable as error:
         raise NotCertifiable(form.system.name, error.fault) from None
     failed = {row.id: row.sentence for row in rows if row.found == "fails"}
-    return _sealed({**content, "claims": [_demoted(claim, failed) for claim in claims]})
+    for k, claim in enumerate(claims):
+        if claim["id"] in failed:
+            reason = f"{claim['verdict']}, but a second arithmetic does not show it: {failed[claim['id']]}"
+            claims[k] = {"id": claim["id"], "verdict": "stated", "evidence": {"reason": reason}}
+    return _sealed({**content, "claims": claims})
 
 
 def _demanded(form: object, checks: object, observer: object) -> tuple[Check, ...]:
@@ -145,49 +149,37 @@ def _sealed(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**content, "digest": digest(content)}
 
 
-def _demoted(claim: Mapping[str, Any], failed: Mapping[str, str]) -> dict[str, Any]:
-    if claim["id"] not in failed:
-        return dict(claim)
-    reason = f"{claim['verdict']}, but a second arithmetic does not show it: {failed[claim['id']]}"
-    return {"id": claim["id"], "verdict": "stated", "evidence": {"reason": reason}}
-
-
 # --- the model
 
 
 def _model(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
     """The head of a certificate, and what it is about."""
-    about = {"plant": _plant(form), "form": _form(form), "observer": _observer(form, checks, observer)}
-    return {"format": FORMAT, "version": VERSION, "hgogen": version(), **about, "model": model_digest(about)}
-
-
-def _plant(form: Form) -> dict[str, Any]:
     system = form.system
     plant = system.declared
-
-    return {
-        "name": plant.name,
-        "states": _ranges(plant.states),
-        "inputs": _ranges(system.inputs),
-        "parameters": _ranges(system.parameters, system.nominal),
-        "outputs": [y.name for y in plant.outputs],
-        "flow": _written(form, plant.flow),
-        "output": _written(form, plant.output),
+    about = {
+        "plant": {
+            "name": plant.name,
+            "states": _ranges(plant.states),
+            "inputs": _ranges(system.inputs),
+            "parameters": _ranges(system.parameters, system.nominal),
+            "outputs": [y.name for y in plant.outputs],
+            "flow": _written(form, plant.flow),
+            "output": _written(form, plant.output),
+        },
+        "form": {
+            "kind": form.kind if form.behind is None else f"{form.kind}.recovered",
+            "states": _ranges(form.states),
+            "to_form": _written(form, form.entry),
+            "from_form": _written(form, (expression for _, expression in form.estimates)),
+            "A": [_written(form, form.A.row(i)) for i in range(form.n)],
+            "b": _written(form, form.b),
+            "output": _written(form, form.output),
+            "blocks": list(map(str, form.blocks)),
+            "alignment": form.alignment,
+        },
+        "observer": _observer(form, checks, observer),
     }
-
-
-def _form(form: Form) -> dict[str, Any]:
-    return {
-        "kind": form.kind if form.behind is None else f"{form.kind}.recovered",
-        "states": _ranges(form.states),
-        "to_form": _written(form, form.entry),
-        "from_form": _written(form, (expression for _, expression in form.estimates)),
-        "A": [_written(form, form.A.row(i)) for i in range(form.n)],
-        "b": _written(form, form.b),
-        "output": _written(form, form.output),
-        "blocks": list(map(str, form.blocks)),
-        "alignment": form.alignment,
-    }
+    return {"format": FORMAT, "version": VERSION, "hgogen": version(), **about, "model": model_digest(about)}
 
 
 def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
@@ -198,25 +190,19 @@ def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] 
     """The observer's name, and the numbers that a proof of it is about; None where the certificate names no observer.
 
     What is claimed of a bank's member is no claim about the bank. Numbers that no rule reads are left out: nothing is
-    verified of them.
+    verified of them. Raises: `OtherNumbers`.
     """
     if not name:
         return None
     own = (proof for check in checks if check.id.maker == name for proof in check.proofs)
     grounds = next((proof for proof in own if isinstance(proof, Grounds)), None)
-    numbers = _read_by_rules(name, grounds.numbers) if grounds else {}
-    return {"name": name, **{key: exactly(form, value) for key, value in numbers.items()}}
-
-
-def _read_by_rules(name: str, numbers: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The numbers of a proof, none where no rule knows the observer. Raises: `OtherNumbers`."""
-    if name not in OBSERVERS:
-        return {}
+    if grounds is None or name not in OBSERVERS:
+        return {"name": name}
     wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
-    if sorted(numbers.keys() - {*OBSERVERS[name].beside}) != wanted:
+    if sorted(grounds.numbers.keys() - {*OBSERVERS[name].beside}) != wanted:
         row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
-        raise OtherNumbers(name, f"{', '.join(sorted(numbers))}; {row}")
-    return numbers
+        raise OtherNumbers(name, f"{', '.join(sorted(grounds.numbers))}; {row}")
+    return {"name": name, **{key: exactly(form, value) for key, value in grounds.numbers.items()}}
 
 
 def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:

@@ -7,27 +7,54 @@ against a plant whose state, with its output at each stage, moves by the same st
 among it, enters as bounded inputs. Every sample is there, no guard acts on the estimate, inputs keep to their ranges,
 gains and parameters have their declared values, and numbers are real numbers. The slopes of b lie anywhere in their
 ranges, in each stage by themselves, so that the proof needs more than that each frozen slope decays.
+
+How far dt and theta may go is looked for in floats by halving, from the step's own values where it contracts there,
+else from the first that are found, and proved in rationals where the search ends, at a short number on the near side.
+
+A proof at (dt, theta) serves every (dt', theta') with theta' >= theta and dt' theta' = dt theta: dt M is the same but
+for the slopes of b, which dt'/dt theta'^-degree/theta^-degree makes smaller, and whose ranges hold 0. So what is proved
+at theta of every step length up to dt is proved of every theta' from theta to theta dt/dt' at each shorter dt'.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from hgogen.certificates.reach import NOWHERE, Reach, enough, reach
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Grounds
+from hgogen.guarantees.all_shorter import Piece, all_shorter
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Flow
-from hgogen.guarantees.contracting import ROWS, Contracts, Steps, unstable
+from hgogen.guarantees.contracting import ROWS, Contracts, Steps, farthest, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.step_evidence import AtOneLength, Throughout
-from hgogen.intervals.digits import Down, same
+from hgogen.intervals.digits import Down, down, same, up
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer
 from hgogen.sentence import Reason, because, point
 from hgogen.step import Step, demand_step
+
+_ROOM = 2**10  # how much longer a dt is looked for where nothing is refused
+_SHARES = 8  # that are tried, each half of the one before
+_HALVINGS, _DOUBLINGS = 10, 6  # of dt, of theta, where there is no proof at the step's own
+_BACK = tuple(Fraction(k, 100) for k in (0, 1, 5, 20))  # of the way to the start: where a proof is tried
+
+
+@dataclass(frozen=True)
+class Reach:
+    """`longest`: the largest dt at the step's theta, and `pieces`: proofs of all dt up to it; `least`: the smallest
+    theta at the step's dt, and `tuned`: proofs at it of all dt that serve each theta up to the step's own. None, or no
+    pieces, where nothing was proved."""
+
+    longest: Fraction | None = None
+    pieces: tuple[Piece, ...] = ()
+    least: Fraction | None = None
+    tuned: tuple[Piece, ...] = ()
+
+
+NOWHERE = Reach()
 
 
 @dataclass(frozen=True)
@@ -69,9 +96,12 @@ def contraction(step: Step) -> Contraction:
 
 @lru_cache(maxsize=32)
 def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit: float) -> Contraction:
-    error = _error(observer)
-    if isinstance(error, Reason):
-        return _unknown(observer, rule, dt, error)
+    error: Inclusion | Nothing | None = observer.error
+    if error is None:
+        why = because("the proof is for a constant injection: high_gain, filtered and the like, on chains")
+        return _unknown(observer, rule, dt, why)
+    if isinstance(error, Nothing):
+        return _unknown(observer, rule, dt, error.reason)
     if not isinstance(method, OnErrors):
         return _unknown(observer, rule, dt, because("the proof is not made for {rule}", rule=rule))
     obstacle = method.obstacle(error)
@@ -128,14 +158,6 @@ def _unknown(
     return Contraction((Check(id, _claim(observer, rule, dt), Verdict.UNKNOWN, why, fix=fix),), None, far)
 
 
-def _error(observer: Observer) -> Inclusion | Reason:
-    """What the error obeys, or why that is not known."""
-    if observer.error is None:
-        return because("the proof is for a constant injection: high_gain, filtered and the like, on chains")
-    error: Inclusion | Nothing = observer.error
-    return error.reason if isinstance(error, Nothing) else error
-
-
 def theta_of(observer: Observer) -> Fraction:
     """The declared theta."""
     (theta,) = (gain.initial[0] for gain in observer.gains if gain.name == "theta")
@@ -160,3 +182,62 @@ def _fix(far: Reach) -> str:
     ways += [f"theta = {same(float(far.least))}"] if far.least else []
     known = f"It is proved with {' or with '.join(ways)}. " if ways else ""
     return f"{known}Narrow the ranges of the states, or validate by trials."
+
+
+# --- how far
+
+
+def reach(steps: Steps, h: Fraction, limit: float) -> Reach:
+    """The reach of a step of length h, which is refused above `limit`.
+
+    Raises: `NoSolver`.
+    """
+    theta, far = steps.theta, h * _ROOM if limit == float("inf") else Fraction(limit)
+
+    def at(level: Fraction) -> Steps:
+        return replace(steps, theta=level)
+
+    def by_theta(level: Fraction) -> bool:
+        return at(level).may_contract(h)
+
+    if steps.may_contract(h):
+        longest = _proved(steps.certain, h, farthest(steps.may_contract, h, far))
+        least = _proved(lambda level: at(level).certain(h), theta, farthest(by_theta, theta, min(theta, Fraction(1))))
+    else:
+        short = _first(steps.may_contract, (h / 2**k for k in range(1, _HALVINGS + 1)))
+        longest = short and _proved(steps.certain, short, farthest(steps.may_contract, short, h))
+        high = _first(by_theta, (theta * 2**k for k in range(1, _DOUBLINGS + 1)))
+        least = high and _proved(lambda level: at(level).certain(h), high, farthest(by_theta, high, theta))
+    pieces = all_shorter(steps, longest) if longest else ()
+    tuned = all_shorter(at(least), h * theta / least) if least and least < theta else ()
+    return Reach(longest, pieces, least, tuned)
+
+
+def enough(steps: Steps, h: Fraction) -> Fraction | None:
+    """Of a step that is not proved, the largest share of the ranges of its slopes with which it is; None of none.
+
+    Raises: `NoSolver`.
+    """
+
+    def of(share: Fraction) -> Steps:
+        return replace(steps, error=steps.error.narrowed(share))
+
+    first = _first(lambda share: of(share).may_contract(h), (Fraction(1, 2**k) for k in range(1, _SHARES)))
+    if first is None:
+        return None
+    end = farthest(lambda share: of(share).may_contract(h), first, Fraction(1))
+    return _proved(lambda share: of(share).certain(h), first, end)
+
+
+def _first(holds: Callable[[Fraction], bool], values: Iterable[Fraction]) -> Fraction | None:
+    return next(filter(holds, values), None)
+
+
+def _proved(certain: Callable[[Fraction], object], start: Fraction, end: Fraction) -> Fraction | None:
+    """The value nearest to the end that is proved, a short number between it and the start."""
+    towards = up if start > end else down
+    for share in _BACK:
+        value = Fraction(towards(end + (start - end) * share, 3))
+        if certain(value):
+            return value
+    return None

@@ -36,7 +36,6 @@ from hgogen.method import OnErrors
 from hgogen.reading.named import names_of
 from hgogen.reading.sizes import Each, by_name, size, sizes
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
-from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice, demand_step
 from hgogen.structure.spare import of_used
 
@@ -119,21 +118,25 @@ def error_bound(
     if known.steps is None or known.proof is None or not known.proof.alpha:
         return _unknown(step, known.checks[0].reason)
     assert isinstance(step.method, OnErrors)  # as a step is that is proved to contract
-    endless = [name for name, signal in _read(step) if not signal.bounded]
+    read = [*zip(form.names, form.states, strict=True), *((u.name, u) for u in form.system.inputs)]
+    endless = [name for name, signal in read if not signal.bounded]
     if endless:
         why = because("what a plant does beside a step is bounded on ranges, and {names} has none", names=endless)
         return _unknown(step, why, f"Declare low and high of {', '.join(endless)}.")
     plant = PlantStep(form, known.proof.h, moving)
     try:
         entering = _entering(plant, most)
-        scales, shown = _in_numbers(known.steps, form)
-        method = step.method.beside(plant, known.steps.error, known.steps.theta)
+        error, theta = known.steps.error, known.steps.theta
+        scales, shown = error.scales(theta), heads_of(form)
+        if scales is None or shown is None:
+            raise Unbounded(NO_SCALES)
+        method = step.method.beside(plant, error, theta)
         entering |= {"method": method} if method.sizes.largest else {}
         if not (entering or real):
             return _unknown(step, because("nothing enters the error: that of the start decays, to nothing"))
         bounded = _bounded(step, known.steps, known.proof, scales, shown, plant, entering, real)
-    except Unbounded as error:
-        return _unknown(step, error.args[0])
+    except Unbounded as unbounded:
+        return _unknown(step, unbounded.args[0])
     asked = {"noise": noise, "rounded": rounded, "late": late, "disturbance": disturbance, "parameters": parameters}
     own = {name: {key: float(x) for key, x in (each or {}).items() if x} for name, each in asked.items()}
     own["rates"] = {u.name: float(x) for u, x in zip(form.system.inputs, moving, strict=True) if x}
@@ -152,12 +155,6 @@ def signed(step: AnyStep, **bounds: Any) -> AnyStep:
     return replace(step, signed=error_bound(step, **bounds).signed)
 
 
-def _read(step: Step) -> list[tuple[str, Signal]]:
-    """The states of the form, by their names, and the inputs."""
-    form = step.observer.form
-    return [*zip(form.names, form.states, strict=True), *((u.name, u) for u in form.system.inputs)]
-
-
 def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
@@ -166,14 +163,6 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     known = [own if value is None else value for value, own in zip(asked, declared, strict=True)]
     most = [None if x is None else size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
     return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)
-
-
-def _in_numbers(steps: Steps, form: Form) -> tuple[Sequence[Fraction], Heads]:
-    """The scales of the fields, and what outputs show. Raises: `Unbounded`."""
-    scales, shown = steps.error.scales(steps.theta), heads_of(form)
-    if scales is None or shown is None:
-        raise Unbounded(NO_SCALES)
-    return scales, shown
 
 
 def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, Entering]:
@@ -301,7 +290,8 @@ def _stated(
         return {name: number(value)[1] for name, value in (*zip(names, errors, strict=True), *behind.items())}
 
     bounds, parts = of(lambda k: totals[k]), {share.what: of(share.bound) for share in shares}
-    widths = _widths(form)
+    states = [*zip(names, form.states, strict=True), *((x.name, x) for x, _ in form.estimates if x.bounded)]
+    widths = {x: number(Fraction(z.interval[1]) - Fraction(z.interval[0]))[0] for x, z in reversed(states)}
     beyond = [x for x, most in bounds.items() if most > widths.get(x, math.inf)]
     vain = [_beyond(x, bounds[x], widths[x], {what: sizes[x] for what, sizes in parts.items()}) for x in beyond]
     bounds, *sizes = ({x: y for x, y in each.items() if x not in beyond} for each in (bounds, *parts.values()))
@@ -334,12 +324,6 @@ def _stated(
         because(_ENDLESS, why=own.unsettled) if own.unsettled else NONE,
         replace(own, bounds=bounds, inside=margins, beyond=tuple(beyond)),
     )
-
-
-def _widths(form: Form) -> dict[str, float]:
-    """By name, how wide the ranges are of the states of a form, and of those behind them that have one."""
-    states = [*zip(form.names, form.states, strict=True), *((x.name, x) for x, _ in form.estimates if x.bounded)]
-    return {name: number(Fraction(x.interval[1]) - Fraction(x.interval[0]))[0] for name, x in reversed(states)}
 
 
 def _beyond(state: str, bound: float, width: float, parts: Mapping[str, float]) -> Sentence:

@@ -103,12 +103,11 @@ def _constants(form: Form) -> list[Operand]:
     nodes = {node for row in (*form.A, *form.b, *form.output) for node in sp.preorder_traversal(exact(row))}
     parts = {node.as_independent(*node.free_symbols)[0] for node in nodes if node.is_Add or node.is_Mul}
     numbers = {x for x in nodes | parts if x.is_number and x.is_real and x.is_finite}
-    return [_known(form, x) for x in sorted(numbers, key=sp.default_sort_key)]
-
-
-def _known(form: Form, x: sp.Expr) -> Operand:
-    value = Fraction(str(x)) if x.is_Rational else Fraction(str(x.evalf(_DIGITS)))
-    return Operand(text(form, x).replace(" ", ""), value)
+    constants = []
+    for x in sorted(numbers, key=sp.default_sort_key):
+        value = Fraction(str(x)) if x.is_Rational else Fraction(str(x.evalf(_DIGITS)))
+        constants.append(Operand(text(form, x).replace(" ", ""), value))
+    return constants
 
 
 def _flat(values: Iterable[Any]) -> Iterable[Any]:

@@ -9,7 +9,7 @@ from hgogen.certificates.contraction import claimed, contraction, running
 from hgogen.check import Check
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, of_state
+from hgogen.guarantees.inclusion import NO_SCALES, of_state
 from hgogen.guarantees.stagewise import Inputs
 from hgogen.guarantees.step_evidence import UnderNoise
 from hgogen.guarantees.under_inputs import InputBound, of_step
@@ -76,23 +76,12 @@ def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: C
     outputs = [output.name for output in form.system.outputs]
     gains = {(state, output): 0.0 for state in form.names for output in outputs}  # of one that enters nowhere
     gains |= {(form.names[i], outputs[j]): number(one.bound)[1] for (i, j), one in bounds.items()}
-    known = UnderNoise(error, rule, Fraction(dt), bounds)
-    said = _check(observer, running(observer, rule, dt), error, known, gains, steps.at(proof.h).arithmetic)
-    return NoiseGain(gains, said)
-
-
-def _check(
-    observer: Observer,
-    at: str,
-    error: Inclusion,
-    known: UnderNoise,
-    gains: Mapping[tuple[str, str], float],
-    arithmetic: str,
-) -> Check:
+    at = running(observer, rule, dt)
     claim = f"{at}, noise of at most 1 at each sample moves the estimate by a bounded amount, whatever its course"
     said = [
         Sentence.of("{state} by at most {gain} for 1 of {output}", state=state, gain=Up(gain, 3), output=output)
         for (state, output), gain in gains.items()
     ]
-    reason = because("{said}, in {arithmetic} arithmetic", said=said, arithmetic=arithmetic)
-    return claimed(observer, "noise", claim, reason, error, known)
+    reason = because("{said}, in {arithmetic} arithmetic", said=said, arithmetic=steps.at(proof.h).arithmetic)
+    known = UnderNoise(error, rule, Fraction(dt), bounds)
+    return NoiseGain(gains, claimed(observer, "noise", claim, reason, error, known))

@@ -12,7 +12,7 @@ import casadi as ca
 
 from hgogen.algebra.lookup import Lookup, called, instructions
 from hgogen.graph import Graph
-from hgogen.intervals.computed import Unsure
+from hgogen.intervals.computed import Real, Rounding, Unsure, exactly
 from hgogen.method import Method
 from hgogen.part import Clock, Ode
 from hgogen.program import Block, Place, Program, Repeat, Statement
@@ -68,6 +68,19 @@ def after_call(
         arguments = [memory[place] for place, _ in statement.reads]
         memory |= zip(statement.writes, _outputs(arithmetic, statement.graph, arguments), strict=False)
     return [each for field in part.fields for each in memory[Place("state", field.name)]]
+
+
+def rounding_errors(step: Step, real: Real, held: Sequence[Any], y: Sequence[Any], u: Sequence[Any]) -> list[Any]:
+    """By element of the observer's fields (N), how far a call leaves it from what exact arithmetic makes of the same:
+    of fields in the balls `held` (N), samples in `y` (p), now and at the last call, and inputs in `u` (m).
+
+    What a step remembers, samples and inputs are numbers of the working precision, the same in both; gains, parameters,
+    constants and what `tune` computes of them are rounded.
+
+    Raises: `Unsure`.
+    """
+    fields, samples, inputs = (list(map(exactly, each)) for each in (held, y, u))
+    return [each.error for each in after_call(Rounding(real), step, fields, [samples] * 2, [inputs] * 2)]
 
 
 @lru_cache(maxsize=16)  # a program is walked on many pieces of the plant's ranges

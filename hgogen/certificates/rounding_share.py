@@ -22,7 +22,7 @@ import sympy as sp
 from hgogen.algebra.balls import between, magnitude
 from hgogen.algebra.definite import root
 from hgogen.certificates.listed_program import listed
-from hgogen.certificates.rounded_step import rounding_errors
+from hgogen.certificates.one_call import rounding_errors
 from hgogen.certificates.start_set import Start
 from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.confined import reached
@@ -83,7 +83,10 @@ def rounding_share(
     others = {k: sum((part[k] for part in parts), Fraction(0)) for k in every}
     begins = reached(rational(proof.weights.P), start.corners, {k: of_state(scales, k) for k in every})
     taken, speeds = min(multiple, Fraction(1)), plant.stated_speeds
-    sizes = _Sizing(step, real, steps, start, samples, shown, _moves(plant.h, speeds, shares), speeds)
+    besides = [share.sizes.beside for share in shares if share.sizes.beside]
+    rates = [speed + sum((each[i] for each in besides), Fraction(0)) for i, speed in enumerate(speeds)]
+    moves = [plant.h * rate for rate in rates]  # of a plant in a call, by row of its form
+    sizes = _Sizing(step, real, steps, start, samples, shown, moves, speeds)
 
     def moved(what: Sizes) -> tuple[dict[int, InputBound], dict[int, Fraction]]:
         """The proofs of what such sizes do, over the largest, and what they say of each field."""
@@ -108,12 +111,6 @@ def rounding_share(
     calls = _calls(float(most * _times(first, later)), float(falls))
     share = Share("rounding", later, later.largest, proofs, sizes.follows([within[k] for k in every]))
     return Rounding(share, early, left, calls)
-
-
-def _moves(h: Fraction, speeds: Sequence[Fraction], shares: Sequence[Share]) -> list[Fraction]:
-    """How far a plant of these speeds goes in a call, by row of its form."""
-    beside = [share.sizes.beside for share in shares if share.sizes.beside]
-    return [h * (speed + sum((each[i] for each in beside), Fraction(0))) for i, speed in enumerate(speeds)]
 
 
 def _times(more: Sizes, less: Sizes) -> Fraction:

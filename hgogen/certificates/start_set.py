@@ -110,27 +110,17 @@ def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Co
     if clear is None or len(peaks) < len(picks):
         return Nothing(NO_WAY)
     known = FromStart(steps.error, rule, Fraction(dt), tuple(start.first), dict(start.limits), clear, peaks)
-    return _stated(observer, running(observer, rule, dt), known)
-
-
-def _stated(observer: Observer, at: str, known: FromStart) -> StartSet:
-    names, multiple = observer.form.names, 1 / max(known.clear.bounds.values())
+    names, multiple = observer.form.names, 1 / max(clear.bounds.values())
     taken = min(multiple, Fraction(1))
-    reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, known.peaks, strict=True)}
-    begun = {name: number(value)[1] for name, value in zip(names, known.first, strict=True)}
-    each = [
-        Sentence.of(
-            "{state} errs by at most {peak} from {first}",
-            state=x,
-            peak=Up(reached[x], 3),
-            first=Up(begun[x] * taken, 3),
-        )
-        for x in names
-    ]
+    reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, peaks, strict=True)}
+    begun = {name: number(value)[1] for name, value in zip(names, start.first, strict=True)}
+    pattern = "{state} errs by at most {peak} from {first}"
+    said = [Sentence.of(pattern, state=x, peak=Up(reached[x], 3), first=Up(begun[x] * taken, 3)) for x in names]
     claim = (
-        f"{at}, first errors of up to {Down(multiple, 3)} times what the ranges allow never touch the estimate's limits"
+        f"{running(observer, rule, dt)}, first errors of up to {Down(multiple, 3)} times what the ranges allow never "
+        "touch the estimate's limits"
     )
-    check = claimed(observer, "start", claim, because("without noise {each}", each=each), known.error, known)
+    check = claimed(observer, "start", claim, because("without noise {each}", each=said), steps.error, known)
     return StartSet(begun, number(multiple)[0], reached, check)
 
 

@@ -31,8 +31,13 @@ def room(
 ) -> dict[int, Fraction] | None:
     """By field, what an error may be beside its bound of the `totals` for no guard to act; None where one may act with
     no more than these. `samples` (p): by how much a sample may err; `inside` (n): how clear the plant keeps."""
-    if not all(_plausible(step, samples)):
-        return None
+    form = step.observer.form
+    where = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
+        known, width = bound(sp.sympify(y), where), high - low
+        taken = known.low - size >= low - width and known.high + size <= high + width
+        if not taken:
+            return None
     left = dict[int, Fraction]()
     for state, most in _limits(step, samples, inside, shown):
         k = layout.picks[state]
@@ -43,15 +48,6 @@ def room(
 def patient(step: Step) -> int:
     """How many calls a sign that the estimate is lost may show for before it restarts."""
     return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.signs), default=0)
-
-
-def _plausible(step: Step, samples: Sequence[Fraction]) -> Iterator[bool]:
-    """Whether each sample is surely taken."""
-    form = step.observer.form
-    where = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
-    for y, (low, high), size in zip(form.output, readings(form), samples, strict=True):
-        known, width = bound(sp.sympify(y), where), high - low
-        yield known.low - size >= low - width and known.high + size <= high + width
 
 
 def _limits(

@@ -9,7 +9,6 @@ from typing import Any
 import sympy as sp
 from sympy.printing.str import StrPrinter
 
-from hgogen.algebra.cells import Cells
 from hgogen.algebra.plain import plain
 from hgogen.algebra.points import exact
 from hgogen.algebra.tabulated import Table
@@ -92,19 +91,6 @@ def _short(number: Fraction) -> str:
     return str(number) if number.denominator == 1 or Fraction(decimal) != number else decimal
 
 
-def _curve(cells: Cells) -> tuple[str, Iterable[Fraction]]:
-    """The name of a table of one argument, and its points."""
-    points = zip(cells.axes[0].x, cells.values, strict=True)
-    return cells.kind.capitalize(), (number for point in points for number in point)
-
-
-def _map(cells: Cells) -> tuple[str, Iterable[Fraction]]:
-    """The name of a table of two arguments, how many breakpoints the first has, those of both, and the values row by
-    row."""
-    x, y = (axis.x for axis in cells.axes)
-    return f"Bi{cells.kind}", (Fraction(len(x)), *x, *y, *(number for row in cells.values for number in row))
-
-
 class _Printer(StrPrinter):  # type: ignore[misc]
     """SymPy's text with rationals for floats, exp(1) for e."""
 
@@ -117,7 +103,13 @@ class _Printer(StrPrinter):  # type: ignore[misc]
 
     def table(self, node: Table) -> str:
         """A derivative of a table, with all its points."""
-        name, numbers = (_curve if len(node.args) == 1 else _map)(node.cells)
+        cells = node.cells
+        if len(node.args) == 1:
+            points = zip(cells.axes[0].x, cells.values, strict=True)
+            name, numbers = cells.kind.capitalize(), [number for point in points for number in point]
+        else:  # how many breakpoints the first argument has, those of both, and the values row by row
+            x, y = (axis.x for axis in cells.axes)
+            name, numbers = f"Bi{cells.kind}", [Fraction(len(x)), *x, *y, *(z for row in cells.values for z in row)]
         parts = (*map(self.doprint, node.args), *node.order, *map(_short, numbers))
         return f"{name}({', '.join(map(str, parts))})"
 
