@@ -88,7 +88,9 @@ class BesideCore:
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
             ahead = alpha + weight @ np.abs(self.lifted) @ self.most(1, self.plant.rest) * self.h
-            total = alpha + weight @ _slopes(self.obeyed) @ ahead
+            e = self.obeyed
+            slopes = np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H)  # at most, of what the rest makes of an error
+            total = alpha + weight @ slopes @ ahead
             sizes = Sizes(fields=tuple(map(self._over_h, total)))
         return Entering(sizes, self._follows(leaves))
 
@@ -210,18 +212,14 @@ BILINEAR = Leaves(2, 1, by_bilinear_rule)
 EXPONENTIAL = Leaves(1, 2, by_matrix_exponential)
 
 
-def _slopes(e: Uncertain) -> Array:
-    """|J| at most (N, N), of what the rest makes of an error."""
-    return np.asarray(np.abs(e.M - e.core) + np.abs(e.G) @ np.abs(e.H))
-
-
 def _integral(L: Array, h: Fraction, source: Array) -> Array:
     """At least the integral of s (h - s)/2 |exp(s L) source| over s from 0 to h, entry by entry."""
     turns = float(np.abs(floats(L)).sum(axis=1).max()) * float(h)
     count, total = min(_MANY, max(_FEW, math.ceil(_FINE * turns))), 0 * source
     for low, high in pairwise(h * Fraction(k, count) for k in range(count + 1)):
         weight = _primitive(high, h) - _primitive(low, h)
-        total = total + _upper(_power(L, low, high) @ source) * number(weight)
+        sizes = [[x.abs_upper() for x in row] for row in _power(L, low, high) @ source]
+        total = total + np.array(sizes, dtype=object).reshape(source.shape) * number(weight)
     return total
 
 
@@ -239,8 +237,3 @@ def _power(L: Array, low: Fraction, high: Fraction) -> Array:
 
 def _exp(L: Array, s: Any) -> Any:
     return arb_mat([[arb(x) * s for x in row] for row in L.tolist()]).exp()
-
-
-def _upper(M: Array) -> Array:
-    """The sizes of balls, from above."""
-    return np.array([[x.abs_upper() for x in row] for row in M], dtype=object).reshape(M.shape)

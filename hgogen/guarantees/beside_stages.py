@@ -53,7 +53,20 @@ class BesideStages:
         """What enters the error of it, and of what that follows. Raises: `Unbounded`."""
         outputs, still = range(len(self.plant.form.output)), (Fraction(0),) * len(self.tableau.b)
         stages = tuple(self.line(output) if output in self._used else still for output in outputs)
-        return Entering(Sizes(stages=stages, beside=self.remainder()), self._follows)
+        sizes, cells, rows = Sizes(stages=stages, beside=self.remainder()), self._cells, self._rows
+        orders = [row.order for row in rows]
+        follows = {
+            "rates": self.plant.moving,
+            "speeds": self.plant.stated_speeds,
+            "slopes": self._bent,
+            "lines": self._lines,
+            "orders": orders,
+            "flow": [row.flow for row in rows],
+            "step": [row.step for row in rows],
+            "steepness": [] if all(orders) else self._steepness,
+            "tree": cells.tree if cells else ".",
+        }
+        return Entering(sizes, follows)
 
     def line(self, output: int) -> tuple[Fraction, ...]:
         """By how much the line between two samples of an output is beside what the plant shows at each stage (s).
@@ -72,22 +85,6 @@ class BesideStages:
     def remainder(self) -> tuple[Fraction, ...]:
         """|x(t + h) - Phi_h(x)|/h (n) without disturbances. Raises: `Unbounded`."""
         return tuple(row.size for row in self._rows)
-
-    @property
-    def _follows(self) -> dict[str, Any]:
-        cells, rows = self._cells, self._rows
-        orders = [row.order for row in rows]
-        return {
-            "rates": self.plant.moving,
-            "speeds": self.plant.stated_speeds,
-            "slopes": self._bent,
-            "lines": self._lines,
-            "orders": orders,
-            "flow": [row.flow for row in rows],
-            "step": [row.step for row in rows],
-            "steepness": [] if all(orders) else self._steepness,
-            "tree": cells.tree if cells else ".",
-        }
 
     @cached_property
     def _rows(self) -> tuple["Row", ...]:
@@ -177,7 +174,8 @@ class BesideStages:
             for i in self._cubic
         ]
         each = [zip(*(row[_SECOND:last] for row in rows), strict=True) for rows in (flow, end)]
-        return Coefficients(*(tuple(tuple(map(_size, row)) for row in rows) for rows in (*each, lines)))
+        kinds = (*each, lines)
+        return Coefficients(*(tuple(tuple(magnitude(x) * SUMMED for x in row) for row in rows) for rows in kinds))
 
     def _step_series(self, cell: Ranges) -> tuple[list[list[list[Any]]], list[list[Any]]]:
         """Those of the stages (s) and of the step in its length, at any length up to h: as many as are read."""
@@ -253,10 +251,6 @@ class Coefficients:
 def _linear(row: sp.Expr) -> bool:
     """Whether a row is a sum of names, each times a number."""
     return all(term.is_number or term.as_coeff_Mul()[1].is_Symbol for term in sp.Add.make_args(row))
-
-
-def _size(ball: Any) -> Fraction:
-    return magnitude(ball) * SUMMED
 
 
 def _padded(values: list[Any], order: int) -> list[Any]:

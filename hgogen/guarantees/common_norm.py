@@ -18,7 +18,7 @@ larger theta on.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -179,7 +179,11 @@ class Flow:
         theta, weights = first
         lowest = self.theta if theta > self.theta else min(LOWEST, theta / 2)
         end = farthest(lambda at: self._slowest(at)[0] < 0, theta, lowest, CLOSE)
-        last = _reached(theta, end, weights, lambda by: partial(self._holds, by), self._weights, _FINE)
+
+        def holds(by: Pair) -> Callable[[Fraction], bool]:
+            return lambda at: negative(self._floats(at, Fraction(0)), *by, self._coordinates)
+
+        last = _reached(theta, end, weights, holds, self._weights, _FINE)
         return next(filter(None, map(self.at, worth_trying(last, theta, self.theta))), None)
 
     def obstacle(self, states: Sequence[Any]) -> Reason:
@@ -284,7 +288,11 @@ class Flow:
             if best is None or best.margin <= 0 or len(few) == len(forms):
                 return best
             values = [form.value(best.P, best.S) for form in forms]
-            seen = np.array(values if W is None else [_among(W, value) for value in values])
+            if W is not None:  # with multiplied relations as they are
+                T = np.eye(forms[0].size)
+                T[: len(W), : len(W)] = W
+                values = [T.T @ value @ T for value in values]
+            seen = np.array(values)
             largest = np.linalg.eigvalsh(seen).max(axis=1)
             order = [int(k) for k in largest.argsort()[::-1] if largest[k] > -best.margin / 2 and k not in few]
             if not order:
@@ -297,15 +305,14 @@ class Flow:
         return []
 
     def _plain(self, forms: tuple[Quadratic, ...]) -> Pair | None:
-        """P of large theta, and S with which slopes take least from it."""
-        P = self._alone
+        """The first P, its trace n, or that of the linear part alone, and S with which slopes take least from it; None
+        where it shows nothing."""
+        first = self.first
+        P = self.error.alone if first is None else np.asarray(first * len(first) / np.trace(first))
         if P is None:
             return None
         n = len(P)
         return P, np.linalg.norm(P @ forms[0].pairs[0][1][:, n:], axis=0)
-
-    def _holds(self, weights: Pair, theta: Fraction) -> bool:
-        return negative(self._floats(theta, Fraction(0)), *weights, self._coordinates)
 
     def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
         return self._forms(self._moving(theta), theta, number(alpha))
@@ -334,22 +341,9 @@ class Flow:
         return self._slowest(self.theta)
 
     @cached_property
-    def _alone(self) -> Array | None:
-        """The first P, its trace n, or that of the linear part alone; None where it shows nothing."""
-        first = self.first
-        return self.error.alone if first is None else np.asarray(first * len(first) / np.trace(first))
-
-    @cached_property
     def _coordinates(self) -> Array | None:
-        """P^(-1/2) of it, near which the P that are sought are."""
+        """P^(-1/2) of the first P, near which the P that are sought are."""
         return self.error.coordinates if self.first is None else inverse_root(self.first)
-
-
-def _among(W: Array, value: Array) -> Array:
-    """The value of a form in the coordinates x of e = W x, with its multiplied relations as they are."""
-    T = np.eye(len(value))
-    T[: len(W), : len(W)] = W
-    return np.asarray(T.T @ value @ T)
 
 
 def _reached(

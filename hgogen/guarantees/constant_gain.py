@@ -82,20 +82,16 @@ def _placed(
                 )
             demand_divisor(name, a, form)
     sizes = tuple(len(chain) for chain in each if chain)
-    per_chain = zip(_split("poles", poles, sizes), sizes, strict=True)
-    p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
+    p = list[float]()
+    for chain_poles, n in zip(_split("poles", poles, sizes), sizes, strict=True):
+        rounded = coefficients(chain_poles, n)
+        # these are proved to decay too, since poles at the edge may not survive rounding
+        demand_hurwitz("poles, rounded to doubles", companion(rounded), "take them further to the left")
+        p.extend(rounded)
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = (sp.Float(x) / a for x, a in zip(p, products, strict=True))
     error = on_companion(Integrators(form, form.gains), tuple(p), weights, endless)
     return ConstantGain(_of_error(form, K), False, np.empty((0, form.n, form.n)), error)
-
-
-def _polynomial(poles: Any, n: int) -> np.ndarray:
-    """The coefficients of the polynomial of the poles, as doubles. It is proved that these decay as well, since poles
-    at the edge may not survive rounding."""
-    p = coefficients(poles, n)
-    demand_hurwitz("poles, rounded to doubles", companion(p), "take them further to the left")
-    return p
 
 
 def _from_gains(
@@ -108,7 +104,8 @@ def _from_gains(
         vertices = several_corners(group, form)
         if isinstance(vertices, Reason):
             raise BadGain(f"gains = {gains!r}", f"cannot be judged: {vertices}; declare ranges, or use riccati")
-        closed = [A - gain @ C for gain in (_exact(k),) for A, C in vertices]
+        gain = np.array([[Fraction(x) for x in row] for row in k.tolist()], dtype=object)
+        closed = [A - gain @ C for A, C in vertices]
         fix = "take others for the ranges of the a_i, such as hg.design.constant_gain(form)"
         for matrix in closed:
             demand_hurwitz("gains", matrix, fix)
@@ -152,10 +149,6 @@ def _shape(values: Any) -> tuple[int, ...]:
         return np.shape(values)
     except ValueError:
         return ()
-
-
-def _exact(values: np.ndarray) -> np.ndarray:
-    return np.array([[Fraction(x) for x in row] for row in values.tolist()], dtype=object)
 
 
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:

@@ -208,7 +208,8 @@ def adaptive_gain(
     if disturbed is None and mu != math.inf:
         raise BadGain(f"mu = {mu!r}", "bounds the gain from a disturbance; give the disturbance")
     bounds = {"sigma": positive("sigma", sigma)}
-    bounds |= {name: _limit(name, x) for name, x in (("largest", largest), ("gamma", gamma), ("mu", mu))}
+    limits = {"largest": largest, "gamma": gamma, "mu": mu}
+    bounds |= {name: math.inf if x == math.inf else positive(name, x) for name, x in limits.items()}
     deltas = None if disturbed is None else (float(disturbed.deltas[0]), float(disturbed.deltas[1]))
     steep = 0.0 if slope is None else float(slope)
     task = Task(count, steep, bounds, deltas, None if K is None else _column(K, count), _MARGINS[0])
@@ -305,10 +306,6 @@ def slope(form: Form, gamma: float = 1.0) -> float:
         raise BadGain(f"the slope of {form.system.name}", f"has no bound: {steep}")
     rounded = float(steep.proof.high)
     return rounded if rounded >= steep.proof.high else math.nextafter(rounded, math.inf)
-
-
-def _limit(name: str, value: Any) -> float:
-    return math.inf if value == math.inf else positive(name, value)
 
 
 def _column(K: Any, n: int) -> np.ndarray:

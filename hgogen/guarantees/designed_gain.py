@@ -5,6 +5,11 @@
 theta is only the unit of time in which K is written, by default one in which its numbers are near 1, or in which a
 proof is accurate. The gain is that of `rate_search`; what is said of it is proved of its rounded numbers in rationals,
 the bound of each state by a norm of its own.
+
+b may read e_j - N_j (C e - v) in the place of e_j. With N given, all else is the convex program of `gain_search`; N is
+sought from outside, in floats, near the samples in the place of what they measure (N_1 = 1/a_1), in steps that are as
+large as noise moves a state. Where slopes stand at their corners one by one, N makes what is left of them smaller; with
+a multiplier for each, all that N does K does as well (Arcak, Kokotovic, Automatica 37 (2001), have slopes of one sign).
 """
 
 import math
@@ -14,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.chains.columns import as_matrix
+from hgogen.chains.columns import as_matrix, columns
 from hgogen.form import Form
-from hgogen.guarantees.argument import no_argument
-from hgogen.guarantees.argument_search import least_noise, searched
+from hgogen.guarantees.argument import no_argument, numbers_in_place
 from hgogen.guarantees.constant_gain import entries_of
 from hgogen.guarantees.gain_search import Task
 from hgogen.guarantees.noise_in_time import Bounds, bounds, named
+from hgogen.guarantees.quadratic import Array
 from hgogen.guarantees.rate_search import Candidate, Search, plain
 from hgogen.guarantees.unreached_rate import unreached
 from hgogen.intervals.digits import Down, Up, same
@@ -33,6 +38,8 @@ from hgogen.sentence import NONE, Reason, Sentence, because
 _FORM = "a form: hg.forms.triangular(plant)"
 _FASTEST = 10  # times the number of states and the pace of rate and slopes
 _FAR = 1e15  # a number this large, or as small, is for another unit
+_FIRST, _MORE = 12, 8  # entries of N that are tried, and more for each that is sought
+_NO_GAIN = 1e30  # the worth of what has none
 _OWN: Any = object()  # the measure that a state's range gives
 
 
@@ -114,7 +121,9 @@ def gain(
     """
     if not isinstance(form, Form):
         raise Misfit("gain", form, _FORM)
-    wanted, sizes = _moderate("rate", rate), _sizes(form, noise)
+    wanted, names = _moderate("rate", rate), names_of(form.system.outputs)
+    each = zip(names, by_name("noise", noise, names, 1.0), strict=True)
+    sizes = np.array([_moderate(f"noise of {name}", value) for name, value in each])
     measures, open_ = _measures(form, per), plain(form, sizes)
     if isinstance(open_, Reason):
         fix = "gains are designed on a form of the plant's own states in chains, triangular or block_triangular"
@@ -123,9 +132,15 @@ def gain(
     rows = np.diag([1 / (size or natural) for size, natural in zip(measures, open_.scale(pace), strict=True)])
     quickest = _FASTEST * form.n * pace if fastest is None else _moderate("fastest", fastest)
     task = Task(open_, wanted, rows, quickest)
-    levels = _levels(task.pace) if theta is None else (_moderate("theta", theta),)
-    each = [_best(form, task, sizes, entries, levels) for entries in _arguments(form, task, sizes, argument)]
-    best = min(filter(None, each), key=lambda one: one.worth, default=None)
+    if theta is None:  # the first is taken unless one of the others, from there to 1, is more accurate
+        levels = tuple(float(f"{level:.2g}") for level in (task.pace, math.sqrt(task.pace), 1.0))
+    else:
+        levels = (_moderate("theta", theta),)
+    tried = list[Candidate | None]()
+    for entries in _arguments(form, task, sizes, argument):
+        one = searched(form, task, sizes, entries)
+        tried.append(min((replace(one, theta=level) for level in levels), key=Search.promise).best())
+    best = min(filter(None, tried), key=lambda one: one.worth, default=None)
     if best is None:
         raise unreached(form, task, sizes)
     return _stated(form, best)
@@ -144,24 +159,40 @@ def _arguments(form: Form, task: Task, sizes: np.ndarray, argument: Any) -> Sequ
     return (entries if any(entries) else (),)
 
 
-def _best(
-    form: Form, task: Task, sizes: np.ndarray, entries: Sequence[float], levels: Sequence[float]
-) -> Candidate | None:
-    """The best gain with these entries of N, with the most accurate of the values of theta. Raises: `NoSolver`."""
-    one = searched(form, task, sizes, entries)
-    return min((replace(one, theta=each) for each in levels), key=Search.promise).best()
+def least_noise(form: Form, task: Task, sizes: Array) -> tuple[float, ...]:
+    """The entries of N (n, or n q: `columns`), none where b reads no error; `task` without it.
+
+    Raises: `NoSolver`.
+    """
+    start = np.array(numbers_in_place(form))
+    places, reads = columns(form, len(start)), np.abs(task.open.H).sum(axis=0)
+    free = [k for k, at in enumerate(places) if reads[at.row]]
+    steps = task.open.scale(task.pace)[[places[k].row for k in free]]
+
+    def entries(x: Array) -> tuple[float, ...]:
+        values = start.copy()
+        values[free] += x * steps
+        return tuple(map(float, values))
+
+    def worth(x: Array) -> float:
+        one = searched(form, task, sizes, entries(x)).middle()
+        return one.worth if one else _NO_GAIN
+
+    if not free:
+        return ()
+
+    from scipy.optimize import minimize  # which the solver needs as well
+
+    simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
+    most = {"maxfev": _FIRST + _MORE * len(free), "initial_simplex": simplex}
+    return entries(minimize(worth, simplex[0], method="Nelder-Mead", options=most).x)
 
 
-def _levels(pace: float) -> tuple[float, ...]:
-    """Values of theta, of which the first is taken unless one of the others, from there to 1, is more accurate."""
-    return tuple(float(f"{level:.2g}") for level in (pace, math.sqrt(pace), 1.0))
-
-
-def _sizes(form: Form, noise: Any) -> np.ndarray:
-    """That of the noise of each output, 1 by default. Raises: `BadNames`, `BadGain`."""
-    names = names_of(form.system.outputs)
-    each = by_name("noise", noise, names, 1.0)
-    return np.array([_moderate(f"noise of {name}", value) for name, value in zip(names, each, strict=True)])
+def searched(form: Form, task: Task, sizes: Array, argument: Sequence[float]) -> Search:
+    """The search with these entries of N, whose task is that of the error with them, written at theta = 1."""
+    open_ = plain(form, sizes, argument=argument)
+    assert not isinstance(open_, Reason)
+    return Search(form, replace(task, open=open_), sizes, 1.0, tuple(argument))
 
 
 def _measures(form: Form, per: Any) -> list[float]:

@@ -26,11 +26,14 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact, kind
 from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.guarantees.dissipates import Dissipates
-from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem, error_box
+from hgogen.evidence.grammar import end, spelled, tree
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
+from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem, Injection, error_box
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box
 from hgogen.intervals.digits import Down, down, up
+from hgogen.intervals.proof import Proof
 from hgogen.intervals.second_order import Answer, SecondOrder, negative
 from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
 from hgogen.reading.door import Misfit, limits
@@ -39,6 +42,59 @@ from hgogen.sentence import NONE, Reason, because
 
 LIMIT = 4000
 _SHARP = 1e-2  # of V's range on a face
+
+
+@dataclass(frozen=True)
+class Dissipates:
+    """What a claim of (38) is about, and what was found of it: the `answer`, of the `left` side or of V, or `floor`,
+    below which {V <= c} keeps off the faces of the box `within` of the errors."""
+
+    system: ErrorSystem
+    V: sp.Expr
+    mu: sp.Rational
+    within: Box = field(hash=False)
+    answer: Answer | None = field(default=None, hash=False)
+    left: sp.Expr | None = None
+    floor: Fraction | None = None
+
+    @property
+    def unwritten(self) -> str:
+        """Why a certificate cannot show it, "" where it can."""
+        return "" if self.system.origin else "of an error system that is given and not made of the plant"
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The error system, and the floor or the bisections."""
+        if self.system.origin is None:
+            return None
+        system = {"system": self._about(self.system.origin)}
+        if self.floor is not None:
+            return {**system, "floor": self.floor}
+        answer = self.answer
+        if answer is None or answer.basis is None:
+            return None
+        whole = self.left is None or answer.share == 1
+        return {
+            **system,
+            "share": answer.share,
+            "basis": answer.basis.tolist(),
+            "slabs": [_slab(proof, -1 if self.left is None else 1) for proof in answer.proofs[1:]],
+            **({} if whole else {"left": spelled(self.left, self._names)}),
+        }
+
+    @property
+    def _names(self) -> set[str]:
+        """The names of the errors and of the signals of the error system."""
+        return {s.name for s in (*self.system.errors, *self.system.box)}
+
+    def _about(self, made: Injection | Equations) -> dict[str, Any]:
+        """How the error system is made of the plant, the ranges of e, V and mu."""
+        names = self._names | {s.name for s in made.names}
+        if isinstance(made, Equations):
+            own = _equations(self.system, made, names)
+        else:
+            own = {key: _rows(M, names) for key, M in (("gain", made.gain), ("G1", made.G1), ("G2", made.G2))}
+        errors = [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in self.within.items()]
+        return {**own, "errors": errors, "V": spelled(self.V, names), "mu": str(self.mu)}
 
 
 @dataclass(frozen=True)
@@ -68,16 +124,13 @@ class Dissipation:
         """What holds, in one sentence."""
         if not self.proved or self.level is None:
             return "nothing is concluded"
+        made = self.system.origin
+        condition = f" and {made.condition}" if isinstance(made, Equations) and made.condition else ""
         return (
             f"in continuous time, from e(0) in the box with V(e(0)) + {_above(self.mu**2 / 2)} * integral of |w|^2 < "
             f"{down(float(self.level), 9)} on, the error stays in the box, with the L2 gain {_above(self.mu)} from w "
-            f"to e; without w it tends to 0; as long as the plant keeps to its ranges{self._condition}"
+            f"to e; without w it tends to 0; as long as the plant keeps to its ranges{condition}"
         )
-
-    @property
-    def _condition(self) -> str:
-        made = self.system.origin
-        return f" and {made.condition}" if isinstance(made, Equations) and made.condition else ""
 
     def __str__(self) -> str:
         return "\n".join([f"{self.system.name}: {self.conclusion}", *(f"  {check}" for check in self.checks)])
@@ -98,10 +151,15 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     limits("dissipation", boxes)
     around, level, mu = error_box(system, within), _function(system, V), _positive("mu", mu)
     obstacle = _obstacle(system, level, around, boxes)
-    answers = (
-        _zero(level, system) or negative(_positive_function(system, level, around), boxes, obstacle),
-        negative(_inequality(system, level, mu, around), boxes, _cancelled(system) or obstacle),
-    )
+    zero = dict.fromkeys(system.errors, sp.S.Zero)
+    if kind(level, zero) in ("> 0", "< 0"):
+        point = dict.fromkeys(system.errors, Fraction(0))
+        positive = Answer(Verdict.REFUTED, because("V(0) is not 0"), point)
+    else:
+        positive = negative(_positive_function(system, level, around), boxes, obstacle)
+    lost = because("{part} of the plant may have no value, and cancels in e'", part=system.lost)
+    doubt = system.doubt if system.lost is None else lost  # whether e' is that of the plant
+    answers = (positive, negative(_inequality(system, level, mu, around), boxes, doubt or obstacle))
     floor = _floor(level, around, boxes)
     subject = Dissipates(system, level, mu, around)
     checks = (
@@ -130,7 +188,10 @@ def _function(system: ErrorSystem, V: Any) -> sp.Expr:
         if level.shape != (n, n):
             raise BadErrorSystem(f"V of shape {level.shape}", f"must be a symmetric {n} x {n} matrix, for V = e'V e")
         P, e = level.applyfunc(exact), sp.Matrix(system.errors)
-        if not _even(P):
+        # but for rounding: e'P e is that of (P + P')/2
+        rational = all(entry.is_Rational for entry in P)
+        even = symmetric([[Fraction(x) for x in row] for row in P.tolist()]) is not None if rational else P == P.T
+        if not even:
             raise BadErrorSystem("V", unsymmetric("V"))
         level = (e.T * P * e)[0, 0]
     strange = level.free_symbols - {*system.errors}
@@ -138,13 +199,6 @@ def _function(system: ErrorSystem, V: Any) -> sp.Expr:
         names = ", ".join(e.name for e in system.errors)
         raise BadErrorSystem("V", f"uses {min(map(str, strange))}; it is a function of the errors {names} alone")
     return sp.expand(exact(level))
-
-
-def _even(P: sp.Matrix) -> bool:
-    """Whether P is symmetric but for rounding; e'P e is that of (P + P')/2."""
-    if not all(entry.is_Rational for entry in P):
-        return bool(P == P.T)
-    return symmetric([[Fraction(x) for x in row] for row in P.tolist()]) is not None
 
 
 def _positive(name: str, value: Any) -> sp.Rational:
@@ -155,13 +209,6 @@ def _positive(name: str, value: Any) -> sp.Rational:
     if number is None or not number.is_Rational or not number > 0:
         raise BadErrorSystem(f"{name} = {value!r}", "must be a positive number")
     return number
-
-
-def _zero(V: sp.Expr, system: ErrorSystem) -> Answer | None:
-    """The refutation of V(0) = 0, if it is one."""
-    if kind(V, dict.fromkeys(system.errors, sp.S.Zero)) not in ("> 0", "< 0"):
-        return None
-    return Answer(Verdict.REFUTED, because("V(0) is not 0"), dict.fromkeys(system.errors, Fraction(0)))
 
 
 def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reason:
@@ -182,12 +229,6 @@ def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reaso
         if lipschitz_bound(rows, system.errors, box, boxes=boxes, relative=1.0).verdict is not Verdict.PROVED:
             return because("{what} is not shown to have a bounded slope", what=what)
     return NONE
-
-
-def _cancelled(system: ErrorSystem) -> Reason:
-    """Why e' may not be that of the plant, or has a value where the plant may have none, or `NONE`."""
-    lost = because("{part} of the plant may have no value, and cancels in e'", part=system.lost)
-    return system.doubt if system.lost is None else lost
 
 
 def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:
@@ -253,3 +294,26 @@ def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates
 
 def _above(number: sp.Rational) -> str:
     return up(Fraction(number), 9)
+
+
+def _equations(system: ErrorSystem, made: Equations, names: set[str]) -> dict[str, Any]:
+    """The outputs by their places, y_1, y_2, .."""
+    seen = {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(made.outputs, 1)}
+    known = names | {y.name for y in seen.values()}
+    return {
+        "observer": [spelled(row.xreplace(seen), known) for row in made.observer],
+        "unknown": [w.name for w in made.unknown],
+        "along": {x.name: spelled(value, names) for x, value in made.along},
+        "flow": [spelled(row, names) for row in system.flow],
+        "noise": _rows(system.noise, names),
+    }
+
+
+def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:
+    return [[spelled(cell, names) for cell in row] for row in M.tolist()]
+
+
+def _slab(proof: Proof, way: int) -> dict[str, Any]:
+    """S < 0 (`way` 1), or -V < 0 as V > 0 (-1), half of what was proved, so that a weaker arithmetic reaches it."""
+    assert proof.high is not None  # it is negative
+    return {"tree": tree(proof), "bound": way * Fraction(f"{float(proof.high) / 2:.6g}")}

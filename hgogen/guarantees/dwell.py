@@ -16,7 +16,6 @@ whatever makes the gains switch, and the error converges exponentially. Average 
 of switched systems with average dwell-time", CDC 1999.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import inf
@@ -91,7 +90,9 @@ def _held(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
     low = flow.fastest
     if low is None:
         return unknown
-    ways = [_way(flow.error, low, high) for high in _high(flow, low, theta)]
+    high = Flow(flow.error, theta)
+    norms = high.fastest, high.by(low.weights, low.alpha * theta / flow.theta)  # the second a switch changes less
+    ways = [_way(flow.error, low, falls) for falls in norms if falls is not None and falls.alpha > 0]
     if not ways:
         return replace(unknown, reason=because("no norm is found that falls in the high gain"))
     best = min(ways, key=lambda way: float(way.least.mid()))
@@ -100,14 +101,6 @@ def _held(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(best,))
     reason = because("not shown: {least} is, and is sufficient, not necessary", least=_up(best.least))
     return replace(unknown, reason=reason, fix=f"Take hold > {_up(best.least)}, or validate by trials.")
-
-
-def _high(flow: Flow, low: Falls, theta: Fraction) -> Iterator[Falls]:
-    """Norms that fall in the high gain: the fastest, and that of the low gain, which a switch changes less."""
-    high = Flow(flow.error, theta)
-    for falls in (high.fastest, high.by(low.weights, low.alpha * theta / flow.theta)):
-        if falls is not None and falls.alpha > 0:
-            yield falls
 
 
 def _way(error: Inclusion, low: Falls, high: Falls) -> Held:

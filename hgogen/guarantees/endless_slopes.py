@@ -131,9 +131,12 @@ class OneSided:
     def _basis(self) -> tuple[Array, ...]:
         """Symmetric matrices (n, n), of FLINT's rationals, of whose sums P onto_k is along reads_k for every k."""
         n = len(self.error.N)
-        places = [(i, j) for j in range(n) for i in range(j + 1)]
-        units = [_symmetric(n, i, j) for i, j in places]
-        slopes = self.endless
+        units, slopes = list[Array](), self.endless
+        for j in range(n):
+            for i in range(j + 1):
+                unit = rational(np.zeros((n, n), dtype=int).tolist())
+                unit[i, j] = unit[j, i] = fmpq(1)
+                units.append(unit)
         rows = []
         for k, slope in enumerate(slopes):
             onto, reads = rational(slope.onto), rational(slope.reads)
@@ -178,12 +181,6 @@ class OneSided:
         if solution is None or not solution[0][-1] > _MARGIN:
             return None
         return solution[0][: len(basis)], np.maximum(solution[0][len(basis) : count], 0.0)
-
-
-def _symmetric(n: int, i: int, j: int) -> Array:
-    matrix = rational(np.zeros((n, n), dtype=int).tolist())
-    matrix[i, j] = matrix[j, i] = fmpq(1)
-    return matrix
 
 
 def _null(rows: Sequence[Sequence[fmpq]], count: int) -> list[list[fmpq]]:

@@ -114,9 +114,10 @@ def injection_filter(
         raise BadGain(f"rate = {wanted:g}", reason)
     shown = ((each, search.proved(each)) for each in search.improved(first))
     better = ((each, known) for each, known in shown if known and known.bound < before.bound)
-    filter_, best = next(better, (first, before))
-    F, G, H = map(_plain, filter_)
-    return InjectionFilter(level, F, G, H, wanted, names[search.state], best.bound, before.bound)
+    (F, G, H), best = next(better, (first, before))
+    F, H = (tuple(map(tuple, part.tolist())) for part in (F, H))
+    counted = names[search.state]
+    return InjectionFilter(level, F, tuple(G.tolist()), H, wanted, counted, best.bound, before.bound)
 
 
 Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H
@@ -210,7 +211,3 @@ class _Search:
         m, n = self.m, self.chain.n
         F = np.diag(numbers[:m]) + np.diag(numbers[m : 2 * m - 1], 1) + np.eye(m, k=-1)
         return F, np.eye(m)[0], numbers[2 * m - 1 :].reshape(n, m)
-
-
-def _plain(part: np.ndarray) -> Any:
-    return tuple(part.tolist()) if part.ndim == 1 else tuple(map(tuple, part.tolist()))

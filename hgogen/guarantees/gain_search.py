@@ -162,14 +162,11 @@ class _Program:
         k, p = self._multipliers, len(self.open.C)
         first = p + 2 * k
         powers = self._diagonal(p, p)
-        for d in self._corners():
+        corners = [None] if k else map(np.array, product((-1.0, 1.0), repeat=self.open.G.shape[1]))
+        for d in corners:
             yield _negative(self._form(d, 2 * self.rate, self._diagonal(first, k)))
             S = self._diagonal(first - k, k)
             yield _negative(self._driven(d, self._form(d, self.alpha, S), S, powers))
-
-    def _corners(self) -> Iterator[Array | None]:
-        m = self.open.G.shape[1]
-        yield from [None] if self._multipliers else map(np.array, product((-1.0, 1.0), repeat=m))
 
     def _form(self, d: Array | None, alpha: float, S: Array) -> Array:
         """That of V' + alpha V."""

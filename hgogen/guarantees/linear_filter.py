@@ -52,7 +52,8 @@ def linear(form: Form) -> Linear | Reason:
     if undefined_values(form.system):
         return because("a rate or an output is not known to have a finite value everywhere")
     known = dict(fixed(form))
-    A, b, h, C = (exactly(sp.Matrix(rows)).xreplace(known) for rows in (form.A, form.b, form.output, _slopes(form)))
+    slopes = sp.Matrix(form.output).jacobian(form.states)
+    A, b, h, C = (exactly(sp.Matrix(rows)).xreplace(known) for rows in (form.A, form.b, form.output, slopes))
     d = (h - C * sp.Matrix(form.states)).expand()  # a jump has a slope of 0 beside it
     if (b.free_symbols | C.free_symbols | d.free_symbols) & z:
         return because("it is not linear in the state")
@@ -61,11 +62,6 @@ def linear(form: Form) -> Linear | Reason:
     if not all(e.is_Rational for e in (*A, *C)):
         return because("a coefficient is not rational")
     return Linear(_fractions(A), _fractions(C))
-
-
-def _slopes(form: Form) -> sp.Matrix:
-    """The slopes of the outputs by the states (p, n)."""
-    return sp.Matrix(form.output).jacobian(form.states)
 
 
 def _fractions(M: sp.Matrix) -> Matrix:

@@ -47,10 +47,13 @@ def merged(form: Quadratic) -> Merged:
         if len(places) == 1:
             Z[places[0], at] = 1.0
     pairs = tuple((X @ T, Y @ T) for X, Y in form.pairs)
-    groups = tuple(
-        Group(tuple(places), tuple(_weights(form, places)), at) for at, places in enumerate(each, n) if len(places) > 1
-    )
-    return Merged(Quadratic(pairs, form.Q @ T, Z), groups)
+    columns, groups = _columns(form), list[Group]()
+    for at, places in enumerate(each, n):
+        if len(places) > 1:
+            first = columns[:, places[0]]
+            weights = tuple(float(columns[:, k] @ first / (first @ first)) for k in places)
+            groups.append(Group(tuple(places), weights, at))
+    return Merged(Quadratic(pairs, form.Q @ T, Z), tuple(groups))
 
 
 def _columns(form: Quadratic) -> Array:
@@ -78,10 +81,3 @@ def _along(columns: Array, lengths: Array, first: int, other: int) -> bool:
     cosine = columns[:, first] @ columns[:, other] / lengths[first] / lengths[other]
     unit = columns[:, other] / lengths[other] * np.sign(cosine)
     return bool(np.abs(columns[:, first] / lengths[first] - unit).max() < _ALIKE)
-
-
-def _weights(form: Quadratic, places: list[int]) -> Iterator[float]:
-    columns = _columns(form)
-    first = columns[:, places[0]]
-    for k in places:
-        yield float(columns[:, k] @ first / (first @ first))

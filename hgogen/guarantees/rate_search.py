@@ -149,16 +149,13 @@ def plain(form: Form, sizes: Array, narrower: int | None = None, argument: Seque
     if isinstance(without, Nothing) or isinstance(ones, Nothing):
         return because("{why}", why=without)
     chain = [k for k, size in enumerate(form.blocks) for _ in range(size)]
-    parts = (_parts(error, narrower) for error in (without, ones))
+    parts = list[Uncertain]()
+    for error in (without, ones):
+        slopes = tuple(_half(slope) if k == narrower else slope for k, slope in enumerate(error.slopes))
+        parts.append(replace(error, slopes=slopes).at(_ONE).floats)
     open_ = opened(*parts, heads=form.heads, chain=chain)
     C, D = (each / sizes[:, None] for each in (open_.C, open_.D))
     return replace(open_, C=C, D=D, B=open_.B * sizes, E=open_.E * sizes)
-
-
-def _parts(error: Inclusion, narrower: int | None) -> Uncertain:
-    """What it says at theta = 1, in the form's own coordinates, in floats."""
-    slopes = tuple(_half(slope) if k == narrower else slope for k, slope in enumerate(error.slopes))
-    return replace(error, slopes=slopes).at(_ONE).floats
 
 
 def _half(slope: Slope) -> Slope:

@@ -163,14 +163,10 @@ def shortest(view: Seen, reads: Array, limits: Limits, by: float, unit: float, w
     if solution is None:
         return None
     P, S, _ = _parts(solution[0], n, k)
-    holds = all(map(_positive, (P, *(-form.value(P, S) for form in forms))))
+    holds = all(np.linalg.eigvalsh(M).min() > 0 for M in (P, *(-form.value(P, S) for form in forms)))
     value = np.einsum("ij,ji->i", reads, np.linalg.solve(P, reads.T)).max() / unit**2 if holds else math.inf
     known = view.back(P, S)
     return Solution(known[0] * unit**2, known[1] * unit**2, float(value), P)
-
-
-def _positive(M: Array) -> bool:
-    return bool(np.linalg.eigvalsh(M).min() > 0)
 
 
 def _few(form: Quadratic) -> tuple[Quadratic, tuple[Group, ...]]:

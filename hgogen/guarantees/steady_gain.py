@@ -68,10 +68,13 @@ def steady_gain(
     variances = np.array(positive("R", of_outputs("R", R, form), len(form.output)))
     point, said = _point(form, at, u)
     (F,), (C,) = jacobians_at(Dynamics(form), point[None])
-    A, powers = _linear(form, point), np.array(exponents(form), dtype=float)
+    inputs = dict(zip(form.system.inputs, point[form.n :].tolist(), strict=True))
+    A = np.array(form.A.subs(form.system.nominal).subs(inputs).tolist(), dtype=float)
+    powers = np.array(exponents(form), dtype=float)
 
     def at_theta(value: float) -> np.ndarray:
-        return _settled(_scaled(F, powers, value), C, noise, variances, said)
+        scaled = F * value ** (powers[None, :] - powers[:, None] - 1)  # Delta F Delta^-1/theta; C is as it is
+        return _settled(scaled, C, noise, variances, said)
 
     K = at_theta(level)
     if not hurwitz(A - K @ C):
@@ -89,11 +92,6 @@ def in_chains(form: Form) -> None:
     if form.jacobian is not None or len(form.leads) < len(form.output):
         reason = "wants coordinates in which the gain acts, and a chain for each output"
         raise BadGain("steady_gain", f"{reason}; take a form in chains, and leave outputs without one out of the plant")
-
-
-def _scaled(F: np.ndarray, powers: np.ndarray, theta: float) -> np.ndarray:
-    """Delta F Delta^-1/theta; C is that of scaled outputs as it is."""
-    return np.asarray(F * theta ** (powers[None, :] - powers[:, None] - 1))
 
 
 def _point(form: Form, at: Any, u: Any) -> tuple[np.ndarray, str]:
@@ -118,12 +116,6 @@ def _values(what: str, values: Any, signals: Sequence[Signal]) -> dict[str, floa
         if not (np.isfinite(number) and low <= number <= high):
             raise BadGain(f"{what} {signal.name} = {number:g}", f"must be finite and in [{low:g}, {high:g}]")
     return known
-
-
-def _linear(form: Form, point: np.ndarray) -> np.ndarray:
-    """A (n, n) at the input of the point, nominal parameters."""
-    inputs = dict(zip(form.system.inputs, point[form.n :].tolist(), strict=True))
-    return np.array(form.A.subs(form.system.nominal).subs(inputs).tolist(), dtype=float)
 
 
 def _settled(N: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, said: str) -> np.ndarray:

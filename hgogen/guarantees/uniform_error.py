@@ -38,7 +38,7 @@ from hgogen.guarantees.common_norm import one_by_one
 from hgogen.guarantees.inclusion import Inclusion, inclusion, plain
 from hgogen.guarantees.slope_of_error import Slope, of_field
 from hgogen.intervals.bounds import Range
-from hgogen.sentence import NONE, Reason, because
+from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import fixed, span
 
 STATES = 6  # of more the search for P takes longer than a check may
@@ -48,15 +48,13 @@ Shares = list[tuple[Fraction, Fraction]]  # the range of each q_k
 
 def slopes_on(form: Form) -> tuple[sp.Expr, ...]:
     """F_1', .., F_(n-1)' of a form in the order of its chain, constants at their values."""
-    known = dict(fixed(form))
-    rows = zip(form.flow, form.states[1:], strict=False)
-    return tuple(_short(exact(slope(sp.sympify(row), z).xreplace(known))) for row, z in rows)
-
-
-def _short(expression: sp.Expr) -> sp.Expr:
-    """In factors, where a variable stands less often and ranges are narrower; as it is where that may take long."""
-    brief = sp.count_ops(expression) <= _OPERATIONS and largest_exponent(expression) <= _EXPONENT
-    return sp.factor(expression) if brief else expression
+    known, slopes = dict(fixed(form)), []
+    for row, z in zip(form.flow, form.states[1:], strict=False):
+        each = exact(slope(sp.sympify(row), z).xreplace(known))
+        # in factors a variable stands less often and ranges are narrower; as it is where that may take long
+        brief = sp.count_ops(each) <= _OPERATIONS and largest_exponent(each) <= _EXPONENT
+        slopes.append(sp.factor(each) if brief else each)
+    return tuple(slopes)
 
 
 def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
@@ -74,9 +72,11 @@ def middles(form: Form) -> tuple[sp.Rational, ...] | Reason:
 
 def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
     """What the error obeys of the gains K (n), on a form whose A holds the s_k above its diagonal and nothing else."""
-    reason = _obstacle(form)
-    if reason:
-        return Nothing(reason)
+    if form.n > STATES:
+        return Nothing(because("the bound is computed for up to {most} states", most=STATES))
+    open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
+    if open_:
+        return Nothing(because("the bound rests on {check}, which is not proved", check=open_[0]))
     gains, known = tuple(map(Fraction, K)), _shares(form)
     if isinstance(known, Nothing):
         return known
@@ -92,14 +92,6 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
     pushes, of_b = _pushes(gains, shares), len(error.varying)
     slopes = (*error.slopes, *pushes)
     return replace(error, slopes=slopes, own={"shares": ranges}, hull=_together(of_b, pushes, gains, shares))
-
-
-def _obstacle(form: Form) -> Reason:
-    """Why nothing is proved before it is tried, or `NONE`."""
-    if form.n > STATES:
-        return because("the bound is computed for up to {most} states", most=STATES)
-    open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
-    return because("the bound rests on {check}, which is not proved", check=open_[0]) if open_ else NONE
 
 
 def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
