@@ -94,7 +94,11 @@ def start_of(observer: Observer, steps: Steps) -> Start | Nothing:
     limits = _limits(observer, error)
     if min(limits.values()) <= 0:
         return Nothing(because("the limits of the estimate do not hold the ranges with room around"))
-    return Start(scales, first, _corners(error, scales, first), limits)
+    layout, n = error.layout, form.n
+    sides = [scale * first[i] * fed for scale, i, fed in zip(scales, layout.index, layout.fed, strict=True)]
+    signs = product((1,), *((1, -1) for _ in range(n - 1)))
+    corners = [[side * each[i] for side, i in zip(sides, layout.index, strict=True)] for each in signs]
+    return Start(scales, first, rational(corners), limits)
 
 
 @lru_cache(maxsize=32)
@@ -122,14 +126,6 @@ def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Co
     )
     check = claimed(observer, "start", claim, because("without noise {each}", each=said), steps.error, known)
     return StartSet(begun, number(multiple)[0], reached, check)
-
-
-def _corners(error: Inclusion, scales: Sequence[Fraction], first: Sequence[Fraction]) -> Array:
-    """e (k, N) at the corners of the first errors, one of each two that are opposite."""
-    layout, n = error.layout, len(first)
-    sides = [scale * first[i] * fed for scale, i, fed in zip(scales, layout.index, layout.fed, strict=True)]
-    signs = product((1,), *((1, -1) for _ in range(n - 1)))
-    return rational([[side * each[i] for side, i in zip(sides, layout.index, strict=True)] for each in signs])
 
 
 def _first(observer: Observer, error: Inclusion) -> list[Fraction] | Nothing:

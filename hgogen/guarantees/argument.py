@@ -64,8 +64,11 @@ def injected(error: Inclusion | Nothing, form: Form, entries: Sequence[sp.Expr])
         error, samples = error.deaf, np.zeros((form.n, 0))
     else:
         samples = as_matrix(form, known) @ entering(form, weighted(form, None))
-    slopes = tuple(_reading(slope, read, samples) for slope in error.slopes)
-    return replace(error, slopes=slopes, numbers={**error.numbers, "argument": tuple(entries)})
+    slopes = list[Slope]()
+    for slope in error.slopes:  # those of b by what b reads, of the samples as well
+        at = None if slope.entry is None else slope.reads.index(1)
+        slopes.append(slope if at is None else replace(slope, reads=tuple(read[at]), takes=tuple(samples[at])))
+    return replace(error, slopes=tuple(slopes), numbers={**error.numbers, "argument": tuple(entries)})
 
 
 def bounded(error: Inclusion | Nothing, form: Form) -> Inclusion | Nothing:
@@ -89,14 +92,6 @@ def _by_field(form: Form, error: Inclusion, N: np.ndarray) -> list[list[Fraction
                 return because("what is injected into the argument of b is {share} of an error, no number", share=share)
             row[head] -= known
     return rows
-
-
-def _reading(slope: Slope, rows: Sequence[Sequence[Fraction]], samples: np.ndarray) -> Slope:
-    """A slope of b by what b reads of the samples; others as they are."""
-    if slope.entry is None:
-        return slope
-    at = slope.reads.index(1)
-    return replace(slope, reads=tuple(rows[at]), takes=tuple(samples[at]))
 
 
 def _number(value: Any, form: Form) -> Fraction | None:

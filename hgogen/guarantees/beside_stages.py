@@ -89,26 +89,19 @@ class BesideStages:
     @cached_property
     def _rows(self) -> tuple["Row", ...]:
         """What is left in each row of the form, by the order that says least of it (n). Raises: `Unbounded`."""
-        known = self._known
-        rows = [known.rows(self.plant.h)] if known else []
-        if not known or known.weight(self.plant.h, self._little) > 1:
-            rows += [tuple(Row(0, _NONE, _NONE, size) for size in self._lipschitz)]
+        known, plant = self._known, self.plant
+        rows = [known.rows(plant.h)] if known else []
+        if not known or known.weight(plant.h, self._little) > 1:
+            linear, moving = [*map(_linear, plant.flow)], (*plant.stated_speeds, *plant.moving)
+            sizes = lipschitz_step.left(plant.h, *self._coefficients, self._steepness, moving, linear)
+            if sizes is None:
+                raise Unbounded(because(_NO_REMAINDER, flow=plant.flow))
+            rows += [tuple(Row(0, _NONE, _NONE, size) for size in sizes)]
         return tuple(min(each, key=lambda row: row.size) for each in zip(*rows, strict=True))
 
     @cached_property
     def _steepness(self) -> Rows:
         return self.plant.steep(self.plant.flow)
-
-    @property
-    def _lipschitz(self) -> tuple[Fraction, ...]:
-        """Of a flow that is no more than that (n). Raises: `Unbounded`."""
-        plant = self.plant
-        linear = [*map(_linear, plant.flow)]
-        moving = (*plant.stated_speeds, *plant.moving)
-        sizes = lipschitz_step.left(plant.h, *self._coefficients, self._steepness, moving, linear)
-        if sizes is None:
-            raise Unbounded(because(_NO_REMAINDER, flow=plant.flow))
-        return sizes
 
     @cached_property
     def _bent(self) -> Rows:

@@ -54,13 +54,9 @@ class Steps:
     way: ErrorStep
     theta: Fraction
 
-    def at(self, h: Fraction) -> Stagewise:
-        """The step of length h."""
-        return self._made(h)
-
     @cached_property
-    def _made(self) -> Callable[[Fraction], Stagewise]:
-        """What makes it, once for the last lengths, as each is asked for at several rates."""
+    def at(self) -> Callable[[Fraction], Stagewise]:
+        """The step of a length h, made once for the last lengths, as each is asked for at several rates."""
         return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
     @cached_property

@@ -90,9 +90,14 @@ def _held(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
     low = flow.fastest
     if low is None:
         return unknown
-    high = Flow(flow.error, theta)
-    norms = high.fastest, high.by(low.weights, low.alpha * theta / flow.theta)  # the second a switch changes less
-    ways = [_way(flow.error, low, falls) for falls in norms if falls is not None and falls.alpha > 0]
+    above, P_low, ways = Flow(flow.error, theta), rational(low.weights.P), list[Held]()
+    # by the fastest norm in the high gain, and by that of the low gain, which a switch changes less
+    for high in (above.fastest, above.by(low.weights, low.alpha * theta / flow.theta)):
+        if high is not None and high.alpha > 0:
+            P_high = rational(high.weights.P)
+            D = rational([(low.theta / high.theta) ** p for p in flow.error.layout.power])
+            up, down = _factor(P_low, P_high * np.outer(D, D)), _factor(P_high, P_low / np.outer(D, D))
+            ways.append(Held(high, up, down))
     if not ways:
         return replace(unknown, reason=because("no norm is found that falls in the high gain"))
     best = min(ways, key=lambda way: float(way.least.mid()))
@@ -101,12 +106,6 @@ def _held(unknown: Check, flow: Flow, theta: Fraction, hold: float) -> Check:
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(best,))
     reason = because("not shown: {least} is, and is sufficient, not necessary", least=_up(best.least))
     return replace(unknown, reason=reason, fix=f"Take hold > {_up(best.least)}, or validate by trials.")
-
-
-def _way(error: Inclusion, low: Falls, high: Falls) -> Held:
-    P_low, P_high = rational(low.weights.P), rational(high.weights.P)
-    D = rational([(low.theta / high.theta) ** p for p in error.layout.power])
-    return Held(high, _factor(P_low, P_high * np.outer(D, D)), _factor(P_high, P_low / np.outer(D, D)))
 
 
 def _factor(P: Array, Q: Array) -> Fraction:

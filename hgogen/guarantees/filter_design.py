@@ -115,9 +115,9 @@ def injection_filter(
     shown = ((each, search.proved(each)) for each in search.improved(first))
     better = ((each, known) for each, known in shown if known and known.bound < before.bound)
     (F, G, H), best = next(better, (first, before))
-    F, H = (tuple(map(tuple, part.tolist())) for part in (F, H))
+    own, pushed = (tuple(map(tuple, part.tolist())) for part in (F, H))
     counted = names[search.state]
-    return InjectionFilter(level, F, tuple(G.tolist()), H, wanted, counted, best.bound, before.bound)
+    return InjectionFilter(level, own, tuple(G.tolist()), pushed, wanted, counted, best.bound, before.bound)
 
 
 Filter = tuple[np.ndarray, np.ndarray, np.ndarray]  # F, G and H

@@ -243,18 +243,14 @@ def inclusion(
         return Nothing(slopes)
     t, nothing = [units[i] for i in layout.index], (Fraction(0),) * measured.shape[1]
     scaled = rational(core) * np.outer(rational(t), 1 / rational(t))
-    slopes = (*slopes, *(_in_units(each, t) for each in others))
+    for slope in others:
+        of = t[slope.reads.index(Fraction(1))]  # the unit of the field that it reads
+        slopes = (*slopes, replace(slope, onto=tuple(x * unit_ / of for x, unit_ in zip(slope.onto, t, strict=True))))
     injected = rational(measured) * rational(t)[:, None]
     powers, shown, own = exponents(form), heads(form), {"units": tuple(units)}
     late = tuple(powers[shown[j]] if j in shown else 0 for j in range(measured.shape[1]))
     each = tuple(replace(slope, takes=nothing) for slope in slopes)
     return Inclusion(scaled, injected, each, layout, tuple(units), tuple(scale), numbers, own, late)
-
-
-def _in_units(slope: Slope, t: Sequence[Fraction]) -> Slope:
-    """The slope of one field's error in fields in these units (N)."""
-    of = t[slope.reads.index(Fraction(1))]
-    return replace(slope, onto=tuple(x * unit_ / of for x, unit_ in zip(slope.onto, t, strict=True)))
 
 
 def on_integrators(

@@ -63,8 +63,8 @@ def verified(candidate: Lyapunov) -> bool:
     if P.transpose() != P:
         return False
     one = unit(n)
-    gaps = (P, one * number(candidate.peak) - P, *(-one - _sum(exact(N), P) for N in candidate.vertices))
-    return all(positive(gap) for gap in gaps)
+    falling = (-one - (N.transpose() * P + P * N) for N in map(exact, candidate.vertices))
+    return all(positive(gap) for gap in (P, one * number(candidate.peak) - P, *falling))
 
 
 def lyapunov(N: Matrix) -> Lyapunov | None:
@@ -159,10 +159,6 @@ def _above(value: float, slack: Fraction) -> Fraction:
     """A short rational above a positive float, by the share `slack` at least and a few times that at most."""
     step = slack * Fraction(2) ** int(np.ceil(np.log2(max(value, 1e-300))))
     return -(-Fraction(value) * (1 + slack) // step) * step
-
-
-def _sum(N: Any, P: Any) -> Any:
-    return N.transpose() * P + P * N
 
 
 def _floats(M: Matrix) -> np.ndarray:

@@ -60,16 +60,12 @@ def moving_checks(
     error = on_integrators(chain, plain(form), companions(K, form.blocks), as_matrix(form, K), numbers)
     if isinstance(error, Nothing):
         return _named(law, nothing(maker, law.least, error.reason))
-    return _named(law, claims(maker, form, _serving(error, law), numbers, law.name))
-
-
-def _serving(error: Inclusion, law: Law) -> Flow:
-    """The first of the b whose error has a norm, or the first of all."""
     flows = [_at_b(error, law, b) for b in (_OWN, law.b)]
     try:
-        return next((flow for flow in flows if flow.least is not None), flows[0])
+        flow = next((flow for flow in flows if flow.least is not None), flows[0])
     except OverflowError:  # which the claims say
-        return flows[0]
+        flow = flows[0]
+    return _named(law, claims(maker, form, flow, numbers, law.name))
 
 
 def _at_b(error: Inclusion, law: Law, b: Fraction) -> Flow:

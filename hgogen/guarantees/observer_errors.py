@@ -45,17 +45,18 @@ def observer_errors(
     rows = [_expression("observer", row) for row in in_order("observer", observer, states)]
     if len(rows) != len(states):
         raise BadErrorSystem(f"observer of length {len(rows)}", f"must have a row for each of {', '.join(states)}")
-    w = signals_named("unknown", unknown, plant.inputs, _no_input)
+    w = signals_named(
+        "unknown",
+        unknown,
+        plant.inputs,
+        lambda name, fix: BadNames("unknown", f"names {name!r}, which is none of the inputs; {fix}"),
+    )
     constraints = _along(plant, along or {})
     known = {*plant.states, *plant.outputs, *plant.parameters, *plant.inputs} - {*w}
     if strange := sorted(map(str, sp.Tuple(*rows).free_symbols - known)):
         raise BadErrorSystem("observer", f"uses {strange[0]}, which is no state, output, known input or parameter")
     made = Equations(tuple(rows), tuple(plant.outputs), w, constraints)
     return _made(plant, made)
-
-
-def _no_input(name: str, fix: str) -> BadNames:
-    return BadNames("unknown", f"names {name!r}, which is none of the inputs; {fix}")
 
 
 def _made(plant: System, made: Equations) -> ErrorSystem:

@@ -35,8 +35,15 @@ _BOXES = 500  # L_b need not be the least: more boxes would cost more than they 
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
     or why there is no bound, or no such form."""
-    steepness = obstacle(form) or _steepness(form, jacobian(form), scale)
-    return Nothing(steepness) if isinstance(steepness, Reason) else steepness
+    reason = obstacle(form)
+    if reason:
+        return Nothing(reason)
+    slopes = jacobian(form)  # the Frobenius norm of S J S^-1 is at least the spectral one
+    square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(form.n)))
+    enclosure = span(square, form, _BOXES)
+    if not (enclosure and enclosure.defined and enclosure.finite):
+        return Nothing(because("no bound L_b on the slope of b was found on the box"))
+    return Proof(form.b, None, root(Fraction(max(enclosure.high, 0.0))), enclosure.variables, enclosure.tree)
 
 
 @lru_cache(maxsize=32)  # a search asks it of each gain
@@ -86,13 +93,3 @@ def companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
     n, heads = range(len(p)), [sum(blocks[:i]) for i, size in enumerate(blocks) for _ in range(size)]
     inner = [[Fraction(int(j == i + 1 and heads[i] == heads[j])) for j in n] for i in n]
     return tuple(tuple(inner[i][j] - (p[i] if j == heads[i] else 0) for j in n) for i in n)
-
-
-def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof | Reason:
-    """L_b in the coordinates scale z, from above: sup of the Frobenius norm of S J S^-1 on the box; or why there is
-    none."""
-    square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(form.n)))
-    enclosure = span(square, form, _BOXES)
-    if not (enclosure and enclosure.defined and enclosure.finite):
-        return because("no bound L_b on the slope of b was found on the box")
-    return Proof(form.b, None, root(Fraction(max(enclosure.high, 0.0))), enclosure.variables, enclosure.tree)

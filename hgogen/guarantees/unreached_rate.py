@@ -11,7 +11,6 @@ from hgogen.guarantees.gain_search import Task
 from hgogen.guarantees.inclusion import with_gains
 from hgogen.guarantees.quadratic import Array
 from hgogen.guarantees.rate_search import plain
-from hgogen.guarantees.slope_of_error import Slope
 from hgogen.intervals.digits import Down
 from hgogen.sentence import Reason, because
 
@@ -56,18 +55,17 @@ def unreached(form: Form, task: Task, sizes: Array) -> NoGain:
     best = max(narrower, key=narrower.__getitem__, default=None)
     if best is None or narrower[best] <= reached:
         return NoGain(form.system.name, task.rate, reached, because("no slope hinders, but the solver gets no further"))
-    low, high = float(slopes[best].low), float(slopes[best].high)
+    slope = slopes[best]
+    if slope.entry is None:
+        called = [name for chain in form.gain_names for name in chain][slope.reads.index(1)]
+    else:
+        i, j = slope.entry
+        called = f"db_{i + 1}/d{form.states[j]}"
+    low, high = float(slope.low), float(slope.high)
     pattern = "{slope} in [{low:.3g}, {high:.3g}] hinders most: in half of that {more} is reached"
     more = Down(narrower[best], 2)
-    why = because(pattern, slope=_called(form, slopes[best]), low=low, high=high, more=more)
+    why = because(pattern, slope=called, low=low, high=high, more=more)
     return NoGain(form.system.name, task.rate, reached, why)
-
-
-def _called(form: Form, slope: Slope) -> str:
-    if slope.entry is None:
-        return [name for chain in form.gain_names for name in chain][slope.reads.index(1)]
-    i, j = slope.entry
-    return f"db_{i + 1}/d{form.states[j]}"
 
 
 def _reached(task: Task, rates: Iterable[float]) -> float:
