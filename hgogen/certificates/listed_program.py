@@ -57,7 +57,12 @@ def listed(step: Step, error: Inclusion) -> Listing | None:
     over matrices, and tests that are not of numbers."""
     form, numbers = step.observer.form, _flat(error.numbers.values())
     gains = (Fraction(x) for x in numbers if isinstance(x, float | Rational))
-    writer = _Writer((*map(_number, (*gains, *_ends(form, error))), *_constants(form)))
+    scales, units = error.scales(Fraction(1)), error.remembered(Fraction(1))
+    ends = list[Fraction]()  # of the ranges of states, in the units of their fields
+    for i, scale, unit in zip(error.layout.index, scales or (), units or (), strict=False):
+        declared = box((form.states[i],))[form.states[i]]
+        ends += [end * scale / unit for end in declared if isinstance(end, Fraction)]
+    writer = _Writer((*map(_number, (*gains, *ends)), *_constants(form)))
     fields = [Operand(f"x{k + 1}") for k in range(len(error.N))]
     samples = [_named("y", end, len(form.output)) for end in ("_last", "")]
     inputs = [_named("u", end, len(step.inputs)) for end in ("_last", "")]
@@ -88,14 +93,6 @@ def _pruned(writer: "_Writer", after: Sequence[Operand]) -> Listing:
 
 def _named(name: str, end: str, count: int) -> list[Operand]:
     return [Operand(f"{name}{j + 1}{end}") for j in range(count)]
-
-
-def _ends(form: Form, error: Inclusion) -> Iterable[Fraction]:
-    """The ends of the ranges of states in the units of their fields."""
-    scales, units = error.scales(Fraction(1)), error.remembered(Fraction(1))
-    for i, scale, unit in zip(error.layout.index, scales or (), units or (), strict=False):
-        declared = box((form.states[i],))[form.states[i]]
-        yield from (end * scale / unit for end in declared if isinstance(end, Fraction))
 
 
 def _constants(form: Form) -> list[Operand]:

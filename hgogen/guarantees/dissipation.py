@@ -87,10 +87,18 @@ class Dissipates:
         return {s.name for s in (*self.system.errors, *self.system.box)}
 
     def _about(self, made: Injection | Equations) -> dict[str, Any]:
-        """How the error system is made of the plant, the ranges of e, V and mu."""
+        """How the error system is made of the plant, outputs by their places, the ranges of e, V and mu."""
         names = self._names | {s.name for s in made.names}
         if isinstance(made, Equations):
-            own = _equations(self.system, made, names)
+            system, seen = self.system, {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(made.outputs, 1)}
+            known = names | {y.name for y in seen.values()}
+            own: dict[str, Any] = {
+                "observer": [spelled(row.xreplace(seen), known) for row in made.observer],
+                "unknown": [w.name for w in made.unknown],
+                "along": {x.name: spelled(value, names) for x, value in made.along},
+                "flow": [spelled(row, names) for row in system.flow],
+                "noise": _rows(system.noise, names),
+            }
         else:
             own = {key: _rows(M, names) for key, M in (("gain", made.gain), ("G1", made.G1), ("G2", made.G2))}
         errors = [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in self.within.items()]
@@ -294,19 +302,6 @@ def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates
 
 def _above(number: sp.Rational) -> str:
     return up(Fraction(number), 9)
-
-
-def _equations(system: ErrorSystem, made: Equations, names: set[str]) -> dict[str, Any]:
-    """The outputs by their places, y_1, y_2, .."""
-    seen = {y: sp.Symbol(f"y_{k}", real=True) for k, y in enumerate(made.outputs, 1)}
-    known = names | {y.name for y in seen.values()}
-    return {
-        "observer": [spelled(row.xreplace(seen), known) for row in made.observer],
-        "unknown": [w.name for w in made.unknown],
-        "along": {x.name: spelled(value, names) for x, value in made.along},
-        "flow": [spelled(row, names) for row in system.flow],
-        "noise": _rows(system.noise, names),
-    }
 
 
 def _rows(M: sp.ImmutableDenseMatrix, names: set[str]) -> list[list[str]]:

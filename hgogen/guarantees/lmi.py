@@ -149,16 +149,13 @@ def _rounded(P: Sequence[Sequence[Fraction]], vertices: tuple[Matrix, ...]) -> L
     for slack in _SLACKS:
         step = Fraction(1, 2 ** (int(4 * n * n * steepest / slack).bit_length()))
         grid = tuple(tuple(round((1 + slack) * value / step) * step for value in row) for row in P)
-        candidate = Lyapunov(grid, _above(float(np.linalg.eigvalsh(_floats(grid)).max()), slack), vertices)
+        peak = float(np.linalg.eigvalsh(_floats(grid)).max())
+        short = slack * Fraction(2) ** int(np.ceil(np.log2(max(peak, 1e-300))))
+        above = -(-Fraction(peak) * (1 + slack) // short) * short  # by that share at least, a few times that at most
+        candidate = Lyapunov(grid, above, vertices)
         if verified(candidate):
             return candidate
     return None
-
-
-def _above(value: float, slack: Fraction) -> Fraction:
-    """A short rational above a positive float, by the share `slack` at least and a few times that at most."""
-    step = slack * Fraction(2) ** int(np.ceil(np.log2(max(value, 1e-300))))
-    return -(-Fraction(value) * (1 + slack) // step) * step
 
 
 def _floats(M: Matrix) -> np.ndarray:

@@ -73,17 +73,11 @@ def _at_b(error: Inclusion, law: Law, b: Fraction) -> Flow:
     D = rational(np.diag([b + p for p in error.layout.power]))
     fall = D * number(law.fall)
     moved = Moved(0 * D, (error.N + fall,), (-D,)) if law.easing else Moved(fall, (), (-D,))
-    return Flow(
-        replace(error, own={**error.own, "b": b}), Fraction(law.least), _HOW, moved, _in_units(law.P, error.units)
-    )
-
-
-def _in_units(P: np.ndarray | None, units: Sequence[Fraction]) -> np.ndarray | None:
-    """A P of errors of w in those of the inclusion; None of one that is not positive definite."""
-    if P is None or np.linalg.eigvalsh(P).min() <= 0:
-        return None
-    t = floats(rational([units]))[0]
-    return np.asarray(P / np.outer(t, t))
+    first = law.P
+    if first is not None:  # in the errors of the inclusion, where it is positive definite
+        t = floats(rational([error.units]))[0]
+        first = None if np.linalg.eigvalsh(first).min() <= 0 else np.asarray(first / np.outer(t, t))
+    return Flow(replace(error, own={**error.own, "b": b}), Fraction(law.least), _HOW, moved, first)
 
 
 def _named(law: Law, checks: tuple[Check, Check]) -> tuple[Check, Check]:

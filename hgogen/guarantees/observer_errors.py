@@ -66,7 +66,9 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     seen = dict(zip(plant.outputs, plant.output, strict=True))
     behind = [g.xreplace({**estimate, **seen}) for g in made.observer]
     on, signals = dict(made.along), (*plant.states, *plant.inputs, *plant.parameters)
-    real = {s: _dummy(s) for s in plant.signals}
+    # of each is known what its range says of its sign, so that the root of a square is known
+    signs = {s: "nonnegative" if s.low is not None and s.low >= 0 else "real" for s in plant.signals}
+    real = {s: sp.Dummy(s.name, **{sign: True}) for s, sign in signs.items()}
     plain = {dummy: s for s, dummy in real.items()}
 
     def on_way(e: sp.Expr) -> sp.Expr:
@@ -100,12 +102,6 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
     part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
     return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part, doubt=plant.doubt)
-
-
-def _dummy(s: Signal) -> sp.Dummy:
-    """A symbol of which is known what the range says of its sign, so that the root of a square is known."""
-    above = s.low is not None and s.low >= 0
-    return sp.Dummy(s.name, nonnegative=True) if above else sp.Dummy(s.name, real=True)
 
 
 def _along(plant: System, along: Mapping[Any, Any]) -> tuple[tuple[Signal, sp.Expr], ...]:

@@ -62,8 +62,12 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
     tried, coordinates = dict[Fraction, float](), W
 
     def bound(share: Fraction) -> float:
+        """That by the weights which `bound_at` tries first, as short; a large number where it is none."""
         alpha = share * most
-        tried[alpha] = _promised(bounded, coordinates, q, c, alpha)
+        forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
+        weights = weights_in_floats(forms, row, float(alpha), coordinates, q, MARGINS[0])
+        square = 0.0 if weights is None else float(row[0] @ np.linalg.solve(weights[0], row[0]))
+        tried[alpha] = float(root(Fraction(square))) if 0 < square < _LARGE else _LARGE
         return tried[alpha]
 
     _walk(bound)
@@ -110,14 +114,6 @@ def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fractio
     return float(np.sqrt(row[0] @ np.linalg.solve(weights[0], row[0]))), inverse_root(weights[0])
 
 
-def _promised(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> float:
-    """The bound by the weights that `bound_at` tries first, as short; a large number where it is none."""
-    forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
-    weights = weights_in_floats(forms, row, float(alpha), W, q, MARGINS[0])
-    square = 0.0 if weights is None else float(row[0] @ np.linalg.solve(weights[0], row[0]))
-    return float(root(Fraction(square))) if 0 < square < _LARGE else _LARGE
-
-
 def weights_in_floats(
     forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float
 ) -> tuple[Array, Array] | None:
@@ -125,11 +121,11 @@ def weights_in_floats(
 
     Raises: `NoSolver`.
     """
-    return settled(lambda W: _weights(forms, rows, alpha, W, q, margin), W)
 
+    def sought_in(W: Array) -> Solution | None:
+        """In these coordinates, with the inputs in a unit in which x is near 1."""
+        unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
+        view = Seen(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
+        return shortest(view, rows @ W, together(forms[0], q, float(_SHARE) * alpha), margin, unit, _WHAT)
 
-def _weights(forms: Sequence[Quadratic], rows: Array, alpha: float, W: Array, q: int, margin: float) -> Solution | None:
-    """The same in the coordinates of W, with the inputs in a unit in which x is near 1."""
-    unit = alpha / float(np.linalg.norm((np.linalg.inv(W) @ forms[0].pairs[0][1])[:, -q:]))
-    view = Seen(forms, W, np.append(even(forms[0], W)[:-q], [unit] * q))
-    return shortest(view, rows @ W, together(forms[0], q, float(_SHARE) * alpha), margin, unit, _WHAT)
+    return settled(sought_in, W)

@@ -89,9 +89,13 @@ def uniform_error(form: Form, K: Sequence[float]) -> Inclusion | Nothing:
     error = inclusion(form, plain(form), A, np.zeros((n, 0)), scale, units, {"gains": gains})
     if isinstance(error, Nothing):
         return error
-    pushes, of_b = _pushes(gains, shares), len(error.varying)
-    slopes = (*error.slopes, *pushes)
-    return replace(error, slopes=slopes, own={"shares": ranges}, hull=_together(of_b, pushes, gains, shares))
+    # what each K_i q_1 .. q_(i-1) brings is a slope of its own
+    every = [_injected(gains, q) for q in product(*shares)]
+    ends = [(min(each), max(each)) for each in zip(*every, strict=True)]
+    first = of_field(0, n)
+    pushes = tuple(Slope(first, tuple(Fraction(-int(k == i)) for k in range(n)), *ends[i], -1) for i in range(n))
+    hull = _together(len(error.varying), pushes, gains, shares)
+    return replace(error, slopes=(*error.slopes, *pushes), own={"shares": ranges}, hull=hull)
 
 
 def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
@@ -108,14 +112,6 @@ def _shares(form: Form) -> tuple[Shares, list[Evidence | None]] | Nothing:
         low, high = sorted(s * end for end in ends)
         shares.append((low, high))
     return shares, ranges
-
-
-def _pushes(gains: Sequence[Fraction], shares: Shares) -> tuple[Slope, ...]:
-    """What each K_i q_1 .. q_(i-1) brings, as a slope of its own."""
-    every, n = [_injected(gains, q) for q in product(*shares)], range(len(gains))
-    ends = [(min(each), max(each)) for each in zip(*every, strict=True)]
-    first = of_field(0, len(gains))
-    return tuple(Slope(first, tuple(Fraction(-int(k == i)) for k in n), *ends[i], -1) for i in n)
 
 
 def _together(
