@@ -143,7 +143,7 @@ class Observer:
         """
         if self.made is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
-        return _again, (self.made.func, self.made.args, self.made.keywords)
+        return _again, (self.made.func, self.made.args, self.made.keywords, self.form.clamped)
 
     def __copy__(self) -> "Observer":
         """Itself, as nothing of it changes."""
@@ -161,8 +161,11 @@ def _claimed(claims: Callable[[], tuple[Check, ...]]) -> tuple[Check, ...]:
         return claims()
 
 
-def _again(make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mapping[str, Any]) -> Observer:
-    return remembered(make)(*args, **keywords)
+def _again(
+    make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mapping[str, Any], clamped: bool
+) -> Observer:
+    observer = remembered(make)(*args, **keywords)
+    return observer if clamped else observer.clamping(False)  # which claims less
 
 
 def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:

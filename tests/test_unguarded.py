@@ -218,6 +218,7 @@ def test_it_goes_through_a_pickle(name: str) -> None:
     again = pickle.loads(pickle.dumps(plain))
     u, y = record(plain)
     assert again.guards == "none"
+    assert again.observer.checks == plain.observer.checks
     assert np.array_equal(plain.run(u, y).x, again.run(u, y).x)
 
 
