@@ -1,5 +1,6 @@
 """The one inequality of the checker against its block form, by matrices of fractions, and which claims a rule takes."""
 
+from contextlib import nullcontext
 from fractions import Fraction
 from typing import Any
 
@@ -41,27 +42,23 @@ STILL = Parts([[Fraction(-1)]], [[]], [], [[Fraction(-1)]], False, [[Fraction(1)
 SAMPLE = Input([[Fraction(1)]], [NONE])
 
 
-@pytest.mark.parametrize(("alpha", "falls"), [("1.99", True), ("2.01", False)])
-def test_the_rate_is_that_of_the_square(alpha: str, falls: bool) -> None:
+SHOWN, NOT_NEGATIVE = nullcontext(), pytest.raises(NotShown, match="not negative")
+
+
+@pytest.mark.parametrize(("alpha", "outcome"), [("1.99", SHOWN), ("2.01", NOT_NEGATIVE)])
+def test_the_rate_is_that_of_the_square(alpha: str, outcome: Any) -> None:
     """e' = -e: |e|^2 falls by 2 of itself."""
-    weights = {"P": [[Fraction(1)]], "S": []}
-    if falls:
-        return demand_falls(STILL, FLOW, NOW, Fraction(alpha), weights)
-    with pytest.raises(NotShown, match="not negative"):
-        demand_falls(STILL, FLOW, NOW, Fraction(alpha), weights)
-    return None
+    with outcome:
+        demand_falls(STILL, FLOW, NOW, Fraction(alpha), {"P": [[Fraction(1)]], "S": []})
 
 
-@pytest.mark.parametrize(("weight", "kept"), [("1.01", False), ("0.99", True)])
-def test_an_error_stays_within_1_that_an_input_may_push_up_to_1(weight: str, kept: bool) -> None:
+@pytest.mark.parametrize(("weight", "outcome"), [("0.99", SHOWN), ("1.01", NOT_NEGATIVE)])
+def test_an_error_stays_within_1_that_an_input_may_push_up_to_1(weight: str, outcome: Any) -> None:
     """e' = -e + v, |v| <= 1 comes to |e| = 1: P e^2 <= 1 is kept of P < 1 alone; -2 P e^2 + 2 P e v + alpha (P e^2 -
     v^2) < 0 at alpha = 1."""
     bound = {"P": [[Fraction(weight)]], "S": [Fraction(1)], "alpha": Fraction(1)}
-    if kept:
-        return demand_kept(STILL, FLOW, NOW, bound, [SAMPLE])
-    with pytest.raises(NotShown, match="not negative"):
+    with outcome:
         demand_kept(STILL, FLOW, NOW, bound, [SAMPLE])
-    return None
 
 
 @pytest.mark.parametrize(("alpha", "of_input"), [("0", "0"), ("-1", "-1"), ("1", "1.01"), ("1", "-0.01")])
