@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.file import _claim
-from hgogen.recheck.inequality import FLOW, Input, Parts, demand_falls, demand_kept, form_of
+from hgogen.recheck.inequality import FLOW, NOW, Input, Parts, demand_falls, demand_kept, form_of, method_of
 from hgogen.recheck.rules import rule_of
 
-NOW, NONE = Fraction(0), Fraction(0)
+NONE = Fraction(0)
 
 
 def rows(count: int, size: int) -> st.SearchStrategy[Any]:
@@ -66,6 +66,24 @@ def test_what_pays_for_inputs_is_within_the_rate(alpha: str, of_input: str) -> N
     bound = {"P": [[Fraction(1, 100)]], "S": [Fraction(of_input)], "alpha": Fraction(alpha)}
     with pytest.raises(NotShown):
         demand_kept(STILL, FLOW, NOW, bound, [SAMPLE])
+
+
+@pytest.mark.parametrize(
+    ("count", "outcome"), [(99, SHOWN), (100, pytest.raises(NotShown, match="more than 100 rows"))]
+)
+def test_no_more_inputs_of_a_flow_are_taken_than_an_elimination_can(count: int, outcome: Any) -> None:
+    """A certificate says how many there are: what it would cost to look at is its writer's to choose."""
+    bound = {"P": [[Fraction(1, 100)]], "S": [Fraction(1, 100)] * count, "alpha": Fraction(1)}
+    with outcome:
+        demand_kept(STILL, FLOW, NOW, bound, [SAMPLE * Fraction(1, 100)] * count)
+
+
+@pytest.mark.parametrize(("slopes", "outcome"), [(59, "not negative"), (60, "more than 60 rows")])
+def test_no_more_slopes_of_a_step_are_taken_than_an_elimination_can(slopes: int, outcome: str) -> None:
+    one, none = [Fraction(1)], [NONE]
+    steep = Parts(STILL.M, [one * slopes], [one] * slopes, STILL.L, False, STILL.B, STILL.R, [none] * slopes)
+    with pytest.raises(NotShown, match=outcome):
+        demand_falls(steep, method_of({"method": "Euler"}), Fraction(1, 10), NOW, {"P": [one], "S": one * slopes})
 
 
 @pytest.mark.parametrize(

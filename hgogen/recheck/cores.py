@@ -119,7 +119,8 @@ def _injected(numbers: Numbers, n: int) -> Core:
 
 
 OF_A_GAIN: tuple[str, ...] = ("high_gain", "circle_criterion")  # of a core A - K C, K a matrix
-CONSTANT: tuple[str, ...] = ("filtered", "filtered_injection", "low_power", "peaking_free")  # of a constant injection
+CONSTANT: tuple[str, ...] = ("filtered", "filtered_injection", "low_power", "peaking_free")  # of a core of its own
+INJECTED = (*OF_A_GAIN, *CONSTANT)  # of a constant injection
 CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
     "filtered": _filtered,
     "filtered_injection": _filtered_injection,

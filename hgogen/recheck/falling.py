@@ -15,7 +15,7 @@ from .box import NotShown
 from .chain import built
 from .context import Context, Shown, is_above, on, short
 from .file import Claim, Observer
-from .inequality import FLOW, Parts, demand_falls, demand_negative
+from .inequality import FLOW, NOW, Parts, demand_falls, demand_negative
 from .matrix import (
     Matrix,
     above_zero,
@@ -41,7 +41,7 @@ def demand_decays(parts: Parts, alpha: Fraction, evidence: Mapping[str, Any]) ->
     for onto, reads in parts.endless:
         _along([row[0] for row in times(P, [[x] for x in onto])], reads)
     if "S" in evidence:
-        demand_falls(parts, FLOW, Fraction(0), alpha, evidence)
+        demand_falls(parts, FLOW, NOW, alpha, evidence)
         return
     demand_positive({"P": P})
     if 2**m * n**3 > WORK:
@@ -69,8 +69,8 @@ def corners_of(parts: Parts) -> Iterator[Matrix]:
 
 @dataclass(frozen=True)
 class Decay:
-    """That the error of an observer decays at every gain from a least one on: how it `falls`, the name and the value of
-    the least `gain` that an observer has, and what is `said` of its error at every gain above a bound."""
+    """Decay of an observer's error at every gain from a least one on: how it `falls`, the name and the value of the
+    least `gain` that an observer has, and what is `said` of its error at every gain above a bound."""
 
     falls: Falls
     gain: Callable[[Observer], tuple[str, Fraction]] = lambda observer: ("theta", scalar(observer.numbers, "theta"))

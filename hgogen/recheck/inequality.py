@@ -51,7 +51,7 @@ from .slope import definite
 from .text import number
 from .transition import weight
 
-_ROWS = 100  # of an inequality
+_ROWS, _WHOLE = 60, 100  # of an inequality of a step, without its inputs; of continuous time, with them
 ONE = Fraction(1)
 _METHODS: Mapping[str, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], int]] = {
     "Euler": (((),), ("1",), 1),
@@ -104,8 +104,8 @@ class Parts:
 
 @dataclass(frozen=True)
 class Method:
-    """Where its stages stand, from 0 to 1, the `degree` of its form in h, 0 of none; and how it `moves` e (N, size), of
-    p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
+    """A method: where its stages stand, from 0 to 1, the `degree` of its form in h, 0 of none; and how it `moves` e (N,
+    size), of p_i (m, size) and of errors v_i of the samples (p, size) at each stage."""
 
     nodes: list[Fraction]
     degree: int
@@ -171,7 +171,7 @@ def _explicit(tableau: Tableau) -> Method:
     return Method(tableau.nodes, 2 * len(weights) - 1, moves)
 
 
-FLOW = _explicit(Tableau([[]], [ONE], 1))  # at the length 0
+FLOW, NOW = _explicit(Tableau([[]], [ONE], 1)), Fraction(0)  # continuous time, and the length of its step
 
 
 def _realised(
@@ -250,8 +250,10 @@ def form_of(
     stand at the end of v, and S goes on with them."""
     n, m, s, inputs = len(parts.M), len(parts.H), len(method.nodes), len(entering)
     size = n + s * m
-    if size > _ROWS:
-        raise NotShown(f"its inequality has more than {_ROWS} rows")
+    # of a step the inputs are as few as the model's rows; of continuous time a certificate says how many there are
+    rows, most = (size + inputs, _WHOLE) if method is FLOW else (size, _ROWS)
+    if rows > most:
+        raise NotShown(f"its inequality has more than {most} rows")
     P, S = matrix(evidence, "P", n, n), column(evidence, "S", s * m + inputs)
     demand_positive({"P": P})
     if any(value < 0 for value in S):
@@ -307,7 +309,7 @@ def demand_falls(
     evidence: Mapping[str, Any],
     inputs: Sequence[Input] = (),
 ) -> None:
-    """That |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u.
+    """Demand that |e|_P^2 falls by alpha h of itself at least, but for the sum of lambda_k u_k^2 of inputs u.
 
     Raises: `NotShown`.
     """
@@ -320,7 +322,7 @@ def demand_falls(
 def demand_kept(
     parts: Parts, method: Method, h: Fraction, evidence: Mapping[str, Any], inputs: Sequence[Input]
 ) -> None:
-    """That |e|_P <= 1 stays so while each input is at most 1. Raises: `NotShown`."""
+    """Demand that |e|_P <= 1 stays so while each input is at most 1. Raises: `NotShown`."""
     alpha, lambdas = scalar(evidence, "alpha"), multipliers(evidence, inputs)
     if not (alpha > 0 and alpha * h < 1 and min(lambdas) >= 0 and sum(lambdas) <= alpha):
         raise NotShown("alpha is not above 0, alpha dt not below 1, or its lambda exceed alpha")
@@ -333,7 +335,7 @@ def multipliers(evidence: Mapping[str, Any], inputs: Sequence[Input]) -> list[Fr
 
 
 def demand_negative(what: str, form: Matrix) -> None:
-    """That a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
+    """Demand that a symmetric form is negative: by its elimination in intervals, where these are too wide in fractions.
 
     Raises: `NotShown`.
     """

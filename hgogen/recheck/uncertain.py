@@ -43,6 +43,7 @@ from .matrix import (
 from .slope import continuous, in_ranges
 from .text import Expression
 
+ERROR = ("scale", "slopes", "core", "ranges", "units")  # what the evidence of an error's inclusion may have
 End = Fraction | float
 _NO_END = {"low": -math.inf, "high": math.inf}
 

@@ -15,7 +15,7 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CONSTANT, OF_A_GAIN
+from ..cores import INJECTED
 from ..file import Claim, part
 from ..inequality import demand_falls, demand_kept, demand_negative, ends, form_of, method_of, place, within
 from ..matrix import (
@@ -30,7 +30,7 @@ from ..matrix import (
     transposed,
 )
 from ..rule import on_chains
-from ..uncertain import ErrorInclusion, error_inclusion
+from ..uncertain import ERROR, ErrorInclusion, error_inclusion
 
 _PIECES = 24  # of a range of step lengths
 _CORNERS = 8  # states up to which all corners of the first errors are tried
@@ -169,11 +169,10 @@ def _bernstein(degree: int) -> list[list[Fraction]]:
     return inverse([[comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)] for t in at])
 
 
-_ERROR = ("scale", "slopes", "core", "ranges", "units", "method")
-_STEPPED = (*OF_A_GAIN, *CONSTANT)
+_STEP = (*ERROR, "method")
 RULES = (
-    on_chains(_STEPPED, ("step",), step, (*_ERROR, "dt", "alpha", "P", "S")),
-    on_chains(_STEPPED, ("shorter", "tuned"), throughout, (*_ERROR, "theta", "pieces")),
-    on_chains(_STEPPED, ("noise",), noise, (*_ERROR, "dt", "bounds")),
-    on_chains(_STEPPED, ("start",), start, (*_ERROR, "dt", "first", "clear", "peaks")),
+    on_chains(INJECTED, ("step",), step, (*_STEP, "dt", "alpha", "P", "S")),
+    on_chains(INJECTED, ("shorter", "tuned"), throughout, (*_STEP, "theta", "pieces")),
+    on_chains(INJECTED, ("noise",), noise, (*_STEP, "dt", "bounds")),
+    on_chains(INJECTED, ("start",), start, (*_STEP, "dt", "first", "clear", "peaks")),
 )

@@ -14,7 +14,7 @@ from typing import Any
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CONSTANT, OF_A_GAIN
+from ..cores import INJECTED
 from ..file import Claim, part
 from ..follows import demand_followed
 from ..inequality import Input, Method, demand_kept, ends, method_of, place, tableau_of, within
@@ -24,7 +24,7 @@ from ..remainder import demand_remainder
 from ..rounding import demand_rounding, equation_of
 from ..rule import on_chains
 from ..text import number
-from ..uncertain import ErrorInclusion, error_inclusion
+from ..uncertain import ERROR, ErrorInclusion, error_inclusion
 
 _KINDS = ("noise", "rounded", "late", "disturbance", "parameters", "method", "rounding")
 _FINE = 2**200  # parts of a root
@@ -168,5 +168,4 @@ def _sizes(share: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
     return sizes
 
 
-_ERROR = ("scale", "slopes", "core", "ranges", "units", "method")
-RULES = (on_chains((*OF_A_GAIN, *CONSTANT), ("error",), error, (*_ERROR, "dt", "shares")),)
+RULES = (on_chains(INJECTED, ("error",), error, (*ERROR, "method", "dt", "shares")),)

@@ -15,7 +15,7 @@ from fractions import Fraction
 from typing import Any
 
 from ..arithmetic import Undefined, evaluate
-from ..box import NotShown, covered, ranged
+from ..box import Box, NotShown, covered, ranged
 from ..context import Context, Shown, cut, short
 from ..file import Claim, part
 from ..interval import Interval, between, intervals, point
@@ -46,10 +46,10 @@ def least(context: Context, claim: Claim) -> Shown:
         if (point(length * starts) - evaluate(period, {}, intervals)).sign <= 0:
             raise NotShown("its pieces do not cover the period")
     inside(context, {name: text for name, text in inputs.items() if not text.names}, expression("0", {}))
+    whole: Box = {"t": (Fraction(0), length * (starts + 2**level))}
     for name, text in inputs.items():
         if text.names:
-            course_ = {"t": (Fraction(0), length * (starts + 2**level))}
-            covered(course_, ".", ranged(text, *context.form.box[name]))
+            covered(whole, ".", ranged(text, *context.form.box[name]))
     windows = _Course(context, inputs, _weights(context, evidence))
     try:
         windows.demand(length, level, starts, bound)

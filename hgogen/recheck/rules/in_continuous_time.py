@@ -37,11 +37,11 @@ from ..file import Built, Claim, Observer
 from ..interval import intervals, point
 from ..matrix import above_zero, demand_nonnegative, matrix, minus, scalar, scaled
 from ..rule import on_chains
-from ..uncertain import error_inclusion, with_endless
+from ..uncertain import ERROR, error_inclusion, with_endless
 
 
 def _least(observer: Observer) -> tuple[str, Fraction]:
-    """The lower one of two theta is not above the other. Raises: `NotShown`."""
+    """The name and the value of the least theta, which of two is not above the other. Raises: `NotShown`."""
     name = "theta_low" if "theta_low" in observer.numbers else "theta"
     least = scalar(observer.numbers, name)
     if least > scalar(observer.numbers, "theta"):
@@ -50,7 +50,7 @@ def _least(observer: Observer) -> tuple[str, Fraction]:
 
 
 def _said(observer: Observer) -> str:
-    """Of what holds above the bound."""
+    """Words for what holds above the bound."""
     if "hold" in observer.numbers:
         return "the error decays exponentially between switches, in every gain above {}"
     return "the error converges exponentially for every theta above {}"
@@ -99,7 +99,7 @@ OBSERVERS = {
 }
 _NORM = ("P", "S")
 RULES = (
-    *decays((*OBSERVERS,), Decay(_falls, _least, _said), ("scale", "slopes", "core", "ranges", "units"), _NORM),
+    *decays((*OBSERVERS,), Decay(_falls, _least, _said), ERROR, _NORM),
     on_chains(("switched_gain",), ("hold",), held, ("alpha", *_NORM, "up", "down"), "switched_gain.theta"),
     clamped((*OBSERVERS,)),
 )

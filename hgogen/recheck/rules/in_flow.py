@@ -12,14 +12,12 @@ from fractions import Fraction
 from ..box import NotShown
 from ..chain import built
 from ..context import Context, Shown, short
-from ..cores import CONSTANT, OF_A_GAIN
+from ..cores import INJECTED
 from ..file import Claim, part
-from ..inequality import FLOW, Input, Parts, demand_kept, demand_negative, form_of, multipliers, within
+from ..inequality import FLOW, NOW, Input, Parts, demand_kept, demand_negative, form_of, multipliers, within
 from ..matrix import above_zero, column, entries, scalar, unit
 from ..rule import on_chains
-from ..uncertain import ErrorInclusion, error_inclusion
-
-_NOW = Fraction(0)  # the length of a step in continuous time
+from ..uncertain import ERROR, ErrorInclusion, error_inclusion
 
 
 def l2_gain(context: Context, claim: Claim) -> Shown:
@@ -28,7 +26,7 @@ def l2_gain(context: Context, claim: Claim) -> Shown:
     evidence, n, mu = claim.evidence, len(context.z), above_zero(claim.evidence, "mu")
     if max(multipliers(evidence, inputs)) > mu**2:
         raise NotShown("a lambda is above mu^2")
-    form, counts = form_of(parts, FLOW, _NOW, evidence, inputs), column(evidence, "counts", n)
+    form, counts = form_of(parts, FLOW, NOW, evidence, inputs), column(evidence, "counts", n)
     for count, field in zip(counts, error.picks, strict=True):
         form[field][field] += (count / scales[field]) ** 2
     demand_negative("its inequality", form)
@@ -45,7 +43,7 @@ def iss_gain(context: Context, claim: Claim) -> Shown:
         if not isinstance(one, dict) or set(one) != {"alpha", "P", "S", "bound"}:
             raise NotShown("a bound is no object of alpha, P, S and bound")
         bound = above_zero(one, "bound")
-        demand_kept(parts, FLOW, _NOW, one, inputs)
+        demand_kept(parts, FLOW, NOW, one, inputs)
         within(one, field, scales, bound)
         bounds.append(f"{z} comes to at most {short(bound, 1)}")
     return Shown(f"in continuous time, {said}, the error of {', '.join(bounds)}", error.boxes)
@@ -74,8 +72,8 @@ def _of(context: Context, claim: Claim) -> tuple[ErrorInclusion, Parts, list[Fra
     return error, error.at(theta), scales, inputs, ", ".join(said)
 
 
-_INPUTS = ("scale", "slopes", "core", "ranges", "units", "noise", "beside")
+_INPUTS = (*ERROR, "noise", "beside")
 RULES = (
-    on_chains((*OF_A_GAIN, *CONSTANT), ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
-    on_chains((*OF_A_GAIN, *CONSTANT), ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
+    on_chains(INJECTED, ("l2_gain",), l2_gain, (*_INPUTS, "counts", "mu", "P", "S")),
+    on_chains(INJECTED, ("iss_gain",), iss_gain, (*_INPUTS, "bounds")),
 )

@@ -39,7 +39,7 @@ from ..chain import built, clamped, integrators, slope
 from ..context import Context, Shown, on, short
 from ..falling import Decay, decays, demand_decays
 from ..file import Built, Claim, Observer, part
-from ..inequality import FLOW, Input, demand_negative, form_of, multipliers
+from ..inequality import FLOW, NOW, Input, demand_negative, form_of, multipliers
 from ..matrix import (
     Matrix,
     above_zero,
@@ -106,7 +106,7 @@ def _by_one_v(context: Context, claim: Claim) -> Shown:
         inputs = [Input([[Fraction(0)] * len(context.form.output)], each) for each in transposed(B)]
         if max(multipliers(weights, inputs)) > mu**2:
             raise NotShown("a lambda is above mu^2")
-        form = form_of(replace(parts, M=M), FLOW, Fraction(0), weights, inputs)
+        form = form_of(replace(parts, M=M), FLOW, NOW, weights, inputs)
         for i, unit_ in enumerate(units):
             form[i][i] += (gamma ** (i + 1) / unit_) ** 2
         demand_negative("its inequality", form)
@@ -295,7 +295,7 @@ def _adaptive(observer: Observer) -> tuple[Fraction, bool]:
 
 
 def _gain(observer: Observer) -> tuple[str, Fraction]:
-    """The least value of the gain."""
+    """The name and the value of the least gain."""
     if observer.name == "updated_gain":
         return "p_2", scalar(observer.numbers, "p_2")
     return "gamma_inf", column(observer.numbers, "gamma", 2)[0]

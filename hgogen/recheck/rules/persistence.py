@@ -58,8 +58,9 @@ def persistent(context: Context, claim: Claim) -> Shown:
     if moving:
         period = expression(part(evidence, "period", str), {})
         periodic(moving, period)
+        turn: Box = {"t": (Fraction(0), _above(period))}
         for text in moving:
-            covered({"t": (Fraction(0), _above(period))}, ".", ranged(text, -math.inf, math.inf))
+            covered(turn, ".", ranged(text, -math.inf, math.inf))
     inside(context, inputs, at)
     parameters = narrowed(form.box, read & set(context.file.parameters))
     boxes = covered(parameters, ".", _full(context, inputs, at))

@@ -173,7 +173,7 @@ def _smooth_enough(rows: Sequence[Expression], order: int) -> None:
 
 
 def _regular(row: Expression, states: Sequence[str], box: Box) -> int:
-    """That a row has finite derivatives on the box, with how many boxes; where a side is unbounded as a polynomial.
+    """With how many boxes a row is shown to have finite derivatives; where a side is unbounded it is a polynomial.
 
     Raises: `NotShown`.
     """
