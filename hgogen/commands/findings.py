@@ -65,7 +65,7 @@ def _observed(seen: Observability, least: Sight | None) -> str:
 
 
 def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
-    """Those in which the plant is proved to be, else the one that comes nearest; then the observer's, if that is
+    """The forms in which the plant is proved to be, else the one that comes nearest; then the observer's, if that is
     another one."""
     proved = [row.kind for row in survey.proved]
     recast = claims.form.system.origin is not survey.plant.origin

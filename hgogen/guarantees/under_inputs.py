@@ -62,7 +62,7 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
     tried, coordinates = dict[Fraction, float](), W
 
     def bound(share: Fraction) -> float:
-        """That by the weights which `bound_at` tries first, as short; a large number where it is none."""
+        """A bound by the weights that `bound_at` tries first, in floats; a large number where there is none."""
         alpha = share * most
         forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
         weights = weights_in_floats(forms, row, float(alpha), coordinates, q, MARGINS[0])

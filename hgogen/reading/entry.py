@@ -19,6 +19,7 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.balls import ends as of_ball
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.errors import BadArgument
@@ -189,14 +190,9 @@ def _end(name: str, what: str, value: Any) -> tuple[End, End]:
         ball = values(tape((exact,), ()), (), _BITS)[0]
         if not ball.is_finite():
             raise BadEntry(name, f"{what} holds {value!r}, which is no finite real number")
-        return _fraction(ball.lower()), _fraction(ball.upper())
+        return of_ball(ball)
     if isinstance(value, bool) or not isinstance(value, int | float) or _is_nan(value):
         raise BadEntry(name, f'{what} holds {shown(value)}, which is no number; write 0.5 or "pi/3"')
     if isinstance(value, float) and math.isinf(value):
         return value, value
     return (Fraction(repr(value)),) * 2
-
-
-def _fraction(ball: Any) -> Fraction:
-    mantissa, exponent = ball.man_exp()
-    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)

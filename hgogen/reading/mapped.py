@@ -125,8 +125,8 @@ def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tu
 
 
 def conversion(name: str, column: str, unit: str) -> Conversion | str:
-    """That of a column to the unit of the signal `name`; a note, which may be empty, where there is nothing to convert
-    or nobody to do it. Raises: `Inconvertible`, of units of different kinds."""
+    """The conversion of a column to the unit of the signal `name`; a note, which may be empty, where there is nothing
+    to convert or nobody to do it. Raises: `Inconvertible`, of units of different kinds."""
     source = named_unit(column)
     if not source or not unit or _normal(source) == _normal(unit):
         return ""

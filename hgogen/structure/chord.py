@@ -8,7 +8,7 @@ from itertools import islice
 
 import sympy as sp
 
-from hgogen.algebra.points import exact, points
+from hgogen.algebra.points import STRANGE, exact, points
 from hgogen.structure.chain import Link, Shape
 from hgogen.structure.positive import sign
 from hgogen.system import System
@@ -37,7 +37,7 @@ def _chord(row: sp.Expr, state: sp.Symbol, plant: System) -> sp.Expr:
             except (ValueError, TypeError):  # a comparison of numbers that SymPy cannot make
                 continue
             slope = slope.xreplace(middle)
-            if not slope.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds, sp.I):
+            if not slope.has(*STRANGE):
                 return slope
     return sp.S.Zero
 
