@@ -2,12 +2,12 @@
 
 from functools import lru_cache
 
-from hgogen.certificates.certificate import NotCertifiable, fingerprint
 from hgogen.emit.claims import document_name, in_short
 from hgogen.emit.cost import cost
 from hgogen.emit.naming import says
 from hgogen.emit.promised import promised
 from hgogen.emit.syntax import Real, Syntax
+from hgogen.evidence.head import NotCertifiable, fingerprint
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer
 from hgogen.reading.door import Misfit
