@@ -33,7 +33,13 @@ CHECKS = shown("hgogen check models/")
 # --- Python -----------------------------------------------------------------------------------------------------
 
 
-PYTHON = [page for page in PAGES if page != NOTEBOOK and blocks("python", text(page))]  # its cells have their own test
+CASES = {  # pages that show files of tests/fixtures/, which are run where they belong, in a copy of the project
+    "contributing": ("observers/luenberger.py", "tests/test_luenberger.py"),
+    "new_proof": ("recheck/rules/below_lipschitz.py",),
+}
+PYTHON = [  # the cells of the notebook have their own test
+    page for page in PAGES if page not in (NOTEBOOK, *CASES) and blocks("python", text(page))
+]
 
 
 @pytest.mark.ordinary("python", "tuning")
@@ -48,6 +54,16 @@ def test_the_python_lines_run(page: str, tmp_path: Path, monkeypatch: pytest.Mon
 def test_pages_with_python_are_there() -> None:
     """So that the test above cannot pass on nothing."""
     assert {"firmware", "proofs", "python"} <= set(PYTHON)
+
+
+@pytest.mark.parametrize("page", CASES)
+def test_the_cases_shown_are_those_that_are_run(page: str) -> None:
+    assert blocks("python", text(page)) == [(ROOT / "tests/fixtures" / path).read_text() for path in CASES[page]]
+
+
+def test_contributing_is_short() -> None:
+    """So that it is read: 70 lines beside the case that it shows."""
+    assert len(re.sub(r"```.*?```", "", text("contributing"), flags=re.DOTALL).splitlines()) <= 70
 
 
 @pytest.mark.parametrize("name", re.findall(r"`hg\.([a-z_.]+)", " ".join(everywhere().values())))

@@ -19,7 +19,7 @@ NEW = [path.stem for path in sorted(FIXTURES.rglob("*.*")) if path.suffix in (".
 # what is asked of every case and every model, apart from what they compute
 ASKED = [
     *("house", "registry", "docs", "survey", "door", "pickled", "forms", "methods", "starting", "advice", "headline"),
-    *("first_and_last", "textbook", "models", "start", "forgetting", "every_observer", "targets"),
+    *("first_and_last", "textbook", "models", "start", "forgetting", "every_observer", "targets", "luenberger"),
 ]
 
 
@@ -28,7 +28,8 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The project with the new files, and its tables written anew."""
     folder = copied(tmp_path_factory.mktemp("copy"))
     for kind in FIXTURES.iterdir():
-        shutil.copytree(kind, folder / ("" if kind.name == "models" else "hgogen") / kind.name, dirs_exist_ok=True)
+        beside = kind.name in ("models", "tests")  # the package
+        shutil.copytree(kind, folder / ("" if beside else "hgogen") / kind.name, dirs_exist_ok=True)
     assert run(folder, "tests/doc_tables.py").splitlines() == ["wrote docs/observers.md"]
     return folder
 
@@ -50,14 +51,14 @@ def asked(folder: Path, *words: str) -> str:
 def test_there_is_one_of_each() -> None:
     """An observer without a proof and one with a proof of its own; models in Python and in plain text."""
     assert sorted(path.parent.name for path in FIXTURES.rglob("*.*") if path.suffix in (".py", ".toml")) == [
-        *("forms", "guarantees", "methods", "models", "models", "observers", "observers", "rules", "targets")
+        *("forms", "guarantees", "methods", "models", "models", "observers", "observers", "rules", "targets", "tests")
     ]
 
 
 @pytest.mark.full
 def test_new_observers_pass_the_tests_of_every_observer(copy: Path) -> None:
-    """On one model, with the rules of the house."""
-    files = [f"tests/test_{name}.py" for name in ("every_observer", "house", "registry")]
+    """On one model, with the rules of the house; and the test of the one that is shown in full."""
+    files = [f"tests/test_{name}.py" for name in ("every_observer", "house", "registry", "luenberger")]
     assert " passed" in asked(copy, *files, "-m", "not slow", "-k", "not every_observer or luenberger or thau")
 
 
