@@ -13,6 +13,8 @@ from budget import Budget
 from forgetful import forget, know
 from hypothesis import HealthCheck, settings
 
+from hgogen.calling import native
+
 # Each run, and each process that a test starts, would compile the whole package, and each worker all tests.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
@@ -33,6 +35,23 @@ ABSENT = pytest.StashKey[tuple[str, ...]]()  # and of representatives that there
 # Graphs and expressions are many small objects, most of them alive to the end: a collection for every 700 new ones
 # takes a twelfth of the run.
 gc.set_threshold(20_000, 20, 20)
+
+
+WITHOUT = native.compiler() is None  # asked before a test can hide the compiler
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Iterator[None]:
+    """Where a machine has no compiler, or no other tool, a test that comes to need it is skipped."""
+    try:
+        yield
+    except (native.NoCompiler, native.NoTool) as missing:
+        if WITHOUT:
+            pytest.skip(str(missing))
+        raise
+
+
+pytest_runtest_call = pytest_runtest_setup
 
 
 @pytest.fixture

@@ -276,6 +276,7 @@ def test_a_trial_that_does_not_fit_is_refused_before_any_process() -> None:
         list(hg.campaign(step(), Trial("t", 1.0, TRIAL.start), 5).run(jobs=2))
 
 
+@pytest.mark.skipif(native.compiler() is None, reason="the plant of many records is compiled")
 @pytest.mark.parametrize("jump", [None, 0.505])
 def test_many_truths_are_those_of_cvodes(jump: float | None) -> None:
     """Each as far from the truth as CVODES leaves it, some 1e-10 of the peak; a jump lies between samples."""
@@ -303,6 +304,7 @@ def test_many_truths_of_a_stiff_plant_are_left_to_cvodes() -> None:
     assert one.x[-1, 0] == pytest.approx(math.sin(1.0), abs=2e-6)
 
 
+@pytest.mark.skipif(native.compiler() is None, reason="the plant of many records is compiled")
 def test_an_error_that_is_too_large_is_seen() -> None:
     """Of x' = x cos(40 t) over steps of 0.2; over steps of 0.002 the solution exp(sin(40 t)/40) is there."""
     x, time = ca.SX.sym("x"), ca.SX.sym("t")
