@@ -11,11 +11,10 @@ from typing import Any, TypeAlias
 import casadi as ca
 import sympy as sp
 
+from hgogen.algebra.interpolation import Table
 from hgogen.algebra.lookup import Lookup
-from hgogen.algebra.plain import plain
-from hgogen.algebra.removable import resolved
-from hgogen.algebra.tabulated import Table
-from hgogen.algebra.vanishing import with_limits
+from hgogen.algebra.removable import resolved, with_limits
+from hgogen.algebra.tape import plain
 from hgogen.errors import HgogenError
 
 Graph: TypeAlias = Any  # an SX, MX or DM of any shape: one code takes all three, and CasADi has no type for that

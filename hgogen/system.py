@@ -7,10 +7,8 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.cells import Cells
-from hgogen.algebra.plain import NEAREST, plain
-from hgogen.algebra.tabulated import Stepped, Table
-from hgogen.algebra.tape import NoTape, tape
+from hgogen.algebra.interpolation import Cells, Stepped, Table
+from hgogen.algebra.tape import NEAREST, NoTape, plain, tape
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.reading import filename

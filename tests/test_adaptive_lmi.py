@@ -16,7 +16,7 @@ from oracle import adaptive_lmi as oracle
 from plants import MODELS, chain, fitzhugh_nagumo, model, two_outputs
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.check import Refuted, Verdict
 from hgogen.guarantees.attenuating import MovingGain

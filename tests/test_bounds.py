@@ -9,11 +9,11 @@ import sympy as sp
 from hypothesis import reject
 from hypothesis import strategies as st
 
-from hgogen.algebra.variants import STEEP, largest_exponent
+from hgogen.algebra.points import STEEP, largest_exponent
 from hgogen.check import Verdict
 from hgogen.intervals.bounds import Range, bound, problem_of
 from hgogen.intervals.box import EmptyBox, box
-from hgogen.intervals.rational import multiplied
+from hgogen.intervals.glance import multiplied
 from hgogen.intervals.search import tight
 from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal

@@ -12,7 +12,7 @@ import pytest
 from oracle.adaptive_lmi import SIGMA, K
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.check import Verdict
 from hgogen.guarantees.design import Design, Infeasible, adaptive_gain, slope
 from hgogen.guarantees.lmi import NoSolver

@@ -7,7 +7,7 @@ import mpmath
 import pytest
 import sympy as sp
 
-from hgogen.algebra.branches import branches
+from hgogen.algebra.factors import branches
 from hgogen.algebra.field import field
 from hgogen.algebra.rewrite import Writer
 from hgogen.analysis.determinant import determinant

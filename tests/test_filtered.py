@@ -11,7 +11,7 @@ from oracle import filtered as oracle
 from plants import MODELS, chain, fitzhugh_nagumo, model, two_outputs
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.calling import native
 from hgogen.chains.core import core as linear_core
 from hgogen.chains.core import core_numbers, nominal, numbers

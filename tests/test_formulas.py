@@ -9,7 +9,7 @@ import pytest
 from oracle.adaptive_lmi import SIGMA, K, P
 
 from hgogen import design
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.chains.gains import BadPoles
 from hgogen.reading.given import BadGain
 

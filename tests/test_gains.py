@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from oracle import filtered as oracle
 
-from hgogen.algebra.hurwitz import hurwitz
+from hgogen.algebra.definite import hurwitz
 from hgogen.chains.gains import (
     OutsideParabola,
     coefficients,

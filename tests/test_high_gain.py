@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
+from hgogen.algebra.definite import NotHurwitz, hurwitz
 from hgogen.calling import native
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients

@@ -16,7 +16,7 @@ from plants import MODELS, model
 from scipy.signal import lsim
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.chains.injection import companion
 from hgogen.check import Verdict
 from hgogen.guarantees.lmi import lyapunov

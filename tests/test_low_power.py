@@ -16,7 +16,7 @@ from plants import chain, fitzhugh_nagumo, model, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
+from hgogen.algebra.definite import NotHurwitz, hurwitz
 from hgogen.calling import native
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles

@@ -23,10 +23,9 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.algebra.balls import Balls, Undecided
-from hgogen.algebra.cells import Cells
+from hgogen.algebra.interpolation import Cells, Kinked, Stepped, applied
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
 from hgogen.algebra.pointwise import values
-from hgogen.algebra.tabulated import Kinked, Stepped, applied
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.emit.code import code
@@ -37,10 +36,10 @@ from hgogen.emit.pygraph import DTYPE, evaluated
 from hgogen.graph import to_casadi
 from hgogen.intervals.box import Sides
 from hgogen.intervals.enclosure import enclose
+from hgogen.intervals.glance import taken
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
-from hgogen.intervals.taken import taken
 from hgogen.reading import text_model
 from hgogen.reading.table import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked

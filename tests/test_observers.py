@@ -17,7 +17,7 @@ from plants import chain, fitzhugh_nagumo, model, pendulum, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck, Verdict

@@ -13,10 +13,10 @@ import sympy as sp
 from plants import model, van_der_pol
 
 import hgogen as hg
-from hgogen.algebra.variants import variants
 from hgogen.analysis.determinant import Determinant
 from hgogen.check import Check, Refuted, Verdict
 from hgogen.forms.phase import NoPhase
+from hgogen.intervals.bounds import variants
 from hgogen.reading.given import BadGain
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.inverse import inverse

@@ -10,9 +10,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.plain import plain
 from hgogen.algebra.pointwise import values
-from hgogen.algebra.tape import tape
+from hgogen.algebra.tape import plain, tape
 from hgogen.graph import to_casadi
 from hgogen.recheck.verification import recheck
 

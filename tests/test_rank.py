@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 from oracle import observability as oracle
 
 from hgogen.algebra.balls import Balls
-from hgogen.algebra.modular import Modular
 from hgogen.algebra.rank import NothingMeasured, NowhereDefined, observability
-from hgogen.algebra.series import Plant, gradients, random_point
+from hgogen.algebra.series import Modular, Plant, gradients, random_point
 from hgogen.algebra.tape import NoTape, tape
 
 PRIME = 2**61 - 1

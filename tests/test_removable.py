@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.algebra.points import exact
-from hgogen.algebra.removable import _X, _enough, _majorant, _regular, _series, _Term, resolved
-from hgogen.algebra.vanishing import with_limits
+from hgogen.algebra.removable import _X, _enough, _majorant, _regular, _series, _Term, resolved, with_limits
 from hgogen.analysis.undefined import undefined_slopes, undefined_values
 from hgogen.graph import to_casadi
 from hgogen.structure.dynamics import Dynamics

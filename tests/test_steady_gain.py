@@ -12,7 +12,7 @@ from test_high_gain import blocks
 from test_whole_gain import C, pair
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.check import Verdict
 from hgogen.guarantees.steady_gain import steady_gain
 from hgogen.reading.door import Misfit

@@ -12,7 +12,7 @@ from plants import chain
 from quadratic import falls
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.chains.gains import BadPoles
 from hgogen.check import Verdict
 from hgogen.reading.given import BadGain

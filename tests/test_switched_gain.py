@@ -12,7 +12,7 @@ from oracle import switched_gain as oracle
 from plants import two_outputs
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.chains.gains import BadPoles
 from hgogen.reading.given import BadGain
 

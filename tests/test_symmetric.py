@@ -8,7 +8,7 @@ import sympy as sp
 from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.algebra.symmetric import symmetric
+from hgogen.algebra.definite import symmetric
 from hgogen.guarantees.adaptive_gain import candidate
 from hgogen.guarantees.error_system import BadErrorSystem
 from hgogen.kalman.weights import spd

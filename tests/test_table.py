@@ -21,12 +21,18 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.axis import Axis
-from hgogen.algebra.cells import Cells
+from hgogen.algebra.interpolation import (
+    Axis,
+    Cells,
+    Kinked,
+    Stepped,
+    Table,
+    applied,
+    polynomial_range,
+    polynomial_value,
+)
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
-from hgogen.algebra.piece import extremes, value
 from hgogen.algebra.pointwise import values
-from hgogen.algebra.tabulated import Kinked, Stepped, Table, applied
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.emit.code import code
@@ -40,11 +46,10 @@ from hgogen.intervals import glance
 from hgogen.intervals.bounds import bound as bound_of
 from hgogen.intervals.box import Sides, box
 from hgogen.intervals.enclosure import enclose
+from hgogen.intervals.glance import rounded, taken
 from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.rounding import rounded
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
-from hgogen.intervals.taken import taken
 from hgogen.reading import text_model
 from hgogen.reading.table import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
@@ -222,8 +227,8 @@ def test_extremes_hold_a_cubic_that_turns() -> None:
     for _ in range(200):
         piece = tuple(Fraction(draw.randint(-9, 9)) for _ in range(4))
         a, b = sorted(Fraction(draw.randint(-30, 30), 10) for _ in range(2))
-        low, high = extremes(piece, [(a, b)])
-        reached = [value(piece, [a + (b - a) * k / 40]) for k in range(41)]
+        low, high = polynomial_range(piece, [(a, b)])
+        reached = [polynomial_value(piece, [a + (b - a) * k / 40]) for k in range(41)]
         assert low <= min(reached)
         assert max(reached) <= high
         assert high - low <= 30 * (max(reached) - min(reached))

@@ -13,7 +13,7 @@ import sympy as sp
 from oracle.uniform_injection import uniform_injection
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.check import Refuted, Verdict
 from hgogen.guarantees.quadratic import Quadratic
 from hgogen.guarantees.semidefinite import margin

@@ -13,7 +13,7 @@ from oracle.sampled import run
 from test_high_gain import blocks, model
 
 import hgogen as hg
-from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.algebra.definite import NotHurwitz
 from hgogen.calling import native
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.guarantees.common_norm import Flow

@@ -6,8 +6,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.algebra.field import quotients, ring_of
 from hgogen.algebra.points import kind
-from hgogen.algebra.quotient import quotients, ring_of
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.check import Verdict
 from hgogen.guarantees.uniform_error import slopes_on

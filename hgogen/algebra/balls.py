@@ -12,11 +12,9 @@ from typing import Any
 
 import flint
 
-from hgogen.algebra.cells import Cells, Index
 from hgogen.algebra.definite import fraction
-from hgogen.algebra.piece import rational
-from hgogen.algebra.piece import value as polynomial
-from hgogen.algebra.tabulated import next_order
+from hgogen.algebra.interpolation import Cells, Index, next_order, rational
+from hgogen.algebra.interpolation import polynomial_value as polynomial
 
 BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
 _BITS, _FINER = 60, 20  # of a random number; of how near it is to another one

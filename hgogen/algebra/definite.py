@@ -1,17 +1,23 @@
-"""Signs of the eigenvalues of a symmetric rational matrix, in exact arithmetic; of one of balls as far as these tell.
+"""Signs of eigenvalues in exact arithmetic: of symmetric rational matrices, and whether a matrix is Hurwitz.
 
 All eigenvalues of a symmetric M are real, and det(x I + M) = sum_k e_k x^(n-k) with e_k the elementary symmetric
 functions of them. So M >= 0 if and only if every e_k >= 0, and M > 0 if and only if every e_k > 0 (FLINT's
-characteristic polynomial; Horn, Johnson, "Matrix Analysis", 7.1 and 7.2).
+characteristic polynomial; Horn, Johnson, "Matrix Analysis", 7.1 and 7.2). A matrix of doubles, which are rationals, is
+Hurwitz by Routh's array of its characteristic polynomial (E. J. Routh 1877; Gantmacher, "The Theory of Matrices", XV).
+Of a symmetric matrix of balls the signs are known as far as these tell.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
+from itertools import combinations
 from math import isqrt
 from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, fmpq, fmpq_mat, fmpz_mat
+
+from hgogen.errors import HgogenError
 
 Matrix = tuple[tuple[Fraction, ...], ...]
 
@@ -135,3 +141,64 @@ def largest(M: Any) -> tuple[Fraction, Fraction]:
     """(low, high) around the largest eigenvalue of a symmetric matrix of FLINT's: low < it <= high, both proved."""
     low, high = smallest(-M)
     return -high, -low
+
+
+# --- symmetric but for rounding
+
+
+_ROUNDING = Fraction(1, 10**12)
+
+
+def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ...] | None:
+    """(M + M')/2 in exact fractions, where M (n, n) is symmetric but for rounding; else None."""
+    n = range(len(M))
+    for i, j in combinations(n, 2):
+        largest = max(M[i][j] ** 2, M[j][i] ** 2, abs(M[i][i] * M[j][j]))
+        if (M[i][j] - M[j][i]) ** 2 > _ROUNDING**2 * largest:
+            return None
+    return tuple(tuple((M[i][j] + M[j][i]) / 2 for j in n) for i in n)
+
+
+def unsymmetric(name: str) -> str:
+    """Why a matrix of that name is refused, and what to give."""
+    return f"must be symmetric, to 1e-12 of its numbers; give ({name} + {name}')/2"
+
+
+# --- Hurwitz
+
+
+@dataclass(eq=False)
+class NotHurwitz(HgogenError):
+    """Gains whose linear error core has eigenvalues that do not decay."""
+
+    gains: str
+    eigenvalues: tuple[complex, ...]
+    fix: str
+
+    def __str__(self) -> str:
+        listed = ", ".join(f"{v.real:.6g}" + (f" +- {v.imag:.6g}i" if v.imag else "") for v in self.eigenvalues)
+        return f"{self.gains}: the linear error core has the eigenvalues {listed}, which do not decay; {self.fix}"
+
+
+def hurwitz(matrix: np.ndarray) -> bool:
+    """Whether every eigenvalue of a matrix (n, n), floats or fractions, has a negative real part: a proof."""
+    rows = [[value if isinstance(value, Fraction) else Fraction(float(value)) for value in row] for row in matrix]
+    polynomial = exact(rows).charpoly().coeffs()[::-1]
+    above, below = polynomial[0::2], polynomial[1::2]
+    while below:
+        if not below[0] > 0:
+            return False
+        ratio = above[0] / below[0]
+        after = [a - ratio * b for a, b in zip(above[1:], [*below[1:], fmpq(0)], strict=False)]
+        above, below = below, after
+    return True
+
+
+def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
+    """Raises: `NotHurwitz` for a matrix (n, n) that is not; `fix` says what to change."""
+    if hurwitz(matrix):
+        return
+    eigenvalues = np.linalg.eigvals(np.asarray(matrix, dtype=float)).astype(complex)
+    spectrum = sorted(eigenvalues, key=lambda value: -value.real)
+    bad = [value for value in spectrum if value.real >= 0 and value.imag >= 0] or spectrum[:1]
+    raise NotHurwitz(gains, tuple(map(complex, bad)), fix)

@@ -6,7 +6,7 @@ At e = 0 any s in the unit ball stands for the slope: the hull of the limits of 
 "Optimization and nonsmooth analysis", 1983, theorem 2.5.1). SymPy's sign(0) = 0 would be one number of them.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import reduce
 from itertools import combinations
 from typing import Any
@@ -284,3 +284,33 @@ def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[s
     low, high = (there.xreplace({kink: side}) for side in (sp.S.NegativeOne, sp.S.One))
     opposite = (low.is_negative and high.is_positive) or (low.is_positive and high.is_negative)
     return (low, high) if opposite else None
+
+
+# --- kinks that bend at the same place
+
+
+_KINDS = (sp.Abs, sp.Min, sp.Max, sp.Piecewise)
+
+
+def shared(expression: sp.Expr) -> sp.Expr:
+    """The expression, with its kinks as the norms that they are where two of them are the same one."""
+    # the parts that may bend by themselves: |e|, max, min and choices, and products with a sign
+    signs = (node for node in expression.atoms(sp.Mul) if any(isinstance(part, sp.sign) for part in node.args))
+    own = [_own(node) for node in {*expression.atoms(*_KINDS), *signs}]
+    if all(a.isdisjoint(b) for a, b in combinations(own, 2)):
+        return expression
+    return unbent(bent(expression))
+
+
+def _own(node: sp.Expr) -> set[sp.Expr]:
+    """The norms that a part brings in, and those of a choice's conditions whatever its branches read."""
+    every = _norms([node])
+    if not isinstance(node, sp.Piecewise):
+        return every - _norms(node.args)
+    # what changes its sign where a choice takes another branch
+    decides = (Norm(where.gts - where.lts) for _, where in node.args if hasattr(where, "gts"))
+    return every - _norms(branch for branch, _ in node.args) | every & _norms(decides)
+
+
+def _norms(expressions: Iterable[sp.Expr]) -> set[sp.Expr]:
+    return {norm for e in expressions for norm in bent(e).atoms(Norm)}

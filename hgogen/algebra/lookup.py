@@ -2,7 +2,7 @@
 
     k = how many breakpoints are <= x,    f(x) = c_k0 + d (c_k1 + d (c_k2 + d c_k3)),    d = x - s_k
 
-of the cells of `hgogen.algebra.cells`, and of two arguments a search along each axis and, with e = y - s_l,
+of the cells of `hgogen.algebra.interpolation`, and of two arguments a search along each axis and, with e = y - s_l,
 
     f(x, y) = c_00 + e c_01 + d (c_10 + e c_11)        of the cell (k, l)
 
@@ -25,9 +25,7 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.algebra.cells import Cells, Index
-from hgogen.algebra.piece import Polynomial, columns, value
-from hgogen.algebra.tabulated import next_order
+from hgogen.algebra.interpolation import Cells, Index, Polynomial, columns, next_order, polynomial_value
 
 Graph = Any
 _KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else
@@ -150,7 +148,7 @@ class Lookup:
         cells = [_cell(axis, x) for axis, x in zip(self.axes, arguments, strict=True)]
         d = [x - _element(axis.starts, k) for axis, x, k in zip(self.axes, arguments, cells, strict=True)]
         cell = reduce(lambda whole, part: whole * len(part[0].starts) + part[1], zip(self.axes, cells, strict=True), 0)
-        result = value(_filled(self.coefficients, len(d)), d, lambda column: _element(column, cell))
+        result = polynomial_value(_filled(self.coefficients, len(d)), d, lambda column: _element(column, cell))
         return ca.Function(name, arguments, [result], names, ["value"], {"never_inline": True})
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.variants import STEEP, largest_exponent
 from hgogen.signal import Signal
 
 Point = Mapping[Signal, sp.Rational]
 
+STEEP = 2000  # exponents beyond which exact numbers would
 _CORNERS = 64
 _RANDOM = 32
 # An imaginary part that is larger than this, evaluated to 15 digits, is not zero.
@@ -41,6 +41,11 @@ def points(signals: Sequence[Signal]) -> Iterator[Point]:
             s: low + (high - low) * sp.Rational(draw.randint(0, 1000), 1000)
             for s, (low, high) in zip(signals, ends, strict=True)
         }
+
+
+def largest_exponent(expression: sp.Expr) -> int:
+    """The size of the largest numerical exponent."""
+    return max((abs(int(node.exp.p)) for node in expression.atoms(sp.Pow) if node.exp.is_Rational), default=0)
 
 
 def kind(expression: sp.Expr, point: Point) -> str:

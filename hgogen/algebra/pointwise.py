@@ -11,8 +11,8 @@ from typing import Any
 from flint import arb, ctx, fmpq
 
 from hgogen.algebra.balls import ends
-from hgogen.algebra.cells import Cells, Index, over
-from hgogen.algebra.piece import value as polynomial
+from hgogen.algebra.interpolation import Cells, Index, over
+from hgogen.algebra.interpolation import polynomial_value as polynomial
 from hgogen.algebra.tape import Instruction, Tape
 
 Ball = Any

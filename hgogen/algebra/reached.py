@@ -22,9 +22,8 @@ from sympy.core.relational import Relational
 from sympy.logic.boolalg import Boolean
 
 from hgogen.algebra.balls import Undecided, ends
-from hgogen.algebra.piece import value
+from hgogen.algebra.interpolation import Table, polynomial_value
 from hgogen.algebra.pointwise import values
-from hgogen.algebra.tabulated import Table
 from hgogen.algebra.tape import Tape, tape
 
 Place = Mapping[sp.Symbol, Fraction]
@@ -344,7 +343,7 @@ class _Walk:
             if k < len(axis.x) and (axis.held or k < len(axis.x) - 1):
                 self.needs(argument < _number(axis.x[k]))
         d = [a - _number(start) for a, start in zip(args, node.cells.starts(cell), strict=True)]
-        return sp.sympify(value(node.cells.of_order(node.order)[cell], d, _number))
+        return sp.sympify(polynomial_value(node.cells.of_order(node.order)[cell], d, _number))
 
     def pieces(self, node: sp.Piecewise) -> Iterator[sp.Expr]:
         """The value whose condition is the first that holds."""

@@ -12,16 +12,12 @@ import flint
 import sympy as sp
 from sympy.functions.elementary.hyperbolic import HyperbolicFunction
 
-from hgogen.algebra.angles import degrees, even, factored
-from hgogen.algebra.branches import branches
-from hgogen.algebra.echelon import SURE_BITS, Blurred, new_rows
-from hgogen.algebra.elimination import Elimination, Product, Work, cleared
-from hgogen.algebra.field import Field, field
-from hgogen.algebra.minors import expanded
+from hgogen.algebra.elimination import Elimination, Product, Work, cleared, expanded
+from hgogen.algebra.factors import Power, branches, degrees, even_degrees, factored_form, powers, split_roots
+from hgogen.algebra.field import Field, Quotient, field
 from hgogen.algebra.points import exact
 from hgogen.algebra.pointwise import values
-from hgogen.algebra.powers import Power, powers, split
-from hgogen.algebra.quotient import Quotient
+from hgogen.algebra.rank import SURE_BITS, Blurred, new_rows
 from hgogen.algebra.rewrite import TooLarge, Writer
 from hgogen.algebra.tape import tape
 from hgogen.analysis.zero_set import alive, zero_set
@@ -64,7 +60,7 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     number, parts = powers(made, product)
     if sum(len(one.polynomial) for one in parts) > _TERMS:
         raise TooLarge("the determinant")
-    return Determinant(number * _value(made, parts), zero_set(made, split(made, parts)))
+    return Determinant(number * _value(made, parts), zero_set(made, split_roots(made, parts)))
 
 
 def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
@@ -127,16 +123,16 @@ def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
     one by one; the others are multiplied, in the numerator and the denominator, with the power of C that is left.
     """
     every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
-    forms = [(p, d, e) for p, e, d in every if even(d)]
+    forms = [(p, d, e) for p, e, d in every if even_degrees(d)]
     left = {g: -sum(int(e) * d[g] for _, e, d in every) for g in field.angles}
     ends = []
     for sign in (1, -1):
-        odd = [p ** int(e * sign) for p, e, d in every if not even(d) and e * sign > 0]
+        odd = [p ** int(e * sign) for p, e, d in every if not even_degrees(d) and e * sign > 0]
         whole = prod(odd, start=field.ring.constant(1))
         ends.append((whole, {g: k + max(sign * left[g], 0) for g, k in degrees(field, whole).items()}, sign))
     shared = {g: ends[0][1][g] % 2 for g in field.angles}  # both are odd, or none is
     forms += [(p, {g: k + shared[g] for g, k in d.items()}, Fraction(sign)) for p, d, sign in ends]
-    written = [(*factored(field, p, d), sp.Rational(e)) for p, d, e in forms]
+    written = [(*factored_form(field, p, d), sp.Rational(e)) for p, d, e in forms]
     return sp.Mul(*(n**e for n, _, e in written), *(b ** (k * e) for _, bases, e in written for b, k in bases))
 
 

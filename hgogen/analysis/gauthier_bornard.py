@@ -20,9 +20,18 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.echelon import believe_zeros, new_rows
 from hgogen.algebra.identity import is_zero
-from hgogen.algebra.rank import NowhereDefined, Places, branches, exact_numbers, modulus, plant_of, somewhere
+from hgogen.algebra.rank import (
+    NowhereDefined,
+    Places,
+    believe_zeros,
+    branches,
+    exact_numbers,
+    modulus,
+    new_rows,
+    plant_of,
+    somewhere,
+)
 from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
 from hgogen.analysis.on_box import on_branches
 from hgogen.check import Verdict

@@ -17,8 +17,18 @@ import flint
 import sympy as sp
 
 from hgogen.algebra.balls import Undecided
-from hgogen.algebra.echelon import kernel, new_rows
-from hgogen.algebra.rank import NowhereDefined, Places, Rank, Ranks, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.rank import (
+    NowhereDefined,
+    Places,
+    Rank,
+    Ranks,
+    kernel,
+    matrix_rows,
+    modulus,
+    new_rows,
+    plant_of,
+    somewhere,
+)
 from hgogen.algebra.rank import observability as ranks
 from hgogen.algebra.reached import Branch, Reached
 from hgogen.algebra.series import Arithmetic, Point, first_gradients

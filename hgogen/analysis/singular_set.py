@@ -4,15 +4,12 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from hgogen.algebra.branches import ROUGH, branches
-from hgogen.algebra.codistribution import Row, product
-from hgogen.algebra.echelon import believe_zeros, new_rows
-from hgogen.algebra.powers import powers, split
-from hgogen.algebra.rank import NowhereDefined, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.elimination import Row, codistribution_product, tower
+from hgogen.algebra.factors import ROUGH, branches, powers, split_roots
+from hgogen.algebra.rank import NowhereDefined, believe_zeros, matrix_rows, modulus, new_rows, plant_of, somewhere
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.algebra.tape import NoTape
-from hgogen.algebra.tower import tower
 from hgogen.analysis.zero_set import alive, zero_set
 
 LIMIT = 300_000  # products of terms of the elimination
@@ -50,10 +47,10 @@ def singular_set(
             return "all"
         zero_sets = set()
         for rows in {frozenset(rows): rows for rows in choices}.values():  # of those in another order one
-            factors = product(plant, rows, limit)
+            factors = codistribution_product(plant, rows, limit)
             if not alive(plant.field, factors):
                 return None
-            zero_sets.add(zero_set(plant.field, split(plant.field, powers(plant.field, factors)[1])))
+            zero_sets.add(zero_set(plant.field, split_roots(plant.field, powers(plant.field, factors)[1])))
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
     one = zero_sets.pop()

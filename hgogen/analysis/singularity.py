@@ -15,7 +15,7 @@ from typing import Any
 import sympy as sp
 from sympy.combinatorics import Permutation
 
-from hgogen.algebra.branches import ROUGH
+from hgogen.algebra.factors import ROUGH
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge

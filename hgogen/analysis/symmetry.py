@@ -17,9 +17,8 @@ from typing import Any
 import flint
 import sympy as sp
 
-from hgogen.algebra.echelon import Blurred, kernel, new_rows
 from hgogen.algebra.points import exact
-from hgogen.algebra.rank import FEW_BITS, Places, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.rank import FEW_BITS, Blurred, Places, kernel, matrix_rows, modulus, new_rows, plant_of, somewhere
 from hgogen.algebra.series import Arithmetic, Plant, Point, first_gradients
 
 TERMS = 400  # of the vector field that is looked for

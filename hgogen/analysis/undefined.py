@@ -17,15 +17,13 @@ from math import inf
 import sympy as sp
 
 from hgogen.algebra.kinks import slope
-from hgogen.algebra.removable import Resolved, resolved
+from hgogen.algebra.removable import Resolved, bounded_logs, resolved
 from hgogen.algebra.tape import NoTape
-from hgogen.algebra.vanishing import bounded_logs
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import bound, problem_of
 from hgogen.intervals.box import Box, Point, box
-from hgogen.intervals.lost import doubtful
 from hgogen.intervals.sign import Cause, nonzero
-from hgogen.intervals.singular import NONZERO, POSITIVE, Condition, minimal
+from hgogen.intervals.singular import NONZERO, POSITIVE, Condition, doubtful, minimal
 from hgogen.intervals.zeros import special_point
 from hgogen.sentence import Sentence, because
 from hgogen.signal import Signal, resting

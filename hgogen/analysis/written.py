@@ -8,8 +8,7 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import conditions, doubtful, put_apart
-from hgogen.intervals.singular import Condition
+from hgogen.intervals.singular import Condition, conditions, doubtful, put_apart
 from hgogen.sentence import because
 from hgogen.system import System
 

@@ -9,13 +9,11 @@ from typing import Any
 import sympy as sp
 from flint import arb
 
-from hgogen.algebra.angles import degrees, even, factored
 from hgogen.algebra.elimination import Product
-from hgogen.algebra.factors import definite
+from hgogen.algebra.factors import Power, degrees, even_degrees, factored_form, one_sign
 from hgogen.algebra.field import Field
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.pointwise import values
-from hgogen.algebra.powers import Power
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import tape
 from hgogen.intervals.sign import nonzero
@@ -59,8 +57,8 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
 
     Raises: `TooLarge`.
     """
-    zeros = [one.polynomial for one in parts if one.exponent > 0 and not definite(field, one.polynomial)]
-    poles = [one.polynomial for one in parts if one.exponent < 0 and not definite(field, one.polynomial)]
+    zeros = [one.polynomial for one in parts if one.exponent > 0 and not one_sign(field, one.polynomial)]
+    poles = [one.polynomial for one in parts if one.exponent < 0 and not one_sign(field, one.polynomial)]
     if sum(map(len, zeros)) > _TERMS:
         raise TooLarge("the determinant")
     logs = [g for g, m in field.exponents.items() if m.has(sp.log)]  # x**a may or may not have a zero at x = 0
@@ -73,7 +71,7 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
         doubtful = {root.index for root in field.relations} | (functions if len(functions) > 1 else set())
         if any(p.degrees()[g] for p in (*zeros, *poles) for g in doubtful):
             return None
-    factors = [factor for p, degree in _forms(field, zeros, parts) for factor, _ in factored(field, p, degree)[1]]
+    factors = [factor for p, degree in _forms(field, zeros, parts) for factor, _ in factored_form(field, p, degree)[1]]
     vanishing = set()  # without those that are proved to be 0 nowhere; of a long one it is not asked
     for e in factors:
         everywhere = dict.fromkeys(e.free_symbols, (-inf, inf))
@@ -87,8 +85,8 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
     others, times cos(m/2) where the whole product is 0 at m = pi, squared where its degree is odd.
     """
     infinite = [g for g in field.angles if sum(p.exponent * degrees(field, p.polynomial)[g] for p in parts) < 0]
-    forms = [(p, degrees(field, p)) for p in zeros if even(degrees(field, p))]
-    odd = [p for p in zeros if not even(degrees(field, p))]
+    forms = [(p, degrees(field, p)) for p in zeros if even_degrees(degrees(field, p))]
+    odd = [p for p in zeros if not even_degrees(degrees(field, p))]
     if not odd and not infinite:
         return forms
     total = field.ring.constant(1)
@@ -97,7 +95,7 @@ def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[t
             raise TooLarge("the determinant")
         total = total * p
     degree = {g: k + (g in infinite) for g, k in degrees(field, total).items()}
-    if not even(degree):
+    if not even_degrees(degree):
         total, degree = total * total, {g: 2 * k for g, k in degree.items()}
     return [*forms, (total, degree)]
 

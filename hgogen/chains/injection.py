@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.integrators import Integrators, shifted
 from hgogen.form import Form

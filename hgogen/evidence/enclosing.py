@@ -11,8 +11,7 @@ from hgogen.algebra.points import exact
 from hgogen.evidence.grammar import end, outward, text, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import Range, box
-from hgogen.intervals.proof import Proof
+from hgogen.intervals.bounds import Proof, Range, box
 
 Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]
 LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so that a weaker arithmetic reaches it

@@ -9,13 +9,12 @@ from typing import Any
 import sympy as sp
 from sympy.printing.str import StrPrinter
 
-from hgogen.algebra.plain import plain
+from hgogen.algebra.interpolation import Table
 from hgogen.algebra.points import exact
-from hgogen.algebra.tabulated import Table
+from hgogen.algebra.tape import plain
 from hgogen.form import Form
-from hgogen.intervals.bounds import Range
+from hgogen.intervals.bounds import Proof, Range
 from hgogen.intervals.digits import up
-from hgogen.intervals.proof import Proof
 
 _DIGITS = 12
 

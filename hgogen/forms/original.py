@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from hgogen.algebra.branches import ROUGH
+from hgogen.algebra.factors import ROUGH
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.kinks import slope
 from hgogen.check import Check, ClaimId, Verdict

@@ -16,10 +16,10 @@ from fractions import Fraction
 
 import sympy as sp
 
+from hgogen.algebra.interpolation import Table
 from hgogen.algebra.kinks import at_kinks
 from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
-from hgogen.algebra.tabulated import Table
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box

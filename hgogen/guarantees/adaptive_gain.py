@@ -45,9 +45,10 @@ from hgogen.algebra.definite import (
     rationals,
     root,
     smallest,
+    symmetric,
     unit,
+    unsymmetric,
 )
-from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, ClaimId, Verdict

@@ -42,8 +42,8 @@ from flint import arb, arb_mat, ctx
 
 from hgogen.algebra.balls import between, magnitude
 from hgogen.algebra.definite import number
+from hgogen.algebra.interpolation import Table
 from hgogen.algebra.points import exact
-from hgogen.algebra.tabulated import Table
 from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees import realised
 from hgogen.guarantees.entering import Entering, Sizes, heads_of

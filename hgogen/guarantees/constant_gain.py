@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz
 from hgogen.chains.columns import columns
 from hgogen.chains.gains import coefficients
 from hgogen.chains.injection import companion

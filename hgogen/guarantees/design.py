@@ -25,8 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.algebra.definite import root
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz, root
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import integrators
 from hgogen.check import Check, ClaimId, Verdict

@@ -22,18 +22,17 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.definite import symmetric, unsymmetric
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact, kind
-from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grammar import end, spelled, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem, Injection, error_box
-from hgogen.intervals.bounds import bound
+from hgogen.intervals.bounds import Proof, bound
 from hgogen.intervals.box import Box
 from hgogen.intervals.digits import Down, down, up
-from hgogen.intervals.proof import Proof
 from hgogen.intervals.second_order import Answer, SecondOrder, negative
 from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
 from hgogen.reading.door import Misfit, limits

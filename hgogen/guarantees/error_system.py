@@ -19,7 +19,7 @@ from hgogen.algebra.points import exact
 from hgogen.analysis.written import written
 from hgogen.errors import BadArgument
 from hgogen.intervals.box import Box, box
-from hgogen.intervals.lost import lost
+from hgogen.intervals.singular import lost
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import in_order, names_of
 from hgogen.sentence import NONE, Reason

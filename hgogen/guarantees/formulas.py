@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.algebra.definite import exact, largest, nonnegative, number, root, smallest, unit
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz, exact, largest, nonnegative, number, root, smallest, unit
 from hgogen.chains.gains import BadPoles, coefficients, filtered_core, least_ratio, numbers
 from hgogen.chains.injection import companion
 from hgogen.check import Verdict

@@ -23,10 +23,9 @@ from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.lmi import Lyapunov, lyapunov
 from hgogen.guarantees.moving import Law, moving_checks
-from hgogen.intervals.bounds import bound
+from hgogen.intervals.bounds import Proof, bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import Up, down, up
-from hgogen.intervals.proof import Proof
 from hgogen.reading.given import BadGain
 from hgogen.sentence import NONE, Reason, because
 

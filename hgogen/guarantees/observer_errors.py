@@ -18,7 +18,8 @@ from hgogen.algebra.points import exact
 from hgogen.analysis.written import written
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import is_defined, lost, put_apart
+from hgogen.intervals.search import is_defined
+from hgogen.intervals.singular import lost, put_apart
 from hgogen.intervals.slope import JUMPS
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.given import signals_named

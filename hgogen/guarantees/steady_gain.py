@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.algebra import definite
-from hgogen.algebra.hurwitz import demand_hurwitz, hurwitz
+from hgogen.algebra.definite import demand_hurwitz, hurwitz
 from hgogen.discretisation.stability import steady_covariance
 from hgogen.form import Form
 from hgogen.guarantees.constant_gain import constant_chains

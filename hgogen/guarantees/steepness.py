@@ -22,7 +22,7 @@ from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.lmi import STATES
-from hgogen.intervals.proof import Proof
+from hgogen.intervals.bounds import Proof
 from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import chains, fixed, span
 from hgogen.structure.saturation import cut

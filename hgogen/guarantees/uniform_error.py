@@ -26,8 +26,7 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.kinks import slope
-from hgogen.algebra.points import exact
-from hgogen.algebra.variants import largest_exponent
+from hgogen.algebra.points import exact, largest_exponent
 from hgogen.check import Verdict
 from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grammar import outward

@@ -13,19 +13,89 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.points import STRANGE, exact, put
-from hgogen.algebra.tabulated import Stepped
+from hgogen.algebra.interpolation import Stepped
+from hgogen.algebra.points import STRANGE, exact, largest_exponent, put
 from hgogen.algebra.tape import Tape, tape
-from hgogen.algebra.variants import variants
 from hgogen.intervals.bisection import Tree
 from hgogen.intervals.box import Box, End, Sides, box, sides
 from hgogen.intervals.digits import down, up
+from hgogen.intervals.glance import taken
 from hgogen.intervals.outward import Array
 from hgogen.intervals.search import Cover, Goal, Outcome, search, tight
 from hgogen.intervals.slope import lipschitz_bound
-from hgogen.intervals.taken import taken
 from hgogen.intervals.zeros import special_point
 from hgogen.sentence import NONE, Reason, because, equations
+
+# --- forms of one expression
+
+
+_LARGE = 400  # operations beyond which rewriting would cost more than bisection
+_REWRITTEN = 12  # exponents beyond which it would grow out of hand
+
+
+def steep(e: sp.exp) -> bool:
+    """Whether SymPy would take it as a high power: exp(-8750/T) as exp(1/T)^-8750."""
+    return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
+
+
+def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
+    """The expression as it is, then its factors and its Horner forms where it is rational in its symbols.
+
+    They come from exact algebra over the rationals: each is equal to the first where the first is defined, and may have
+    lost a removable pole.
+    """
+    symbols = sorted(expression.free_symbols, key=str)
+    if not symbols or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
+        return (expression,)
+    if expression.has(sp.Piecewise, sp.floor, sp.ceiling):
+        return (expression,)
+    forms = [expression]
+    try:
+        stands = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if steep(e)}
+        forms.append(sp.factor(expression.xreplace(stands)).xreplace({d: e for e, d in stands.items()}))
+        if expression.is_polynomial(*symbols):
+            whole = sp.expand(expression)
+            forms += [whole, *(sp.horner(whole, wrt=wrt) for wrt in (symbols, symbols[::-1]))]
+    except (sp.PolynomialError, NotImplementedError):
+        pass
+    return tuple(dict.fromkeys(form for form in forms if not form.has(*STRANGE)))
+
+
+# --- proofs
+
+
+_SLACK = Fraction(1, 2**40)  # of the size, so that another arithmetic, or other roundings of a cut, reach the bounds
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A fact on a closed box, on which the `expressions` are defined.
+
+    Of a range: low <= value <= high, of the one expression; of a slope: the spectral norm of the expressions' Jacobian
+    in the states is at most `high`, and `low` is None. Both are exact; `variables`, `tree`: the bisection, ("split",
+    index, left, right) and "leaf", sides cut in the middle.
+    """
+
+    expressions: tuple[sp.Expr, ...]
+    low: Fraction | None
+    high: Fraction | None
+    variables: tuple[sp.Symbol, ...]
+    tree: Any = field(hash=False, repr=False)
+
+
+def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
+    """Bounds a little outside of these. Each keeps its sign, if it has one, and is None where it is infinite."""
+    return _moved(low, -1), _moved(high, 1)
+
+
+def _moved(value: Fraction | float, way: int) -> Fraction | None:
+    if abs(value) == float("inf"):
+        return None
+    return Fraction(value) + way * abs(Fraction(value)) * _SLACK
+
+
+# --- ranges
+
 
 __all__ = ["LIMIT", "Attained", "Box", "End", "Range", "bound", "box", "lipschitz_bound"]
 

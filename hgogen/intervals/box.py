@@ -10,8 +10,7 @@ from typing import TypeAlias
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.points import settled
-from hgogen.algebra.variants import STEEP, largest_exponent
+from hgogen.algebra.points import STEEP, largest_exponent, settled
 from hgogen.errors import HgogenError
 from hgogen.intervals.outward import Pair, number
 from hgogen.signal import Signal

@@ -14,9 +14,7 @@ from operator import and_
 
 import numpy as np
 
-from hgogen.algebra.axis import Ends
-from hgogen.algebra.cells import Cells, Index
-from hgogen.algebra.tabulated import next_order
+from hgogen.algebra.interpolation import Cells, Ends, Index, next_order
 from hgogen.algebra.tape import Instruction, Tape
 from hgogen.intervals import endpoints, outward
 from hgogen.intervals.outward import Array, Flags, Pair, add, hull, multiply, negate, number, power, reciprocal, scale

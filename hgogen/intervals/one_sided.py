@@ -11,17 +11,16 @@ from functools import lru_cache
 
 import sympy as sp
 
-from hgogen.algebra.cells import Cells
-from hgogen.algebra.kinks import Norm, bent, off_zero, rooted, signed
-from hgogen.algebra.shared import shared
-from hgogen.algebra.tabulated import Table, applied, replaced
+from hgogen.algebra.interpolation import Cells, Table, applied, replaced
+from hgogen.algebra.kinks import Norm, bent, off_zero, rooted, shared, signed
+from hgogen.algebra.points import STRANGE
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Verdict
 from hgogen.intervals.box import Box, End
-from hgogen.intervals.lost import STRANGE, is_defined, lost
-from hgogen.intervals.rational import rational
+from hgogen.intervals.glance import between, rational
+from hgogen.intervals.search import is_defined
 from hgogen.intervals.sign import nonzero
-from hgogen.intervals.taken import between
+from hgogen.intervals.singular import lost
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
 _OPERATIONS = 200  # of an argument whose side is asked for

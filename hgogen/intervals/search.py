@@ -17,15 +17,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import sympy as sp
 from numpy.typing import NDArray
 
-from hgogen.algebra.tape import Tape
-from hgogen.intervals.bisection import Tree, halves, split_tree
+from hgogen.algebra.points import STRANGE, exact
+from hgogen.algebra.tape import NoTape, Tape, tape
+from hgogen.intervals.bisection import Tree, corners, halves, middle, placed, split_tree, spread
+from hgogen.intervals.box import Box, sides
 from hgogen.intervals.enclosure import Enclosure, enclose
-from hgogen.intervals.floats import corners, middle, placed, spread
 from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale
 
 _BATCH = 256  # boxes a round
+_GLANCE = 60  # boxes to show that a part is defined
 _FINE = 2.0**-44  # of the root's width: no box is cut further
 _FAR = 2.0**40  # an unbounded box that begins beyond it is not cut
 _ROUNDS, _AROUND = 8, 48  # of the search for good points
@@ -147,6 +150,18 @@ def one_sign(leaves: Leaves, inner: Inner) -> Array:
 def everywhere(leaves: Leaves, inner: Inner) -> Array:
     """The goal that the expression is defined."""
     return np.where(leaves.defined, 0.0, np.inf)
+
+
+def is_defined(e: sp.Expr, box: Box) -> bool:
+    """Whether it is proved that e is a finite real number on the whole box."""
+    fixed, around = sides(exact(e), box)
+    if fixed.has(*STRANGE):
+        return False
+    try:
+        program = tape([fixed], around.symbols)
+    except NoTape:
+        return False
+    return search(program, around.outer, around.inner, everywhere, _GLANCE).defined
 
 
 def regular(leaves: Leaves, inner: Inner) -> Array:

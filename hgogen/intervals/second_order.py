@@ -12,9 +12,10 @@ Refuted by a point, exact and rational, where S >= 0 and e is not 0: from sample
 positive, or from a slab.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import reduce
 from itertools import product
 from typing import Any
 
@@ -22,14 +23,33 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.pointwise import values
-from hgogen.algebra.sampled_rows import on_arrays
 from hgogen.algebra.tape import Tape, tape
 from hgogen.check import Verdict
+from hgogen.intervals.bounds import Proof, ends
 from hgogen.intervals.box import Box, Point, Sides
-from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import NONE, Reason, because
+
+# for SymPy's own, of which version 1.13 makes an array of all arguments, which a number beside arrays does not let it
+_EXTREMES = {sp.Min: sp.Function("least_of"), sp.Max: sp.Function("most_of")}
+_FUNCTIONS = {
+    "least_of": lambda *arguments: reduce(np.minimum, arguments),
+    "most_of": lambda *arguments: reduce(np.maximum, arguments),
+}
+
+
+def on_arrays(symbols: Sequence[sp.Symbol], rows: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
+    """The values of rows where the symbols are arrays; of a row that reads none a number. A symbol may have the name of
+    a function."""
+    replaced = [sp.sympify(row).replace(lambda e: type(e) in _EXTREMES, _named) for row in rows]
+    function: Callable[..., list[Any]] = sp.lambdify(symbols, replaced, [_FUNCTIONS, "numpy"], dummify=True)
+    return function
+
+
+def _named(extreme: sp.Expr) -> sp.Expr:
+    return _EXTREMES[type(extreme)](*extreme.args)
+
 
 _GRID = 1024  # of a side: samples are exact
 _SCALES = 10  # halvings of the box at which samples are taken

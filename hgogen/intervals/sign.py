@@ -17,16 +17,24 @@ import sympy as sp
 
 from hgogen.algebra.factors import Factors, factors
 from hgogen.algebra.kinks import jump
-from hgogen.algebra.variants import steep
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import LIMIT, NOWHERE, Problem, Range, attained, counted, place, problem_of, range_of
+from hgogen.intervals.bounds import (
+    LIMIT,
+    NOWHERE,
+    Problem,
+    Range,
+    attained,
+    counted,
+    place,
+    problem_of,
+    range_of,
+    steep,
+)
 from hgogen.intervals.box import Box, End, Point
 from hgogen.intervals.digits import down
-from hgogen.intervals.glance import Interval
+from hgogen.intervals.glance import Interval, beyond, fractions, multiplied, raised, rational
 from hgogen.intervals.outward import number
-from hgogen.intervals.rational import fractions, multiplied, raised, rational
 from hgogen.intervals.search import Outcome, one_sign, regular
-from hgogen.intervals.taken import beyond
 from hgogen.intervals.zeros import crossing, special_point
 from hgogen.sentence import Reason, because
 

@@ -14,17 +14,16 @@ from itertools import islice
 
 import sympy as sp
 
+from hgogen.algebra.interpolation import Kinked, Stepped, Table
 from hgogen.algebra.kinks import Norm, bent
-from hgogen.algebra.points import exact, kind, put
-from hgogen.algebra.tabulated import Kinked, Stepped, Table
+from hgogen.algebra.points import STRANGE, exact, kind, put
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.intervals.bisection import Tree
 from hgogen.intervals.box import Box, End, Point, Sides, sides
-from hgogen.intervals.lost import STRANGE
+from hgogen.intervals.glance import taken
 from hgogen.intervals.search import everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
-from hgogen.intervals.taken import taken
 from hgogen.intervals.zeros import special_point
 from hgogen.sentence import NONE, Reason, because, equations
 

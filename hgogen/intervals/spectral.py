@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgogen.algebra.tape import Tape
-from hgogen.intervals.bisection import Tree, halves, split_tree
+from hgogen.intervals.bisection import Tree, corners, halves, middle, split_tree
 from hgogen.intervals.enclosure import enclose
-from hgogen.intervals.floats import corners, middle
 from hgogen.intervals.outward import (
     Array,
     Flags,

@@ -13,9 +13,8 @@ import numpy as np
 import sympy as sp
 
 from hgogen.algebra.kinks import jump
-from hgogen.algebra.points import kind, put
+from hgogen.algebra.points import STEEP, kind, largest_exponent, put
 from hgogen.algebra.tape import Tape
-from hgogen.algebra.variants import STEEP, largest_exponent
 from hgogen.intervals.box import End, Point, Sides
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.outward import Array, Pair, number

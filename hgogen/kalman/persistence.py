@@ -31,8 +31,8 @@ from hgogen.evidence.grammar import spelled
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
-from hgogen.intervals.lost import doubtful
 from hgogen.intervals.sign import nonzero
+from hgogen.intervals.singular import doubtful
 from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.expression import parse
 from hgogen.reading.given import BadGain

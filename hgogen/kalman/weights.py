@@ -9,7 +9,7 @@ import numpy as np
 from flint import fmpq_mat
 
 from hgogen.algebra import definite
-from hgogen.algebra.symmetric import symmetric, unsymmetric
+from hgogen.algebra.definite import symmetric, unsymmetric
 from hgogen.discretisation.stability import steady_covariance
 from hgogen.observer import gain
 from hgogen.program import Bit, Field

@@ -23,7 +23,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz
 from hgogen.chains.columns import as_matrix
 from hgogen.chains.injection import companion, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted

@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz
 from hgogen.chains.core import core_numbers, measured_numbers
 from hgogen.chains.gains import coefficients, demand_parabola, filtered_core, parabola_advice
 from hgogen.chains.injection import listed

@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz
 from hgogen.chains.injection import listed, scaled
 from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Claims, Verdict

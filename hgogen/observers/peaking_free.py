@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.algebra.definite import demand_hurwitz
 from hgogen.chains.core import core_numbers, measured_numbers
 from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, rows, shifted

@@ -21,9 +21,8 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.cells import Cells
-from hgogen.algebra.plain import NEAREST, plain
-from hgogen.algebra.tabulated import applied
+from hgogen.algebra.interpolation import Cells, applied
+from hgogen.algebra.tape import NEAREST, plain
 from hgogen.errors import nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
 from hgogen.reading.tokens import BadExpression, Token, tokens

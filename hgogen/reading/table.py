@@ -9,11 +9,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.axis import Axis
-from hgogen.algebra.cells import Cells
-from hgogen.algebra.interpolation import KINDS, SEVERAL
-from hgogen.algebra.piece import coefficients
-from hgogen.algebra.tabulated import applied
+from hgogen.algebra.interpolation import KINDS, SEVERAL, Axis, Cells, all_coefficients, applied
 from hgogen.errors import BadArgument
 from hgogen.reading.expression import FUNCTIONS
 from hgogen.reading.given import among
@@ -125,7 +121,7 @@ def _fits(cells: Cells) -> bool:
     """Whether its breakpoints differ, and its numbers are finite, in double precision."""
     try:
         pieces = (piece for order in cells.orders for piece in cells.of_order(order).values())
-        finite = all(math.isfinite(float(c)) for piece in pieces for c in coefficients(piece))
+        finite = all(math.isfinite(float(c)) for piece in pieces for c in all_coefficients(piece))
         return finite and all(float(a) < float(b) for axis in cells.axes for a, b in pairwise(axis.x))
     except OverflowError:
         return False

@@ -39,7 +39,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.cells import Cells
+from hgogen.algebra.interpolation import Cells
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.reading.content import Unread, content_of
 from hgogen.reading.disturbed import with_disturbance

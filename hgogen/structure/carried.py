@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from hgogen.algebra.interpolation import held
 from hgogen.algebra.points import exact
-from hgogen.algebra.tabulated import held
 from hgogen.analysis.lie import size, without_derivative
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form

@@ -15,9 +15,9 @@ from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import Slopes
 from hgogen.form import Form
+from hgogen.intervals.bounds import Proof
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import Up
-from hgogen.intervals.proof import Proof
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.sentence import Reason, because, joined
 from hgogen.signal import Signal

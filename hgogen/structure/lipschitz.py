@@ -14,11 +14,10 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import Slopes
+from hgogen.intervals.bounds import Proof, counted, ends
 from hgogen.intervals.bounds import box as box_of
-from hgogen.intervals.bounds import counted
 from hgogen.intervals.digits import Up
 from hgogen.intervals.one_sided import one_sided
-from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
 from hgogen.sentence import Reason, because

@@ -10,9 +10,8 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import enclosure, point, sides
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import bound, box, counted
+from hgogen.intervals.bounds import Proof, bound, box, counted, ends
 from hgogen.intervals.digits import Down, Up
-from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.sign import Cause, Sign, nonzero
 from hgogen.sentence import NONE, Reason, Sentence, because
 from hgogen.signal import Signal

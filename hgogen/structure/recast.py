@@ -11,7 +11,7 @@ import sympy as sp
 
 from hgogen.algebra.points import exact
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import lost
+from hgogen.intervals.singular import lost
 from hgogen.reading.door import Misfit, asks_a_plant
 from hgogen.signal import Signal
 from hgogen.structure.diffeomorphism import Change, checks, stand_ins
