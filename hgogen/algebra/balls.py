@@ -12,9 +12,8 @@ from typing import Any
 
 import flint
 
-from hgogen.algebra.definite import fraction
-from hgogen.algebra.interpolation import Cells, Index, next_order, rational
-from hgogen.algebra.interpolation import polynomial_value as polynomial
+from hgogen.algebra.definite import fraction, number
+from hgogen.algebra.interpolation import Cells, Index, next_order, polynomial_value
 
 BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
 _BITS, _FINER = 60, 20  # of a random number; of how near it is to another one
@@ -27,7 +26,7 @@ class Undecided(ArithmeticError):
 
 def between(low: Fraction, high: Fraction) -> Any:
     """The least ball that holds the numbers from one rational to another."""
-    return flint.arb(rational(low)).union(flint.arb(rational(high)))
+    return flint.arb(number(low)).union(flint.arb(number(high)))
 
 
 def magnitude(ball: Any) -> Fraction:
@@ -52,7 +51,7 @@ class Balls:
 
     def near(self, value: Fraction, source: random.Random) -> Any:
         """A random number beside a rational: by less than a millionth of it, none where it is 0."""
-        return rational(value) * (1 + flint.arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER))
+        return number(value) * (1 + flint.arb(source.getrandbits(_BITS)) / (1 << _BITS + _FINER))
 
     def series(self, coefficients: Sequence[Any], order: int) -> Any:
         """c_0 + c_1 t + ... , known below t^order."""
@@ -60,7 +59,7 @@ class Balls:
 
     def number(self, value: Fraction, order: int) -> Any:
         """A rational as a series."""
-        return self.series([flint.arb(rational(value))], order)
+        return self.series([flint.arb(number(value))], order)
 
     def constant(self, name: str, order: int) -> Any:
         """pi or e as a series."""
@@ -126,11 +125,11 @@ class Balls:
         if any(first != last for first, last in spans):
             raise Undecided
         cell = tuple(last for _, last in spans)
-        d = [a - flint.arb(rational(start)) for a, start in zip(arguments, cells.starts(cell), strict=True)]
+        d = [a - flint.arb(number(start)) for a, start in zip(arguments, cells.starts(cell), strict=True)]
         nothing = 0 * sum(d)  # a series of their length
         orders = [order, *(next_order(order, k) for k in range(len(order)))]
         pieces = (cells.of_order(each)[cell] for each in orders)
-        return tuple(polynomial(piece, d, lambda c: nothing + flint.arb(rational(c))) for piece in pieces)
+        return tuple(polynomial_value(piece, d, lambda c: nothing + flint.arb(number(c))) for piece in pieces)
 
     def less(self, a: Any, b: Any) -> bool:
         """Whether a < b at t = 0."""

@@ -43,9 +43,11 @@ def root(value: Fraction, bits: int = 24) -> Fraction:
     return Fraction(isqrt(whole - 1) + 1, 1 << (shift // 2))
 
 
-def number(value: Fraction) -> Any:
-    """A fraction as FLINT's."""
-    return fmpq(value.numerator, value.denominator)
+def number(value: Any) -> Any:
+    """A fraction, or another number that is exact, as FLINT's."""
+    if isinstance(value, fmpq):
+        return value
+    return fmpq(*value.as_integer_ratio()) if isinstance(value, float) else fmpq(value.numerator, value.denominator)
 
 
 def fraction(value: Any) -> Fraction:

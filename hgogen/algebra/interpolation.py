@@ -39,77 +39,38 @@ import sympy as sp
 from flint import fmpq
 from sympy.core.function import FunctionClass
 
-from hgogen.algebra.definite import fraction
+from hgogen.algebra.definite import fraction, number
 
-# --- polynomials of several arguments
+Number = Fraction | float  # of which a float is infinite, or exactly what it is
+Ends = tuple[Number, Number]
+Index = tuple[int, ...]
+Spans = list[tuple[int, int]]  # of each axis the first and the last cell
+Side = tuple[Any, Any]
+Polynomial = Any  # its coefficients, an axis of an array for each argument, the constant first
+NEVER = 1000  # more than any order
+ZERO, _NOTHING = Fraction(0), fmpq(0)
+
+# --- polynomials
 
 
-Polynomial = Any  # a tuple of such, or a coefficient: a number, or whatever is multiplied with numbers
-Side = tuple[Fraction, Fraction]
-ZERO = Fraction(0)
-
-
-def polynomial_value(piece: Polynomial, at: Sequence[Any], number: Callable[[Any], Any] = lambda c: c) -> Any:
+def polynomial_value(coefficients: Polynomial, at: Sequence[Any], number: Callable[[Any], Any] = lambda c: c) -> Any:
     """A polynomial's value by Horner's scheme; `number` is what a coefficient counts as."""
-    if not isinstance(piece, tuple):
-        return number(piece)
+    if not at:
+        return number(coefficients)
     first, *rest = at
-    *others, total = (polynomial_value(c, rest, number) for c in piece)
+    *others, total = (polynomial_value(c, rest, number) for c in coefficients)
     for c in reversed(others):
         total = total * first + c
     return total
 
 
-def rational(piece: Any) -> Any:
-    """The same numbers as those of FLINT, which are multiplied and compared far faster."""
-    if isinstance(piece, tuple):
-        return tuple(map(rational, piece))
-    return piece if isinstance(piece, fmpq) else fmpq(*piece.as_integer_ratio())
-
-
-def polynomial_derivative(piece: Polynomial, order: Sequence[int]) -> Polynomial:
-    """The derivative, of an order in each argument."""
-    if not order:
-        return piece
-    first, *rest = order
-    return tuple(_times(perm(k, first), polynomial_derivative(c, rest)) for k, c in enumerate(piece))[
-        first:
-    ] or _zero_polynomial(len(order))
-
-
-def _zero_polynomial(count: int) -> Polynomial:
-    return (_zero_polynomial(count - 1),) if count else ZERO
-
-
-def _times(k: int, piece: Polynomial) -> Polynomial:
-    return tuple(_times(k, c) for c in piece) if isinstance(piece, tuple) else k * piece
-
-
-def taylor(piece: tuple[Any, ...], a: Fraction) -> tuple[Any, ...]:
+def taylor(piece: Sequence[Any], a: Fraction) -> list[Any]:
     """The coefficients of the same polynomial of the first argument about a, by Horner's scheme."""
     moved = list(piece)
     for i in range(len(piece) - 1):
         for j in range(len(piece) - 2, i - 1, -1):
             moved[j] = moved[j] + a * moved[j + 1]
-    return tuple(moved)
-
-
-def all_coefficients(piece: Polynomial) -> Iterator[Any]:
-    """All of a polynomial's coefficients."""
-    if not isinstance(piece, tuple):
-        yield piece
-        return
-    for c in piece:
-        yield from all_coefficients(c)
-
-
-def columns(pieces: Sequence[Polynomial]) -> Polynomial:
-    """Many polynomials as one, whose coefficients are lists, an entry for each of them."""
-    if not any(isinstance(piece, tuple) for piece in pieces):
-        return list(pieces)
-    parts = [piece if isinstance(piece, tuple) else (piece,) for piece in pieces]
-    count = max(map(len, parts))
-    return tuple(columns([part[i] if i < len(part) else ZERO for part in parts]) for i in range(count))
+    return moved
 
 
 def polynomial_range(piece: Polynomial, box: Sequence[Side]) -> Side:
@@ -118,13 +79,13 @@ def polynomial_range(piece: Polynomial, box: Sequence[Side]) -> Side:
     coefficients in the basis of Bernstein, whose hull holds it."""
     first, *rest = box
     corners = product(*(dict.fromkeys(side) for side in rest))
-    ends = [_along(tuple(polynomial_value(c, corner) for c in piece), *first) for corner in corners]
+    ends = [_along([polynomial_value(c, corner) for c in piece], *first) for corner in corners]
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def _along(piece: tuple[Fraction, ...], a: Fraction, b: Fraction) -> Side:
-    ends: tuple[Fraction, ...] = (polynomial_value(piece, (a,)), polynomial_value(piece, (b,)))
-    slope = polynomial_derivative(piece, (1,))
+def _along(piece: Sequence[Any], a: Any, b: Any) -> Side:
+    ends: tuple[Any, ...] = (polynomial_value(piece, (a,)), polynomial_value(piece, (b,)))
+    slope = [k * c for k, c in enumerate(piece)][1:]
     if len(piece) > 3 and any(slope):
         low, high = _along(slope, a, b)
         ends = ends if low >= 0 or high <= 0 else _bernstein(piece, a, b)
@@ -133,25 +94,38 @@ def _along(piece: tuple[Fraction, ...], a: Fraction, b: Fraction) -> Side:
     return min(ends), max(ends)
 
 
-def _bernstein(piece: tuple[Fraction, ...], a: Fraction, b: Fraction) -> tuple[Fraction, ...]:
+def _bernstein(piece: Sequence[Any], a: Any, b: Any) -> tuple[Any, ...]:
     """The coefficients on [a, b] in the basis of Bernstein: beta_i = sum_j C(i, j)/C(n, j) p_j, p on [0, 1]."""
     n = len(piece) - 1
     scaled = [c * (b - a) ** j / comb(n, j) for j, c in enumerate(taylor(piece, a))]
     return tuple(sum(comb(i, j) * scaled[j] for j in range(i + 1)) for i in range(n + 1))
 
 
-# --- the polynomials between the points of one axis
+def _differentiated(pieces: np.ndarray, axis: int, order: int) -> np.ndarray:
+    """Polynomials differentiated by the argument whose powers lie along an axis."""
+    powers = np.moveaxis(pieces, axis, -1)
+    factors = np.array([perm(k, order) for k in range(powers.shape[-1])], dtype=object)
+    return np.moveaxis((powers * factors)[..., order:] if order < len(factors) else 0 * powers[..., :1], -1, axis)
 
 
-_Between = list[tuple[Any, ...]]  # a polynomial for each two points
+def _constant(piece: np.ndarray, k: int) -> bool:
+    """Whether a polynomial does not depend on its argument k."""
+    return not np.take(piece, range(1, piece.shape[k]), axis=k).any()
 
 
-def _rises(x: Sequence[Fraction], y: Sequence[Any]) -> list[Any]:
+# --- the polynomials between the points of one axis, of numbers or of arrays of them
+
+
+def _linear(x: Sequence[Fraction], y: Any) -> list[tuple[Any, ...]]:
+    return list(zip(y, _rises(x, y), strict=False))
+
+
+def _rises(x: Sequence[Fraction], y: Any) -> list[Any]:
     """The slopes of the chords."""
     return [(d - c) / (b - a) for a, b, c, d in zip(x, x[1:], y, y[1:], strict=False)]
 
 
-def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> _Between:
+def _monotone(x: Sequence[Fraction], y: Sequence[Fraction]) -> list[tuple[Any, ...]]:
     """The cubic of each cell by Hermite's formula."""
     h, D = [b - a for a, b in pairwise(x)], _rises(x, y)
     if len(h) == 1:
@@ -178,20 +152,11 @@ def _end(h: Fraction, g: Fraction, D: Fraction, E: Fraction) -> Fraction:
     return 3 * D if D * E <= 0 and abs(slope) > 3 * abs(D) else slope
 
 
-KINDS: Mapping[str, Callable[..., _Between]] = {
-    "linear": lambda x, y: list(zip(y, _rises(x, y), strict=False)),
-    "monotone": _monotone,
-}
+KINDS: Mapping[str, Callable[..., list[tuple[Any, ...]]]] = {"linear": _linear, "monotone": _monotone}
 DEGREES = {"linear": 1, "monotone": 3}
 SEVERAL = ("linear",)  # those that a table of several arguments may have
 
-
 # --- one argument
-
-
-Number = Fraction | float  # of which a float is infinite, or exactly what it is
-Ends = tuple[Number, Number]
-NEVER = 1000  # more than any order
 
 
 @dataclass(frozen=True)
@@ -264,16 +229,18 @@ class Axis:
     @cached_property
     def _rational(self) -> tuple[list[Any], list[Any]]:
         """The breakpoints and the starts as numbers of FLINT, which are added and compared far faster."""
-        return list(map(rational, self.x)), list(map(rational, self.starts))
+        return list(map(number, self.x)), list(map(number, self.starts))
 
-    def pieces(self, kind: str, values: Any) -> list[tuple[Any, ...]]:
-        """The polynomial of each cell, of the values at the breakpoints: numbers, or an array of them for each."""
+    def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
+        """The polynomials of the cells, along an axis of cells and one of powers, of values (n, ..) at the breakpoints."""
         inner = KINDS[kind](self.x, values)
         if self.held:
-            return [(values[0],), *inner, (values[-1],)]
-        return [inner[0], *inner, taylor(inner[-1], self.x[-1] - self.x[-2])]
+            below, above = ([end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1]))
+        else:
+            below, above = inner[0], taylor(inner[-1], self.x[-1] - self.x[-2])
+        return np.array([below, *inner, above], dtype=object)
 
-    def smooth(self, pieces: Sequence[tuple[Any, ...]]) -> tuple[int, ...]:
+    def smooth(self, pieces: np.ndarray) -> tuple[int, ...]:
         """For each breakpoint the first derivative of such polynomials that jumps there, 1 for a kink, `NEVER` where
         none does."""
         widths = [b - a for a, b in zip(self.starts, self.x, strict=False)]
@@ -281,27 +248,16 @@ class Axis:
 
 
 def _since(start: Any, end: Any) -> Any:
-    return end if end in (-inf, inf) else rational(end) - start
+    return end if end in (-inf, inf) else number(end) - start
 
 
-def _first_jump(width: Fraction, below: tuple[Any, ...], above: tuple[Any, ...]) -> int:
+def _first_jump(width: Fraction, below: np.ndarray, above: np.ndarray) -> int:
     """By the coefficients of both about the breakpoint between them."""
     moved = taylor(below, width)
-    for order in range(max(len(moved), len(above))):
-        left, right = (piece[order] if order < len(piece) else ZERO for piece in (moved, above))
-        different = left != right
-        if different.any() if hasattr(different, "any") else different:
-            return order
-    return NEVER
+    return next((order for order, jumps in enumerate(moved != above) if np.any(jumps)), NEVER)
 
 
 # --- a table
-
-
-Index = tuple[int, ...]
-Spans = list[tuple[int, int]]  # of each axis the first and the last cell
-Pieces = dict[Index, Polynomial]
-_NOTHING = rational(ZERO)
 
 
 @dataclass(frozen=True)
@@ -344,12 +300,15 @@ class Cells:
         return replace(self, axes=tuple(replace(axis, **{name: value}) for axis, value in pairs))
 
     @cached_property
-    def pieces(self) -> Pieces:
-        """The polynomial of each cell, in the order of the cells."""
-        return _pieces(self.kind, self.axes, np.array(self.values, dtype=object))
+    def pieces(self) -> np.ndarray:
+        """The polynomials of all cells: an axis of cells for each argument, then for each an axis of powers."""
+        values, count = np.array(self.values, dtype=object), len(self.axes)
+        for axis in self.axes:
+            values = np.moveaxis(axis.pieces(self.kind, values), (0, 1), (-2, -1))
+        return values.transpose(*range(0, 2 * count, 2), *range(1, 2 * count, 2))
 
-    def of_order(self, order: Index) -> Pieces:
-        """The polynomials of a derivative of any order."""
+    def of_order(self, order: Index) -> np.ndarray:
+        """The polynomials of a derivative of any order, as `pieces`."""
         return _of_order(self, tuple(min(k, DEGREES[self.kind] + 1) for k in order))
 
     @property
@@ -389,8 +348,8 @@ class Cells:
             return None
         cell = tuple(last for _, last in spans)
         d = [t - start for t, start in zip(place, self.starts(cell), strict=True)]
-        number: Fraction = polynomial_value(self.of_order(order)[cell], d)
-        return number
+        exact: Fraction = polynomial_value(self.of_order(order)[cell], d)
+        return exact
 
     def starts(self, cell: Index) -> list[Fraction]:
         """The start of a cell along each axis."""
@@ -434,7 +393,7 @@ class Cells:
             return -inf, inf
         return fraction(min(least for least, _ in sides)), fraction(max(most for _, most in sides))
 
-    def _over(self, piece: Polynomial, cell: Index, spans: Spans, box: Sequence[Ends]) -> tuple[Any, Any] | None:
+    def _over(self, piece: np.ndarray, cell: Index, spans: Spans, box: Sequence[Ends]) -> Side | None:
         """The range of one cell on a box that meets those of `spans`; None of one without an end."""
         sides = [axis.part(k, span, *side) for axis, k, span, side in zip(self.axes, cell, spans, box, strict=True)]
         for k, side in enumerate(sides):
@@ -450,37 +409,25 @@ def over(spans: Spans) -> Iterator[Index]:
     return product(*(range(first, last + 1) for first, last in spans))
 
 
-def _pieces(kind: str, axes: Sequence[Axis], values: Any) -> Pieces:
-    """Along the first axis polynomials whose coefficients are values on the others, of which each has its pieces."""
-    if not axes:
-        return {(): values}
-    first, *rest = axes
-    parts = [[_pieces(kind, rest, c) for c in piece] for piece in first.pieces(kind, values)]
-    return {(k, *cell): tuple(c[cell] for c in part) for k, part in enumerate(parts) for cell in part[0]}
-
-
-def _constant(piece: Polynomial, k: int) -> bool:
-    """Whether a polynomial does not depend on its argument k."""
-    if not isinstance(piece, tuple):
-        return True
-    return all(_constant(c, k - 1) for c in piece) if k else not any(map(any, map(all_coefficients, piece[1:])))
+@lru_cache(maxsize=256)
+def _of_order(cells: Cells, order: Index) -> np.ndarray:
+    pieces = cells.pieces
+    for k, times in enumerate(order):
+        pieces = _differentiated(pieces, len(order) + k, times)
+    return pieces
 
 
 @lru_cache(maxsize=256)
-def _of_order(cells: Cells, order: Index) -> Pieces:
-    return {cell: polynomial_derivative(piece, order) for cell, piece in cells.pieces.items()}
-
-
-@lru_cache(maxsize=256)
-def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, tuple[Any, Any]], Set[Index], Pieces]:
+def _whole(cells: Cells, order: Index) -> tuple[Mapping[Index, Side], Set[Index], np.ndarray]:
     """The range of a derivative on each cell between breakpoints, and on those where it is level, which are named;
     and the polynomials, in numbers of FLINT."""
-    widths = [[rational(b - a) for a, b in zip(axis.starts, axis.x, strict=False)] for axis in cells.axes]
-    inner = [range(1, len(axis.x)) for axis in cells.axes]
-    pieces = {cell: rational(piece) for cell, piece in cells.of_order(order).items()}
-    level = {cell for cell, piece in pieces.items() if all(_constant(piece, k) for k in range(len(order)))}
-    whole = {cell: polynomial_range(pieces[cell], [(_NOTHING, _NOTHING)] * len(order)) for cell in level}
-    for cell in set(product(*inner)) - level:
+    pieces = np.frompyfunc(number, 1, 1)(cells.of_order(order))
+    count = len(order)
+    varies = pieces.reshape(*pieces.shape[:count], -1)[..., 1:].astype(bool).any(axis=-1)
+    level = {tuple(cell) for cell in np.argwhere(~varies).tolist()}
+    whole = {cell: (pieces[cell].flat[0],) * 2 for cell in level}
+    widths = [[number(b - a) for a, b in zip(axis.starts, axis.x, strict=False)] for axis in cells.axes]
+    for cell in set(product(*(range(1, len(axis.x)) for axis in cells.axes))) - level:
         sides = [(_NOTHING, width[k]) for width, k in zip(widths, cell, strict=True)]
         whole[cell] = polynomial_range(pieces[cell], sides)
     return whole, level, pieces
@@ -502,7 +449,7 @@ class Table(sp.Function):  # type: ignore[misc]
         place = [_exactly(argument) for argument in arguments]
         numbers = [number for number in place if number is not None]
         exact = cls.cells.at(numbers, cls.order) if len(numbers) == len(place) else None
-        return None if exact is None else _rational_number(exact)
+        return None if exact is None else sp.Rational(exact)
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
         """The derivative by an argument."""
@@ -515,7 +462,7 @@ class Table(sp.Function):  # type: ignore[misc]
             return None
         exactly = map(sp.Rational, place)
         exact = self.cells.at([Fraction(int(each.p), int(each.q)) for each in exactly], self.order)
-        return None if exact is None else _rational_number(exact).evalf(n=digits + 1)
+        return None if exact is None else sp.Rational(exact).evalf(n=digits + 1)
 
     def _sympystr(self, printer: Any) -> str:
         if hasattr(printer, "table"):
@@ -584,8 +531,7 @@ def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
     """The function of numpy's arrays."""
     breaks = [np.array(list(map(float, axis.x))) for axis in cells.axes]
     starts = [np.array(list(map(float, axis.starts))) for axis in cells.axes]
-    shape = [len(each) for each in starts]
-    coefficients = _arrays(columns(list(cells.of_order(order).values())), shape)
+    coefficients = by_power(cells.of_order(order)).astype(float)
 
     def function(*place: Any) -> Any:
         cell = tuple(np.searchsorted(each, t, side="right") for each, t in zip(breaks, place, strict=True))
@@ -595,10 +541,10 @@ def _floats(cells: Cells, order: Index) -> Callable[..., Any]:
     return function
 
 
-def _arrays(coefficients: Any, shape: list[int]) -> Any:
-    if isinstance(coefficients, tuple):
-        return tuple(_arrays(c, shape) for c in coefficients)
-    return np.array(list(map(float, coefficients))).reshape(shape)
+def by_power(pieces: np.ndarray) -> np.ndarray:
+    """Many polynomials as one, whose coefficients have an entry for each cell."""
+    count = pieces.ndim // 2
+    return np.moveaxis(pieces, range(count), range(-count, 0))
 
 
 def _exactly(argument: sp.Expr) -> Fraction | None:
@@ -606,7 +552,3 @@ def _exactly(argument: sp.Expr) -> Fraction | None:
     if isinstance(argument, sp.Float):
         return Fraction(repr(float(argument)))
     return Fraction(int(argument.p), int(argument.q)) if isinstance(argument, sp.Rational) else None
-
-
-def _rational_number(exact: Fraction) -> sp.Rational:
-    return sp.Rational(exact.numerator, exact.denominator)

@@ -17,15 +17,16 @@ CasADi differentiates through a call by the function's own derivative, and mista
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from itertools import accumulate, pairwise
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
-from hgogen.algebra.interpolation import Cells, Index, Polynomial, columns, next_order, polynomial_value
+from hgogen.algebra.interpolation import ZERO, Cells, Index, by_power, next_order, polynomial_value
 
 Graph = Any
 _KNOWN: dict[str, "Lookup"] = {}  # by the names of their functions: a call carries nothing else
@@ -102,21 +103,22 @@ class Lookup:
         return tuple(Argument(*names, each) for names, each in zip(_NAMES, starts, strict=False))
 
     @cached_property
-    def coefficients(self) -> Polynomial:
-        """The polynomial of the distances, whose coefficients are lists, a number for each cell: the cells in the order
-        of their axes, the last the fastest."""
-        pieces = []
-        for cell, piece in self.read.of_order(self.order).items():
-            # along which axes the cell lies beyond points of which the table is not held
-            beyond = [not axis.held and k in (0, len(axis.x)) for axis, k in zip(self.read.axes, cell, strict=True)]
-            pieces.append(_frozen(piece, beyond))
-        return _rounded(columns(pieces))
+    def coefficients(self) -> np.ndarray:
+        """The polynomial of the distances: an axis of powers for each argument, then for each one of cells."""
+        pieces = self.read.of_order(self.order).copy()
+        for k, axis in enumerate(self.read.axes):
+            if not axis.held:  # beyond the points it stays what it is at the start of a cell
+                along = np.moveaxis(pieces, (k, k + len(self.axes)), (0, 1))
+                along[[0, -1], 1:] = ZERO
+        return by_power(pieces).astype(float)
 
     @cached_property
     def arrays(self) -> dict[str, list[float]]:
         """Those of emitted code by their names: the starts of cells, and the coefficients, c with the powers of the
         distances."""
-        return {axis.array: list(axis.starts) for axis in self.axes} | dict(_named(self.coefficients, "c"))
+        starts = {axis.array: list(axis.starts) for axis in self.axes}
+        powers = np.ndindex(self.coefficients.shape[: len(self.axes)])
+        return starts | {f"c{''.join(map(str, each))}": self.coefficients[each].ravel().tolist() for each in powers}
 
     @property
     def flattened(self) -> list[str]:
@@ -126,7 +128,7 @@ class Lookup:
     def formula(self, zero: str) -> str:
         """The polynomial as text, Horner's scheme in the order of `graph`; `zero` times a distance is what is not a
         number where the distance is none."""
-        return _formula(self.coefficients, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
+        return _formula(self.coefficients.shape, "c", [axis.distance for axis in self.axes], self.axes[-1].cell, zero)
 
     def slopes(self, *arguments: Graph) -> Graph:
         """The row of its derivatives by each argument in a graph."""
@@ -148,52 +150,22 @@ class Lookup:
         cells = [_cell(axis, x) for axis, x in zip(self.axes, arguments, strict=True)]
         d = [x - _element(axis.starts, k) for axis, x, k in zip(self.axes, arguments, cells, strict=True)]
         cell = reduce(lambda whole, part: whole * len(part[0].starts) + part[1], zip(self.axes, cells, strict=True), 0)
-        result = polynomial_value(_filled(self.coefficients, len(d)), d, lambda column: _element(column, cell))
+        missing = [(0, max(_TERMS - powers, 0)) for powers in self.coefficients.shape[: len(d)]]
+        filled = np.pad(self.coefficients, [*missing, *[(0, 0)] * len(d)])
+        result = polynomial_value(filled, d, lambda column: _element(column.ravel().tolist(), cell))
         return ca.Function(name, arguments, [result], names, ["value"], {"never_inline": True})
 
 
-def _frozen(piece: Polynomial, ways: Sequence[bool]) -> Polynomial:
-    """The polynomial with what it is at the start along some of its arguments."""
-    if not ways:
-        return piece
-    return tuple(_frozen(c, ways[1:]) for c in (piece[:1] if ways[0] else piece))
-
-
-def _rounded(coefficients: Polynomial) -> Polynomial:
-    if isinstance(coefficients, tuple):
-        return tuple(map(_rounded, coefficients))
-    return list(map(float, coefficients))
-
-
-def _named(coefficients: Polynomial, name: str) -> Iterator[tuple[str, list[float]]]:
-    if not isinstance(coefficients, tuple):
-        yield name, coefficients
-        return
-    for power, c in enumerate(coefficients):
-        yield from _named(c, f"{name}{power}")
-
-
-def _formula(coefficients: Polynomial, name: str, distances: Sequence[str], cell: str, zero: str) -> str:
-    if not isinstance(coefficients, tuple):
+def _formula(shape: Sequence[int], name: str, distances: Sequence[str], cell: str, zero: str) -> str:
+    """Horner's scheme for a polynomial of as many powers of each distance as the shape says."""
+    if not distances:
         return f"{name}[{cell}]"
     d, *rest = distances
-    parts = [_formula(c, f"{name}{power}", rest, cell, zero) for power, c in enumerate(coefficients)]
+    parts = [_formula(shape[1:], f"{name}{power}", rest, cell, zero) for power in range(shape[0])]
     *others, total = parts if len(parts) > 1 else (*parts, zero)
     for part in reversed(others):
         total = f"{part} + {d} * ({total})"
     return total
-
-
-def _filled(coefficients: Polynomial, count: int) -> Polynomial:
-    """The same polynomial with `_TERMS` terms, or more, in each of its arguments."""
-    if not count:
-        return coefficients
-    missing = (coefficients[0],) * (_TERMS - len(coefficients))
-    return tuple(_filled(c, count - 1) for c in coefficients) + tuple(_filled(_none(c), count - 1) for c in missing)
-
-
-def _none(coefficients: Polynomial) -> Polynomial:
-    return tuple(map(_none, coefficients)) if isinstance(coefficients, tuple) else [0.0] * len(coefficients)
 
 
 def _cell(axis: Argument, x: Graph) -> Graph:

@@ -11,8 +11,8 @@ from typing import Any
 from flint import arb, ctx, fmpq
 
 from hgogen.algebra.balls import ends
-from hgogen.algebra.interpolation import Cells, Index, over
-from hgogen.algebra.interpolation import polynomial_value as polynomial
+from hgogen.algebra.definite import number
+from hgogen.algebra.interpolation import Cells, Index, over, polynomial_value
 from hgogen.algebra.tape import Instruction, Tape
 
 Ball = Any
@@ -56,7 +56,7 @@ def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction])
 
 
 def _rational(value: Fraction) -> Ball:
-    return arb(fmpq(value.numerator, value.denominator))
+    return arb(number(value))
 
 
 def _whole(base: Ball, exponent: int) -> Ball:
@@ -94,7 +94,9 @@ def _table(place: Sequence[Ball], cells: Cells, order: Index) -> Ball:
         return _NAN
     pieces = cells.of_order(order)
     distances = ([a - _rational(s) for a, s in zip(place, cells.starts(cell), strict=True)] for cell in over(spans))
-    return reduce(arb.union, (polynomial(pieces[c], d, _rational) for c, d in zip(over(spans), distances, strict=True)))
+    return reduce(
+        arb.union, (polynomial_value(pieces[c], d, _rational) for c, d in zip(over(spans), distances, strict=True))
+    )
 
 
 def _rounded(a: Ball, value: Ball) -> Ball:

@@ -339,11 +339,11 @@ class _Walk:
             raise Undecided
         for argument, axis, k in zip(args, node.cells.axes, cell, strict=True):
             if k > 0 and (axis.held or k > 1):
-                self.needs(argument > _number(axis.x[k - 1]))
+                self.needs(argument > sp.sympify(axis.x[k - 1]))
             if k < len(axis.x) and (axis.held or k < len(axis.x) - 1):
-                self.needs(argument < _number(axis.x[k]))
-        d = [a - _number(start) for a, start in zip(args, node.cells.starts(cell), strict=True)]
-        return sp.sympify(polynomial_value(node.cells.of_order(node.order)[cell], d, _number))
+                self.needs(argument < sp.sympify(axis.x[k]))
+        d = [a - sp.sympify(start) for a, start in zip(args, node.cells.starts(cell), strict=True)]
+        return sp.sympify(polynomial_value(node.cells.of_order(node.order)[cell], d, sp.sympify))
 
     def pieces(self, node: sp.Piecewise) -> Iterator[sp.Expr]:
         """The value whose condition is the first that holds."""
@@ -367,7 +367,3 @@ class _Walk:
             sides = map(self.taken, condition.args)
             self.needs((condition if truth else condition.negated).func(*sides))
         return truth
-
-
-def _number(value: Any) -> sp.Rational:
-    return sp.Rational(*value.as_integer_ratio()) if isinstance(value, Fraction) else sp.sympify(value)

@@ -9,7 +9,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.interpolation import KINDS, SEVERAL, Axis, Cells, all_coefficients, applied
+from hgogen.algebra.interpolation import KINDS, SEVERAL, Axis, Cells, applied
 from hgogen.errors import BadArgument
 from hgogen.reading.expression import FUNCTIONS
 from hgogen.reading.given import among
@@ -120,8 +120,7 @@ def _map(name: str, axes: Sequence[Numbers], values: Any) -> tuple[Numbers, ...]
 def _fits(cells: Cells) -> bool:
     """Whether its breakpoints differ, and its numbers are finite, in double precision."""
     try:
-        pieces = (piece for order in cells.orders for piece in cells.of_order(order).values())
-        finite = all(math.isfinite(float(c)) for piece in pieces for c in all_coefficients(piece))
+        finite = all(math.isfinite(float(c)) for order in cells.orders for c in cells.of_order(order).flat)
         return finite and all(float(a) < float(b) for axis in cells.axes for a, b in pairwise(axis.x))
     except OverflowError:
         return False
