@@ -232,7 +232,7 @@ class Axis:
         return list(map(number, self.x)), list(map(number, self.starts))
 
     def pieces(self, kind: str, values: np.ndarray) -> np.ndarray:
-        """The polynomials of the cells, along an axis of cells and one of powers, of values (n, ..) at the breakpoints."""
+        """The polynomials, along an axis of cells and one of powers, of values (n, ..) at the breakpoints."""
         inner = KINDS[kind](self.x, values)
         if self.held:
             below, above = ([end, *[0 * end] * (len(inner[0]) - 1)] for end in (values[0], values[-1]))

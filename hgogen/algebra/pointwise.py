@@ -92,11 +92,11 @@ def _table(place: Sequence[Ball], cells: Cells, order: Index) -> Ball:
     spans = cells.met(list(map(ends, place)))
     if not all(cells.continuous(spans, order)):
         return _NAN
-    pieces = cells.of_order(order)
-    distances = ([a - _rational(s) for a, s in zip(place, cells.starts(cell), strict=True)] for cell in over(spans))
-    return reduce(
-        arb.union, (polynomial_value(pieces[c], d, _rational) for c, d in zip(over(spans), distances, strict=True))
-    )
+    values, pieces = [], cells.of_order(order)
+    for cell in over(spans):
+        d = [a - _rational(start) for a, start in zip(place, cells.starts(cell), strict=True)]
+        values.append(polynomial_value(pieces[cell], d, _rational))
+    return reduce(arb.union, values)
 
 
 def _rounded(a: Ball, value: Ball) -> Ball:

@@ -18,11 +18,12 @@ where it is; so is x^p log(x^2), which is that of 2 log |x|.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from math import comb, factorial, fsum, inf
+from functools import lru_cache
+from math import fsum, inf, prod
+from typing import Any
 
 import sympy as sp
-from flint import arb, ctx, fmpq, fmpq_poly
+from flint import arb, ctx, fmpq, fmpq_series
 
 from hgogen.algebra.points import exact
 
@@ -34,45 +35,23 @@ _X, _Z = sp.Dummy("x", real=True), sp.Dummy("z", real=True)
 _ROOT = sp.Dummy("r", positive=True)
 
 
-def _odd(k: int) -> int:
-    return k % 2
-
-
-@cache
-def _tangent() -> list[fmpq]:
-    """The coefficients of tan = sin/cos."""
-    sine, cosine = (fmpq_poly([_COEFFICIENTS[f](k) for k in range(_ORDER)]) for f in (sp.sin, sp.cos))
-    rest, quotient = sine, []
-    for k in range(_ORDER):
-        quotient.append(rest[k])
-        rest = rest - fmpq_poly([0] * k + [rest[k]]) * cosine
-    return quotient
-
-
-_COEFFICIENTS: dict[type, Callable[[int], fmpq]] = {
-    sp.exp: lambda k: fmpq(1, factorial(k)),
-    sp.sin: lambda k: fmpq(_odd(k) * (-1) ** (k // 2), factorial(k)),
-    sp.cos: lambda k: fmpq((1 - _odd(k)) * (-1) ** (k // 2), factorial(k)),
-    sp.sinh: lambda k: fmpq(_odd(k), factorial(k)),
-    sp.cosh: lambda k: fmpq(1 - _odd(k), factorial(k)),
-    sp.atan: lambda k: fmpq(_odd(k) * (-1) ** (k // 2), k or 1),
-    sp.asin: lambda k: fmpq(_odd(k) * comb(k - _odd(k), k // 2), 2 ** (k - _odd(k)) * (k or 1)),
-    sp.log: lambda k: fmpq((-1) ** (k + 1) if k else 0, k or 1),  # of 1 + x
+# of each function of a series or a ball, and the one with its absolute coefficients, where it converges; log(1 + x)
+_FUNCTIONS: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    sp.exp: (lambda x: x.exp(), lambda x: x.exp()),
+    sp.sin: (lambda x: x.sin(), lambda x: x.sinh()),
+    sp.cos: (lambda x: x.cos(), lambda x: x.cosh()),
+    sp.tan: (lambda x: x.tan(), lambda x: _tangent(x)),
+    sp.sinh: (lambda x: x.sinh(), lambda x: x.sinh()),
+    sp.cosh: (lambda x: x.cosh(), lambda x: x.cosh()),
+    sp.tanh: (lambda x: x.tanh(), lambda x: _tangent(x)),
+    sp.atan: (lambda x: x.atan(), lambda x: x.atanh()),
+    sp.asin: (lambda x: x.asin(), lambda x: x.asin()),
+    sp.log: (lambda x: (1 + x).log(), lambda x: -(1 - x).log()),
 }
-_COEFFICIENTS[sp.tan] = lambda k: _tangent()[k]
-_COEFFICIENTS[sp.tanh] = lambda k: _tangent()[k] * (-1) ** (k // 2)
-_MAJORANTS: dict[type, Callable[[arb], arb]] = {  # the functions of the absolute coefficients, where they converge
-    sp.exp: lambda x: x.exp(),
-    sp.sin: lambda x: x.sinh(),
-    sp.cos: lambda x: x.cosh(),
-    sp.sinh: lambda x: x.sinh(),
-    sp.cosh: lambda x: x.cosh(),
-    sp.atan: lambda x: x.atanh(),
-    sp.asin: lambda x: x.asin(),
-    sp.log: lambda x: -(1 - x).log(),
-    sp.tan: lambda x: x.tan() if x < 1.5 else arb("nan"),
-    sp.tanh: lambda x: x.tan() if x < 1.5 else arb("nan"),
-}
+
+
+def _tangent(x: Any) -> Any:
+    return x.tan() if isinstance(x, fmpq_series) or x < 1.5 else arb("nan")
 
 
 class _NoSeries(Exception):
@@ -213,7 +192,7 @@ def _scaled(terms: tuple[_Term, ...]) -> tuple[tuple[_Term, ...], sp.Expr]:
     rational, all terms must have one power, and nothing but c x may stand in them."""
     if _regular(terms):
         return terms, sp.S.One
-    for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_COEFFICIENTS)):
+    for c in dict.fromkeys(f.args[0].coeff(_X) for term in terms for f in term.h.atoms(*_FUNCTIONS)):
         if c == 0 or c.has(_X):
             continue
         if c.is_Rational:
@@ -249,10 +228,9 @@ def _regular(terms: tuple[_Term, ...]) -> _Regular | None:
         return None
     m = max(term.power for term in terms)
     try:
-        N = sum((_shifted(_series(term.h) * _fraction(term.number), m - term.power) for term in terms), fmpq_poly([]))
+        a = _series(terms, m)
     except _NoSeries:
         return None
-    a = [N[k] for k in range(_ORDER)]
     if any(a[:m]) or not any(a):
         return None
     whole = sp.expand_mul(sp.Add(*(t.whole for t in terms)))
@@ -281,10 +259,7 @@ def _enough(terms: Sequence[_Term], q: Sequence[fmpq], m: int, radius: sp.Ration
     """How many coefficients q_0, q_1, .. leave at most 2^-57 of the first that is not 0; 0 where that is not shown."""
     r = arb(_fraction(radius))
     try:
-        whole = sum((abs(_fraction(t.number)) * _majorant(t.h, r) * r ** (m - t.power) for t in terms), arb(0))
-        sizes = sum(
-            (_shifted(_composed(t.h, abs, abs) * abs(_fraction(t.number)), m - t.power) for t in terms), fmpq_poly([])
-        )
+        whole, sizes = _numerator(terms, m, r, majorant=True), _series(terms, m, majorant=True)
     except _NoSeries:
         return 0
     first = next(k for k, c in enumerate(q) if c)
@@ -308,59 +283,41 @@ def _fraction(value: sp.Rational) -> fmpq:
     return fmpq(int(value.p), int(value.q))
 
 
-def _shifted(series: fmpq_poly, k: int) -> fmpq_poly:
-    return _cut(fmpq_poly([0] * k + [1]) * series)
+def _series(terms: Sequence[_Term], m: int, *, majorant: bool = False) -> list[fmpq]:
+    """The first coefficients of the sum of the terms times x^m, or of its majorant. Raises: `_NoSeries`."""
+    before, ctx.cap = ctx.cap, _ORDER
+    try:
+        series = _numerator(terms, m, fmpq_series([0, 1], prec=_ORDER), majorant)
+        return [series[k] for k in range(_ORDER)]
+    finally:
+        ctx.cap = before
 
 
-def _cut(series: fmpq_poly) -> fmpq_poly:
-    return fmpq_poly(series.coeffs()[:_ORDER])
+def _numerator(terms: Sequence[_Term], m: int, x: Any, majorant: bool) -> Any:
+    """The sum of the terms times x^m, or its majorant, at a series or a ball. Raises: `_NoSeries`."""
+    return sum((_at(term.number * term.h, x, majorant) * x ** (m - term.power) for term in terms), 0 * x)
 
 
-def _series(e: sp.Expr) -> fmpq_poly:
-    """The power series in `_X`. Raises: `_NoSeries`."""
-    return _composed(e, lambda c: c, lambda c: c)
-
-
-def _composed(e: sp.Expr, constant: Callable[[fmpq], fmpq], of: Callable[[fmpq], fmpq]) -> fmpq_poly:
+def _at(e: sp.Expr, x: Any, majorant: bool) -> Any:
+    """An expression of `_X`, or its majorant, at a series or a ball. Raises: `_NoSeries` where it has none."""
     if e.is_Rational:
-        return fmpq_poly([constant(_fraction(e))])
+        return 0 * x + (abs(_fraction(e)) if majorant else _fraction(e))
     if e == _X:
-        return fmpq_poly([0, 1])
+        return x
     if e.is_Add:
-        return sum((_composed(part, constant, of) for part in e.args), fmpq_poly([]))
-    if e.is_Mul or (e.is_Pow and e.exp.is_Integer and e.exp > 0):
-        total = fmpq_poly([1])
-        for part in e.args if e.is_Mul else [e.base] * int(e.exp):
-            total = _cut(total * _composed(part, constant, of))
-        return total
-    if type(e) in _COEFFICIENTS:
-        inner = _composed(e.args[0] - (1 if isinstance(e, sp.log) else 0), constant, of)
-        if inner[0]:
-            raise _NoSeries
-        total = fmpq_poly([])
-        for k in reversed(range(_ORDER)):
-            total = _cut(total * inner) + of(_COEFFICIENTS[type(e)](k))
-        return total
-    raise _NoSeries
-
-
-def _majorant(e: sp.Expr, r: arb) -> arb:
-    """The value of the majorant at `_X` = r. Raises: `_NoSeries` where it has none."""
-    if e.is_Rational:
-        return arb(abs(_fraction(e)))
-    if e == _X:
-        return r
-    if e.is_Add:
-        return sum((_majorant(part, r) for part in e.args), arb(0))
+        return sum((_at(part, x, majorant) for part in e.args), 0 * x)
     if e.is_Mul:
-        total = arb(1)
-        for part in e.args:
-            total = total * _majorant(part, r)
-        return total
-    if e.is_Pow:
-        return _majorant(e.base, r) ** int(e.exp)
-    value = _MAJORANTS[type(e)](_majorant(e.args[0] - (1 if isinstance(e, sp.log) else 0), r))
-    if not value.is_finite():
+        return prod((_at(part, x, majorant) for part in e.args), start=1 + 0 * x)
+    if e.is_Pow and e.exp.is_Integer and e.exp > 0:
+        return _at(e.base, x, majorant) ** int(e.exp)
+    if type(e) not in _FUNCTIONS:
+        raise _NoSeries
+    inner = _at(e.args[0] - (1 if isinstance(e, sp.log) else 0), x, majorant)
+    try:
+        value = _FUNCTIONS[type(e)][majorant](inner)
+    except ValueError:  # a series whose first coefficient is not that of the expansion
+        raise _NoSeries from None
+    if isinstance(value, arb) and not value.is_finite():
         raise _NoSeries
     return value
 
