@@ -1,17 +1,16 @@
-"""The columns of Parquet and MAT files, read by a process of its own: a damaged file can end the one that reads it.
+"""Columns of what pandas and SciPy read: DataFrames, Parquet and MAT files.
 
-As a program, with a kind as its argument, it reads a file from the standard input and writes a line of JSON, the names
-of the columns, and then the array of each. It imports nothing of the package, so that it starts fast.
+A damaged file can end the process that reads it. So this module is a program too: with a kind as its argument it reads
+a file from the standard input and writes an .npz, the names of the columns and then the array of each. It imports
+nothing of the package, so that it starts fast.
 """
 
 import io
-import json
-import math
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -53,99 +52,79 @@ def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
         status = f"status {done.returncode}" if done.returncode > 0 else signal.Signals(-done.returncode).name
         ended = f"{status}{said and f': {said}'}"
         raise Damaged(f"the process that read it ended ({ended}), so that the file may be damaged")
-    stream = io.BytesIO(done.stdout)
-    return {name: np.load(stream, allow_pickle=False) for name in json.loads(stream.readline())}
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as parts:
+        names, *arrays = parts.values()
+    return dict(zip(map(str, names), arrays, strict=True))
 
 
-def plain(values: Any) -> np.ndarray:
-    """An array of numpy's own kinds: of numbers with missing ones, NaN there."""
-    array: np.ndarray = np.asarray(values)
-    if array.dtype.kind == "O":
-        known = [math.nan if is_missing(value) else value for value in array.tolist()]
-        if all(isinstance(value, int | float) for value in known):
-            return np.array(known, dtype=float)
-    return array
+def of_frame(frame: Any) -> Arrays:
+    """The columns of a DataFrame by their names as text, with its index where that has a name or holds times: numbers
+    and times as numpy has them, a missing number NaN, and all else as texts, "" where a value is missing.
+
+    Raises: `ValueError` for several columns of one name.
+    """
+    if not frame.columns.is_unique:
+        raise ValueError("has several columns of one name; rename all but one")
+    columns, index = {str(name): frame[name] for name in frame.columns}, frame.index
+    if index.nlevels == 1 and (index.name is not None or index.dtype.kind in "Mm"):
+        columns.setdefault("index" if index.name is None else str(index.name), index)
+    return {name: _plain(values.to_numpy(), values.isna()) for name, values in columns.items()}
 
 
-def is_missing(value: Any) -> bool:
-    """Whether a value stands for none."""
-    return value is None or (isinstance(value, float) and math.isnan(value)) or str(value) in ("NaT", "<NA>")
+def _plain(array: np.ndarray, missing: Any) -> np.ndarray:
+    if array.dtype.kind != "O":
+        return array
+    pairs = list(zip(array.tolist(), missing, strict=True))
+    if all(absent or isinstance(value, int | float) for value, absent in pairs):
+        return np.array([np.nan if absent else value for value, absent in pairs], dtype=float)
+    return np.array(["" if absent else str(value) for value, absent in pairs], dtype=object)
 
 
-def texts(array: np.ndarray) -> list[str]:
-    """Each value as text, "" where there is none."""
-    return ["" if is_missing(value) else str(value) for value in array.tolist()]
+def _read(kind: str, content: bytes) -> Arrays:
+    """The columns of a file; of a MAT file its vectors, those of structs as S.x, and the columns of matrices."""
+    if kind == "parquet":
+        import pandas
 
-
-def _parquet(content: bytes) -> Arrays:
-    from pyarrow import parquet
-
-    whole = parquet.read_table(io.BytesIO(content), use_threads=False)
-    arrays = {name: plain(whole.column(k).to_numpy()) for k, name in enumerate(whole.column_names)}
-    for name, array in arrays.items():
-        if array.dtype.kind == "O":
-            arrays[name] = np.array(texts(array), dtype=str)
-    return arrays
-
-
-def _mat(content: bytes) -> Arrays:
-    """The vectors, of structs too, as S.x, and the columns of matrices, as X(:,1)."""
+        arrays = of_frame(pandas.read_parquet(io.BytesIO(content), engine="pyarrow", use_threads=False))
+        return {name: array.astype(str) if array.dtype.kind == "O" else array for name, array in arrays.items()}
     from scipy.io import loadmat
 
-    variables = loadmat(io.BytesIO(content), squeeze_me=False, struct_as_record=True)
-    named = {name: value for name, value in variables.items() if not name.startswith("__")}
-    return dict(pair for name, value in named.items() for pair in _vectors(name, value))
+    variables = loadmat(io.BytesIO(content), simplify_cells=True)
+    return dict(pair for name, value in variables.items() if name[:2] != "__" for pair in _vectors(name, value))
 
 
 def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-    if not isinstance(value, np.ndarray):  # as a sparse matrix
-        return
-    if value.dtype.names and value.size == 1:
-        for part in value.dtype.names:
-            yield from _vectors(f"{name}.{part}", np.atleast_2d(value.ravel()[0][part]))
-    elif value.dtype.kind in "iufb" and value.ndim == 2 and value.size > 1:
-        if 1 in value.shape:
-            yield name, value.ravel()
-        else:
+    if isinstance(value, dict):
+        for part, inner in value.items():
+            yield from _vectors(f"{name}.{part}", inner)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufb" and value.size > 1:
+        if value.ndim == 1:
+            yield name, value
+        elif value.ndim == 2:
             yield from ((f"{name}(:,{k})", column) for k, column in enumerate(value.T, 1))
-
-
-_READERS: Mapping[str, Callable[[bytes], Arrays]] = {"mat": _mat, "parquet": _parquet}
 
 
 def main() -> None:
     """The program."""
     content = sys.stdin.buffer.read()
-    _bound(len(content))
-    try:
-        arrays = _READERS[sys.argv[1]](content)
-    except NotImplementedError:
-        sys.exit(UNSUPPORTED)
-    except MemoryError:
-        _fail(f"it asks for more than {MEMORY >> 30} GiB of memory")
-    except Exception as error:  # the libraries' own, of several kinds
-        _fail(next(iter(str(error).splitlines()), "") or type(error).__name__)
-    sys.stdout.buffer.write(json.dumps([*arrays]).encode() + b"\n")
-    for array in arrays.values():
-        file = io.BytesIO()  # numpy asks a buffered file where it stands, which a pipe cannot tell
-        np.save(file, array, allow_pickle=False)
-        sys.stdout.buffer.write(file.getbuffer())
-
-
-def _fail(reason: str) -> None:
-    print(reason, file=sys.stderr)
-    sys.exit(FAILED)
-
-
-def _bound(size: int) -> None:
-    """Bound the memory of this process, where the system can."""
     try:
         import resource
-    except ImportError:
-        return
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    most = MEMORY + size
-    resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+    except ImportError:  # where the system cannot bound the memory of a process
+        pass
+    else:
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        most = MEMORY + len(content)
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+    try:
+        arrays = _read(sys.argv[1], content)
+    except NotImplementedError:
+        sys.exit(UNSUPPORTED)
+    except Exception as error:  # the libraries' own, of several kinds
+        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
+        short = f"it asks for more than {MEMORY >> 30} GiB of memory"
+        print(short if isinstance(error, MemoryError) else reason, file=sys.stderr)
+        sys.exit(FAILED)
+    np.savez(sys.stdout.buffer, np.array([*arrays], dtype=str), *arrays.values())
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.errors import BadArgument
-from hgogen.reading.binary_log import Damaged, Unsupported, columns_of, plain, texts
+from hgogen.reading.binary_log import Damaged, Unsupported, columns_of, of_frame
 from hgogen.reading.content import Unread, content_of
 from hgogen.reading.optional import library
 
@@ -21,6 +21,10 @@ DELIMITERS = ",;\t|"
 PIECE = 1024  # cells that are numbers at once, or one by one where one of them is none
 EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
 PARQUET, MAT, HDF = b"PAR1", b"MATLAB 5.0", (b"MATLAB 7.3", b"\x89HDF")
+_BINARY = {
+    "parquet": ("a Parquet file", "Parquet", ("pandas", "pyarrow.parquet")),
+    "mat": ("a MAT file", "a MAT file", ("scipy.io",)),
+}
 _OLD = "is a MAT file of version 7.3, which is HDF5; save it again by save('log.mat', '-v7')"
 _EXCEL = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the delimiter, which the header shows as well
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
@@ -116,7 +120,12 @@ class Columns(Table):
         array = self.arrays[name]
         if array.dtype.kind == "M":
             return ["" if text == "NaT" else text for text in np.datetime_as_string(array.astype("datetime64[us]"))]
-        return texts(array)
+        values: list[Any] = array.tolist()
+        return (
+            values
+            if array.dtype.kind in "OU"
+            else ["" if value is None or value != value else str(value) for value in values]
+        )
 
 
 def log_of(source: Any) -> Table:
@@ -127,16 +136,19 @@ def log_of(source: Any) -> Table:
     if isinstance(source, Table):
         return source
     if hasattr(source, "columns") and hasattr(source, "to_numpy"):
-        return of_frame(source)
+        try:
+            return _of_arrays("the DataFrame", of_frame(source))
+        except ValueError as error:
+            raise BadRecord("the DataFrame", str(error)) from None
     if not isinstance(source, str | Path):
         raise BadRecord(f"a {type(source).__name__}", "is no log; give the path of a file, or a DataFrame")
     content = bytes_of(Path(source))
     if content.startswith(PARQUET):
-        return _parquet(str(source), content)
+        return _binary(str(source), "parquet", content)
     if content.startswith(HDF):
         raise BadRecord(str(source), _OLD)
     if content.startswith(MAT) or (Path(source).suffix.lower() == ".mat" and b"\0" in content[:128]):
-        return _mat(str(source), content)
+        return _binary(str(source), "mat", content)
     return table(source, content)
 
 
@@ -285,46 +297,29 @@ def _cells(line: str, delimiter: str) -> list[str]:
 # --- columns ------------------------------------------------------------------------------------------------
 
 
-def of_frame(frame: Any) -> Table:
-    """A DataFrame's columns by their names as text, with its index where that has a name or holds times."""
-    arrays = {str(name): plain(frame[name].to_numpy()) for name in frame.columns if frame.columns.is_unique}
-    if not frame.columns.is_unique:
-        raise BadRecord("the DataFrame", "has several columns of one name; rename all but one")
-    index = frame.index
-    if getattr(index, "nlevels", 1) == 1 and (index.name is not None or index.dtype.kind in "Mm"):
-        arrays.setdefault(str(index.name) if index.name is not None else "index", plain(index.to_numpy()))
-    return _columns("the DataFrame", arrays, ())
-
-
-def _columns(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ...]) -> Table:
+def _of_arrays(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ...] = ()) -> Table:
     rows = len(next(iter(arrays.values()), ()))
     if not rows:
         raise BadRecord(path, "has no rows")
-    return Columns(path, tuple(arrays), (), rows, 0, False, notes, dict(arrays))
+    return Columns(path, tuple(arrays), (), rows, 0, False, notes, arrays)
 
 
-def _parquet(path: str, content: bytes) -> Table:
-    library("pyarrow.parquet", f"{path}, a Parquet file,")
+def _binary(path: str, kind: str, content: bytes) -> Table:
+    """The columns of the most frequent length, which in a Parquet file is that of all. Raises: `BadRecord`."""
+    what, form, packages = _BINARY[kind]
+    for package in packages:
+        library(package, f"{path}, {what},")
     try:
-        return _columns(path, columns_of("parquet", content), ())
-    except Damaged as error:
-        raise BadRecord(path, f"cannot be read as Parquet: {error}") from None
-
-
-def _mat(path: str, content: bytes) -> Table:
-    """The vectors of the most frequent length."""
-    library("scipy.io", f"{path}, a MAT file,")
-    try:
-        arrays = columns_of("mat", content)
+        arrays = columns_of(kind, content)
     except Unsupported:
         raise BadRecord(path, _OLD) from None
     except Damaged as error:
-        raise BadRecord(path, f"cannot be read as a MAT file: {error}") from None
+        raise BadRecord(path, f"cannot be read as {form}: {error}") from None
     lengths = [len(array) for array in arrays.values()]
-    if not lengths:
+    if kind == "mat" and not lengths:
         fix = "save vectors, a table by table2struct(T, 'ToScalar', true)"
         raise BadRecord(path, f"holds no vector or matrix of real numbers; {fix}")
-    rows = max(set(lengths), key=lambda length: (lengths.count(length), length))
+    rows = max(set(lengths), key=lambda length: (lengths.count(length), length), default=0)
     others = [name for name, array in arrays.items() if len(array) != rows]
     notes = (f"of another length than {rows}, left out: {', '.join(others)}",) if others else ()
-    return _columns(path, {name: array for name, array in arrays.items() if len(array) == rows}, notes)
+    return _of_arrays(path, {name: array for name, array in arrays.items() if len(array) == rows}, notes)
