@@ -10,13 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import paper_panels
 from matplotlib.figure import Figure
 
 import hgogen as hg
 from hgogen.kalman.mu import logistic, smoothstep
 from hgogen.model import load
 from hgogen.trial import Trajectory, Trial, simulate
-from hgogen.trials import figures, paper_figures
+from hgogen.trials import figures
 
 MODELS = Path(__file__).parent.parent / "models"
 REAL = (-2.5 + 0.3j, -2.5 - 0.3j, -2, -1.3)
@@ -28,8 +29,8 @@ LIMITED = {"saturate": {"x4": 25}, "arguments": False}  # phi limited in value, 
 def filtered_injection() -> Iterator[tuple[str, Figure]]:
     """Astolfi, Jungers, Zaccarian 2018, figures 3 to 7."""
     for number, poles in ((3, INSIDE), (5, OUTSIDE)):
-        yield f"astolfi_2018_{number}", paper_figures.poles(poles, ALPHA, BETA)
-        yield f"astolfi_2018_{number + 1}", paper_figures.core(poles, ALPHA, BETA)
+        yield f"astolfi_2018_{number}", paper_panels.poles(poles, ALPHA, BETA)
+        yield f"astolfi_2018_{number + 1}", paper_panels.core(poles, ALPHA, BETA)
     model = load(MODELS / "hyperjerk.py")
     form = hg.forms.triangular(model.plant)
     exact = simulate(form.system, Trial("figure 7", 5, {"x1": -0.9, "x2": 0, "x3": 0, "x4": 0}), 1e-3)
@@ -38,7 +39,7 @@ def filtered_injection() -> Iterator[tuple[str, Figure]]:
         gains = {**model.module.tuning[name], "theta": k}
         step = hg.sample(getattr(hg.observers, name)(form, **gains, **LIMITED), hg.methods.rk4, 1e-3)
         sizes[f"{name}, k = {k}"] = step.run(y=exact.y).x - exact.x
-    yield "astolfi_2018_7", paper_figures.sizes(exact.t, sizes, "s")
+    yield "astolfi_2018_7", paper_panels.sizes(exact.t, sizes, "s")
 
 
 def adaptive_gain() -> Iterator[tuple[str, Figure]]:
@@ -73,8 +74,8 @@ def _pushed(t: np.ndarray, w: np.ndarray) -> np.ndarray:
 def theta() -> Iterator[tuple[str, Figure]]:
     """mu of Boizot, Busvelle, Gauthier 2010 and of the reference trial, and the thetas of a bank."""
     laws = {"smoothstep .16, .32": smoothstep(0.16, 0.32), "logistic .16, 500": logistic(0.16, 500)}
-    yield "boizot_2010_mu", paper_figures.share(laws, 0.4, "y^2 s")
-    yield "busvelle_bank_theta", paper_figures.thetas(8.0, 0.1, 5, 10.0, 100.0, "s")
+    yield "boizot_2010_mu", paper_panels.share(laws, 0.4, "y^2 s")
+    yield "busvelle_bank_theta", paper_panels.thetas(8.0, 0.1, 5, 10.0, 100.0, "s")
 
 
 def main() -> None:

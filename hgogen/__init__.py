@@ -33,8 +33,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.guarantees.error_system import ErrorSystem, error_system
     from hgogen.guarantees.observer_errors import observer_errors
     from hgogen.identification.fit import fit
-    from hgogen.identification.recorded import record
-    from hgogen.identification.records import Log
+    from hgogen.identification.records import Log, record
     from hgogen.identification.result import Fit
     from hgogen.kalman import innovation, theta
     from hgogen.model import Model, load
@@ -90,7 +89,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "Fit": "identification.result",
     "fit": "identification.fit",
     "Log": "identification.records",
-    "record": "identification.recorded",
+    "record": "identification.records",
     "consistency": "trials.consistency",
     "gramian": "trials.gramian",
     **dict.fromkeys(("Model", "load"), "model"),

@@ -10,53 +10,44 @@ from functools import cached_property
 from hashlib import sha256
 from os import fsencode
 from pathlib import Path
-from types import MappingProxyType, ModuleType, SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
-from hgogen.errors import HgogenError, nearest
+from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
-from hgogen.modelfiles.arguments import arguments
-from hgogen.modelfiles.declared_bounds import Bounds, NoBounds, bounds
 from hgogen.modelfiles.first import NoFirst, everywhere, first
-from hgogen.modelfiles.parameters import put
-from hgogen.modelfiles.parameters import read as read_values
+from hgogen.modelfiles.json_file import put, read_tunings, read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
 from hgogen.modelfiles.raised import ends_python, sentence
 from hgogen.modelfiles.recipe import trial_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.modelfiles.storage import stored
-from hgogen.modelfiles.tuning import Start, Tuning
-from hgogen.modelfiles.tunings import read as read_tunings
+from hgogen.modelfiles.storage import Bounds, NoBounds, bounds, stored
+from hgogen.modelfiles.tuning import Start, Tuning, arguments
 from hgogen.reading import filename
-from hgogen.reading.content import Unread, content_of
+from hgogen.reading.content import BYTES, READERS, Unread, content_of
 from hgogen.reading.door import Misfit
 from hgogen.reading.folding import Fold
-from hgogen.reading.languages import BYTES, READERS
 from hgogen.reading.text_model import BadModelFile, read
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.which_forms import of
 
-_PYTHON = MappingProxyType(
-    {
-        "plant": "plant = hg.System(...)",
-        "step": "def step(): return hg.sample(...)",
-        "trial": "def trial(): return hgogen.trial.Trial(...)",
-        "tuning": "'{observer}': {{...}} to tuning, with {arguments}",
-    }
-)
-_PLAIN = MappingProxyType(
-    {
-        "step": "an observer table, such as kind = 'high_gain', theta = 20, poles = [-1, -1], dt = 1e-3, "
-        "or name one: --observer riccati",
-        "trial": "a trial table, such as duration = 10, start = {x1 = 1}",
-        "tuning": "a table [tuning.{observer}] with {arguments}",
-    }
-)
+_PYTHON = {
+    "plant": "plant = hg.System(...)",
+    "step": "def step(): return hg.sample(...)",
+    "trial": "def trial(): return hgogen.trial.Trial(...)",
+    "tuning": "'{observer}': {{...}} to tuning, with {arguments}",
+}
+_PLAIN = {
+    "step": "an observer table, such as kind = 'high_gain', theta = 20, poles = [-1, -1], dt = 1e-3, "
+    "or name one: --observer riccati",
+    "trial": "a trial table, such as duration = 10, start = {x1 = 1}",
+    "tuning": "a table [tuning.{observer}] with {arguments}",
+}
 
 
 @dataclass(eq=False)
@@ -71,16 +62,10 @@ class ModelFails(HgogenError):
         return f"{self.path}, line {self.line}: {self.error}"
 
 
-@dataclass(eq=False)
-class MissingPart(HgogenError):
+class MissingPart(BadArgument):
     """A model file lacks what a command needs, or holds something else under its name."""
 
-    path: str
-    part: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.path}: {self.reason}"
+    text = "{what}: {reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +127,7 @@ class Model:
         """The plant that the file defines. Raises: `MissingPart`."""
         plant = self._part("plant")
         if not isinstance(plant, System):
-            raise MissingPart(self.path, "plant", f"plant is of type {type(plant).__name__}; make it an hg.System")
+            raise MissingPart(self.path, f"plant is of type {type(plant).__name__}; make it an hg.System")
         return plant
 
     @property
@@ -153,7 +138,7 @@ class Model:
         try:
             return stored(self.plant, self.module.dissipation)
         except HgogenError as error:
-            raise MissingPart(self.path, "dissipation", f"in dissipation, {error}") from None
+            raise MissingPart(self.path, f"in dissipation, {error}") from None
 
     @property
     def bounds(self) -> Bounds | None:
@@ -161,7 +146,7 @@ class Model:
         try:
             return bounds(self.module.bounds) if self.has("bounds") else None
         except NoBounds as error:
-            raise MissingPart(self.path, "bounds", str(error)) from None
+            raise MissingPart(self.path, str(error)) from None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -184,7 +169,7 @@ class Model:
         tables = getattr(self.module, "tuning", {})
         if not isinstance(tables, Mapping):
             reason = f"tuning is of type {type(tables).__name__}; make it a mapping from observers to their arguments"
-            raise MissingPart(self.path, "tuning", reason)
+            raise MissingPart(self.path, reason)
         return {**tables, **self.tables}
 
     def step(
@@ -205,7 +190,8 @@ class Model:
             return self.setting.on(self._written_step())
         name = self._first if observer is None else observer
         tuning = self.tuned(name, dt)
-        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, period or self._period, dt, start))
+        own = period or (lambda: self._own_period)
+        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, own, dt, start))
         return step
 
     def tuned(self, name: str, dt: float | None = None) -> Tuning:
@@ -218,12 +204,12 @@ class Model:
         if name in tuning.tables:
             return tuning
         if name not in observers.__all__:
-            raise MissingPart(self.path, "tuning", self._untuned(name))
+            raise MissingPart(self.path, self._untuned(name))
         own = dt or self.setting.dt or (self._own_period if self.has("step") else None)
         rows = [of(self.setting.form, self.plant)] if self.setting.form else everywhere(self.plant)
         one = first(name, rows, own)
         if isinstance(one, NoFirst):
-            raise MissingPart(self.path, "tuning", self._unstarted(name, one))
+            raise MissingPart(self.path, self._unstarted(name, one))
         return replace(tuning, tables={**tuning.tables, name: one.table()})
 
     @property
@@ -231,9 +217,6 @@ class Model:
         """The tuning that is the model's own step, empty if none is."""
         timed = (name for name, table in self._tables.items() if isinstance(table, Mapping) and "dt" in table)
         return self.take or self.default or next(timed, "")
-
-    def _period(self) -> float:
-        return self._own_period
 
     @cached_property
     def _own_period(self) -> float:
@@ -268,9 +251,7 @@ class Model:
         """What `step()` returns, without what is set of steps, which may be set for another observer."""
         step = self._called("step")
         if not isinstance(step, CallableStep):
-            raise MissingPart(
-                self.path, "step", f"step() returns the type {type(step).__name__}; return hg.sample(...)"
-            )
+            raise MissingPart(self.path, f"step() returns the type {type(step).__name__}; return hg.sample(...)")
         return step
 
     def trials(self) -> tuple[Trial, ...]:
@@ -279,24 +260,22 @@ class Model:
         trials = (returned,) if isinstance(returned, Trial) else returned
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
             kind = type(returned).__name__
-            raise MissingPart(self.path, "trial", f"trial() returns the type {kind}; return a Trial or a tuple of them")
+            raise MissingPart(self.path, f"trial() returns the type {kind}; return a Trial or a tuple of them")
         names = [trial.name for trial in trials]
         if len(set(map(filename.same, names))) < len(names):
-            raise MissingPart(
-                self.path, "trial", f"trial() returns two trials of one name, {', '.join(names)}; rename one"
-            )
+            raise MissingPart(self.path, f"trial() returns two trials of one name, {', '.join(names)}; rename one")
         return tuple(trials)
 
     def _part(self, part: str) -> Any:
         if not self.has(part):
-            raise MissingPart(self.path, part, f"defines no {part}, which this command needs; add {self.fixes[part]}")
+            raise MissingPart(self.path, f"defines no {part}, which this command needs; add {self.fixes[part]}")
         return getattr(self.module, part)
 
     def _called(self, part: str) -> Any:
         function = self._part(part)
         if not callable(function):
             kind = type(function).__name__
-            raise MissingPart(self.path, part, f"{part} is of type {kind}; make it a function, {self.fixes[part]}")
+            raise MissingPart(self.path, f"{part} is of type {kind}; make it a function, {self.fixes[part]}")
         return _guarded(self.path, function)
 
 

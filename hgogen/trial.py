@@ -390,3 +390,17 @@ def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = 
     for name in sorted(known):
         if needed and name not in names:
             raise BadTrial(trial.name, f"{what} says nothing of {name!r}; give it a value")
+
+
+def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray:
+    """The first samples (count, m + p): inputs, then the columns of the step's `samples`, of the trial's first seed. A
+    trial that is shorter gives fewer.
+
+    Raises: `BadTrial`.
+    """
+    calm = replace(trial, jumps=(), steady=None, settled=None, duration=min(trial.duration, count * step.dt))
+    system = step.observer.form.system
+    truth = simulate(system.declared, calm, step.dt)
+    (y,) = noisy(system.declared, truth, calm, calm.seeds[:1])
+    rows: np.ndarray = np.hstack([sampled(system, calm, truth.t), step.arriving(at_their_times(step, y))])
+    return rows[:count]

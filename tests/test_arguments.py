@@ -7,7 +7,7 @@ import pytest
 
 import hgogen as hg
 from hgogen.model import load
-from hgogen.modelfiles.arguments import faults, poles
+from hgogen.modelfiles.tuning import faults, poles
 from hgogen.reading.text_model import BadModelFile
 
 CART = """

@@ -17,7 +17,7 @@ from hgogen.board import qemu, texts
 from hgogen.board.costs import FLAGS, measured
 from hgogen.board.texts import driver, head, hostile, literal
 from hgogen.model import load
-from hgogen.trials.calm import rows_given
+from hgogen.trial import rows_given
 
 LIMITS = {"--max-flash": "flash", "--max-ram": "ram", "--max-stack": "stack", "--max-instructions": "worst"}
 

@@ -19,8 +19,7 @@ from hgogen.calibration.tuned import Tuned
 from hgogen.calibration.verdicts import verdicts
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import First
-from hgogen.modelfiles.json_file import BadFile
-from hgogen.modelfiles.tunings import read
+from hgogen.modelfiles.json_file import BadFile, read_tunings
 from hgogen.starting import Scale, Starting, scale, two
 
 DT = 0.1
@@ -175,4 +174,4 @@ def test_a_wanted_time_is_that_of_the_longest_chain() -> None:
 def test_a_tuning_that_is_no_table_is_refused_beside_one_that_is(tmp_path: Path) -> None:
     (tmp_path / "tuned.json").write_text('{"tuning": {"a": {}, "b": 1}}')
     with pytest.raises(BadFile, match='has no table "tuning" of tables'):
-        read(tmp_path / "tuned.json", CHAINS)
+        read_tunings(tmp_path / "tuned.json", CHAINS)

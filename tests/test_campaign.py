@@ -35,13 +35,12 @@ from hgogen.reading.optional import NotInstalled
 from hgogen.target import CannotWrite, lines_of
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
 from hgogen.trials import campaign as campaign_module
-from hgogen.trials import tally as tally_module
+from hgogen.trials import results as results_module
 from hgogen.trials import varied as varied_module
 from hgogen.trials.campaign import BadCampaign, Campaign, Outcome
 from hgogen.trials.metrics import Metrics, Response, metrics
-from hgogen.trials.results import earlier, head, line, outcome
+from hgogen.trials.results import Spread, Tally, earlier, head, line, outcome
 from hgogen.trials.spread import NoScheduler
-from hgogen.trials.tally import Spread, Tally
 from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
 
 NAN, INF = float("nan"), float("inf")
@@ -616,7 +615,7 @@ def test_the_neuron_is_sent_to_processes() -> None:
 
 
 def test_the_worst_run_is_named_by_its_number() -> None:
-    assert tally_module._spread_of("late", np.array([1.0, np.inf, 2.0]), np.array([4, 7, 9])).run == 7
+    assert results_module._spread_of("late", np.array([1.0, np.inf, 2.0]), np.array([4, 7, 9])).run == 7
 
 
 def test_an_interval_may_leave_its_range_at_neither_end() -> None:

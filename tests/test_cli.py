@@ -26,7 +26,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands import building, tables, trial_runs
 from hgogen.commands import process as process_
 from hgogen.commands.logs import names_in, numbers_by_name
-from hgogen.modelfiles.meaning import summary
+from hgogen.modelfiles.place import summary
 from hgogen.modelfiles.setting import UnknownCase
 from hgogen.target import Files
 from hgogen.trials.agreement import Agreement

@@ -296,7 +296,7 @@ def test_one_that_is_refused_at_the_shortest_period_is_left_out(
 
     def only_at_its_own(model: Model, observer: str | None, dt: float | None, *rest: Any) -> CallableStep:
         if dt is not None:
-            raise MissingPart(model.path, "tuning", "too short")
+            raise MissingPart(model.path, "too short")
         return made(model, observer, dt, *rest)
 
     monkeypatch.setattr(Model, "step", only_at_its_own)

@@ -34,8 +34,8 @@ from hgogen.reading.named import BadNames
 from hgogen.recheck.rules.driven import _root
 from hgogen.recheck.verification import recheck
 from hgogen.stepping.machine import Machine
+from hgogen.trials.comparison import seen
 from hgogen.trials.figures import errors
-from hgogen.trials.within import seen
 
 FIVE = (
     "high_gain",

@@ -17,7 +17,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.commands.fitting import By, _verdicts, _without_offset
-from hgogen.identification import robust as robust_module
+from hgogen.identification import whiteness as whiteness_module
 from hgogen.identification.fit import CannotFit, best_of, lagged
 from hgogen.identification.progress import Progress
 from hgogen.identification.records import BadLog
@@ -26,8 +26,7 @@ from hgogen.identification.solution import Solution
 from hgogen.identification.structural import parted
 from hgogen.identification.task import Task
 from hgogen.identification.whiteness import alike
-from hgogen.modelfiles.json_file import BadFile
-from hgogen.modelfiles.parameters import read
+from hgogen.modelfiles.json_file import BadFile, read_values
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import read as read_model
 from hgogen.reading.text_model import to_text
@@ -768,7 +767,7 @@ def test_a_python_model_has_the_values_wherever_it_reads_the_plant() -> None:
 def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "values.json").write_text(text)
     with pytest.raises(BadFile, match=reason):
-        read(tmp_path / "values.json", PLANT)
+        read_values(tmp_path / "values.json", PLANT)
 
 
 def test_tables_of_a_python_model_have_the_values_too(tmp_path: Path) -> None:
@@ -818,7 +817,7 @@ def test_from_wrong_constants_the_tanks_are_predicted_five_samples_ahead(signs: 
 
 def test_the_influence_of_a_residual_is_over_the_mean_slope() -> None:
     share = (1 + 2**-1.5) / 2  # of psi' at 0 and at the corner
-    assert robust_module.influence(np.array([0.0, 3.0]), 3.0) == pytest.approx([0.0, 3 / 2**0.5 / share])
+    assert whiteness_module.influence(np.array([0.0, 3.0]), 3.0) == pytest.approx([0.0, 3 / 2**0.5 / share])
 
 
 def test_a_lag_is_that_of_the_output_that_has_it() -> None:
@@ -943,7 +942,7 @@ def test_starts_without_a_range_lie_between_half_and_twice_the_nominal_value() -
 
 def test_the_scale_of_residuals_is_about_zero() -> None:
     """Of residuals that all lie to one side as well: they are no less wrong for that."""
-    assert robust_module.deviation(np.array([2.0, 3.0, 4.0])) == pytest.approx(3 * robust_module.NORMAL)
+    assert whiteness_module.deviation(np.array([2.0, 3.0, 4.0])) == pytest.approx(3 * whiteness_module.OF_MEDIAN)
 
 
 def test_a_direction_that_is_not_told_may_end_far_from_its_start() -> None:

@@ -6,8 +6,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.graph import to_casadi
-from hgogen.reading.expression import parse
-from hgogen.reading.tokens import BadExpression
+from hgogen.reading.expression import BadExpression, parse
 from hgogen.system import BadSystem
 
 x, y = hg.Signal("x", low=-3, high=3), hg.Signal("y")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hgogen.commands.command import json_text
-from hgogen.trials.interventions import Interventions, interventions, notes
+from hgogen.trials.incidents import Interventions, guard_notes, interventions
 
 STEP: Any = SimpleNamespace(
     bits=tuple(SimpleNamespace(name=n) for n in ("MISSING_Y", "PROJECTED_ONTO_RANGES", "RESTARTED_FROM_SAMPLE"))
@@ -33,7 +33,7 @@ def test_a_sentence_names_the_first_times_of_all_runs() -> None:
 
 @pytest.mark.parametrize(("disturbed", "warned"), [(True, False), (False, True)])
 def test_they_are_a_warning_where_nothing_disturbs_the_plant(disturbed: bool, warned: bool) -> None:
-    (sentence,) = notes("swing", "ukf", Interventions((3.0,)), disturbed, "s")
+    (sentence,) = guard_notes("swing", "ukf", Interventions((3.0,)), disturbed, "s")
     assert sentence.startswith("warning: nothing disturbs trial swing") == warned
     assert "1 restart from the sample (t = 3 s)" in sentence
-    assert not list(notes("swing", "ukf", Interventions(), disturbed, "s"))
+    assert not list(guard_notes("swing", "ukf", Interventions(), disturbed, "s"))

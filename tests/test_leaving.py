@@ -9,7 +9,7 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.trial import Jump, Trial, t, try_out
-from hgogen.trials.leaving import left, notes
+from hgogen.trials.incidents import leaving_notes, left
 
 ESCAPING = """name = "escaping"
 states.x1 = {unit = "V", low = -3, high = 3, flow = "x1 + u"}
@@ -35,7 +35,7 @@ def test_a_state_that_leaves_its_range() -> None:
     assert (one.signal, one.low, one.high, one.time) == ("x", -3, 3, pytest.approx(1.10))
     assert one.value == pytest.approx(math.exp(1.1), rel=1e-9)
     assert one.farthest == pytest.approx(math.exp(4), rel=1e-9)
-    (said,) = notes("grown", [one], "h")
+    (said,) = leaving_notes("grown", [one], "h")
     assert said.startswith(
         "trial grown, the plant itself: x leaves its range -3..3 at t = 1.1 h, where it is 3.00417, and gets as far as "
         "54.5982. The proofs hold on the ranges alone"
@@ -54,7 +54,7 @@ def test_a_plant_in_its_ranges_says_nothing() -> None:
     assert tried(duration=1.09) == ()
     assert tried(-1, start=1.0) == ()
     assert tried(-t / t, start=1.0, jumps=Jump(2, "x", 1.0)) == ()
-    assert list(notes("grown", (), "s")) == []
+    assert list(leaving_notes("grown", (), "s")) == []
 
 
 @pytest.mark.ordinary("command0")

@@ -1,11 +1,16 @@
 """Figures of the papers: what is drawn in them, of numbers that are known."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hgogen.kalman.mu import logistic, smoothstep
-from hgogen.trials import paper_figures as drawn
 from hgogen.trials.figures import svg
+
+sys.path.append(str(Path(__file__).parent.parent / "docs"))
+import paper_panels as drawn
 
 INSIDE = (-2.5 + 0.3j, -2.5 - 0.3j, -2, -1.3, -1 + 0.2j, -1 - 0.2j, -0.1, -0.4)
 OUTSIDE = (-2.5 + 0.3j, -2.5 - 0.3j, -2, -1.3, -1 + 0.6j, -1 - 0.6j, -0.1, -0.4)

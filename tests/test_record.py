@@ -19,8 +19,8 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import Run
 from hgogen.commands import running
 from hgogen.reading import log as log_module
-from hgogen.reading.assigned import mapping
 from hgogen.reading.log import BadRecord, _ragged, _regular, parsed, table
+from hgogen.reading.mapped import mapping
 from hgogen.reading.measured import Record, read
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
 from hgogen.trials import noise, prediction

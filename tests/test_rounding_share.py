@@ -31,7 +31,7 @@ from hgogen.guarantees.plant_step import Unbounded
 from hgogen.guarantees.quadratic import floats
 from hgogen.intervals.computed import REALS, Computed, Real, Rounding, Unsure, exactly
 from hgogen.model import MissingPart, load
-from hgogen.modelfiles.declared_bounds import Bounds
+from hgogen.modelfiles.storage import Bounds
 from hgogen.program import Place
 from hgogen.recheck import rounding as recheck_rounding
 from hgogen.recheck.box import NotShown

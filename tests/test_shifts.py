@@ -12,8 +12,8 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.model import load
-from hgogen.reading.assigned import shifts_of
 from hgogen.reading.log import BadRecord
+from hgogen.reading.mapped import shifts_of
 from hgogen.reading.measured import shifted
 from hgogen.trial import noisy, simulate
 from hgogen.trials import shifts

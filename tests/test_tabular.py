@@ -13,7 +13,7 @@ from test_cli import hgogen
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import BadShape
-from hgogen.identification.recorded import BadSignal
+from hgogen.identification.records import BadSignal
 from hgogen.model import load
 from hgogen.reading import binary_log
 from hgogen.reading.log import BadRecord, log_of

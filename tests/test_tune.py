@@ -24,8 +24,7 @@ from hgogen.calibration import judged as judged_module
 from hgogen.calibration.grid import Task
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
 from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
-from hgogen.calibration.readable import readable
-from hgogen.calibration.score import Ahead, Hidden, Judge, as_good, chosen
+from hgogen.calibration.score import Ahead, Hidden, Judge, as_good, chosen, readable
 from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calibration.verdicts import verdicts
@@ -34,9 +33,8 @@ from hgogen.commands.calibrating import _own_forms, renamed
 from hgogen.errors import BadArgument
 from hgogen.identification.records import BadLog
 from hgogen.model import load
-from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations
+from hgogen.modelfiles.json_file import BadFile, OtherPlant, equations, read_tunings
 from hgogen.modelfiles.setting import Setting
-from hgogen.modelfiles.tunings import read
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import BadModelFile
 from hgogen.starting import scale
@@ -753,7 +751,7 @@ def test_the_command_says_what_to_do(tmp_path: Path) -> None:
 def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "tuned.json").write_text(text)
     with pytest.raises(BadFile, match=reason):
-        read(tmp_path / "tuned.json", PLANT)
+        read_tunings(tmp_path / "tuned.json", PLANT)
 
 
 def test_two_forms_of_one_kind_have_noise_of_their_own() -> None:

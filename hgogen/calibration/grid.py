@@ -21,10 +21,10 @@ from hgogen.call import CallableStep, sample
 from hgogen.check import refuted
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.form import Form
-from hgogen.identification.motion import paced
+from hgogen.identification.problem import paced
 from hgogen.identification.records import Log
-from hgogen.modelfiles.arguments import value
 from hgogen.modelfiles.first import First
+from hgogen.modelfiles.tuning import value
 from hgogen.starting import Gains, Scale, Starting, gains_of, scale, two
 from hgogen.step import StepMayFail
 from hgogen.which_forms import Row

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hgogen.calibration.readable import readable
+from hgogen.calibration.score import readable
 from hgogen.calibration.tuned import Calibration
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, held_last

@@ -13,8 +13,7 @@ import numpy as np
 
 from hgogen.calibration.adaptive import ADAPTIVE, FILTER, adaptive
 from hgogen.calibration.grid import Piece, Task, observers_named, reasons, together, tuned
-from hgogen.calibration.readable import readable
-from hgogen.calibration.score import Ahead, Hidden, Judge
+from hgogen.calibration.score import Ahead, Hidden, Judge, readable
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calling import native
 from hgogen.emit.syntax import Real

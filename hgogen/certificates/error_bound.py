@@ -33,8 +33,7 @@ from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.method import OnErrors
-from hgogen.reading.named import names_of
-from hgogen.reading.sizes import Each, by_name, size, sizes
+from hgogen.reading.named import Each, each_by_name, names_of, size, sizes
 from hgogen.sentence import NONE, Reason, Sentence, because, joined
 from hgogen.step import Step, demand_choice, demand_step
 from hgogen.structure.spare import of_used
@@ -159,7 +158,7 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     """How fast each input moves between samples, None where that is not known. Raises: `BadNames`, `BadGain`."""
     inputs = step.observer.form.system.inputs
     declared = [max(map(abs, u.rates[0])) if u.rates else None for u in inputs]
-    asked = by_name("rates", rates, names_of(inputs), None)
+    asked = each_by_name("rates", rates, names_of(inputs), None)
     known = [own if value is None else value for value, own in zip(asked, declared, strict=True)]
     most = [None if x is None else size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
     return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)

@@ -28,8 +28,7 @@ from hgogen.guarantees.under_inputs import InputBound, input_bound
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer, asks_an_observer
-from hgogen.reading.named import names_of
-from hgogen.reading.sizes import Each, sizes
+from hgogen.reading.named import Each, names_of, sizes
 from hgogen.sentence import Reason, Sentence, because
 from hgogen.structure.polytope import fixed
 from hgogen.structure.spare import of_used

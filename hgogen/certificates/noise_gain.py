@@ -16,8 +16,7 @@ from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
-from hgogen.reading.named import in_order
-from hgogen.reading.sizes import sizes
+from hgogen.reading.named import in_order, sizes
 from hgogen.sentence import Sentence, because
 from hgogen.step import Step, demand_step
 from hgogen.structure.spare import heads

@@ -49,8 +49,8 @@ from hgogen.reading.named import by_name, written
 from hgogen.target import Files, Sources
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
+from hgogen.trials.comparison import seen
 from hgogen.trials.falling import falling
-from hgogen.trials.within import seen
 
 C99 = "c99"
 _TAKES = ("command", "real", "check")  # what a language takes beside the step

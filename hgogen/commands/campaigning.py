@@ -19,8 +19,7 @@ from hgogen.target import lines_of
 from hgogen.trial import Trial
 from hgogen.trials.campaign import BadCampaign, Campaign, Outcome, campaign
 from hgogen.trials.metrics import criterion
-from hgogen.trials.results import earlier, head, line
-from hgogen.trials.tally import Tally
+from hgogen.trials.results import Tally, earlier, head, line
 
 RUNS = 1000  # where nothing is said
 NAMED = 5  # lines that are left out

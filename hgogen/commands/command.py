@@ -30,9 +30,8 @@ from hgogen.commands.process import (
     results,
 )
 from hgogen.errors import HgogenError
-from hgogen.modelfiles.limits import SEEDS
 from hgogen.modelfiles.raised import ends_python
-from hgogen.modelfiles.setting import Setting
+from hgogen.modelfiles.setting import SEEDS, Setting
 from hgogen.recheck.errors import RecheckError
 from hgogen.target import demand, remove, write
 

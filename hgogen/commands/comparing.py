@@ -36,8 +36,8 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.trials.comparison import Measured, measured
-from hgogen.trials.interventions import notes as guards
-from hgogen.trials.leaving import left, notes
+from hgogen.trials.incidents import guard_notes as guards
+from hgogen.trials.incidents import leaving_notes, left
 from hgogen.trials.metrics import criterion
 
 Names = Annotated[
@@ -113,7 +113,8 @@ def compare_(
                     f"trial {one.name}: every observer starts on the truth, so that its first time to settle says "
                     "nothing; give the trial an estimate"
                 )
-            note(*notes(one.name, left(loaded.plant, tried[-1][1][0].first), unit))  # all observers share the truth
+            # all observers share the truth
+            note(*leaving_notes(one.name, left(loaded.plant, tried[-1][1][0].first), unit))
             for row in tried[-1][1]:
                 note(*guards(one.name, row.name, row.acted, bool(one.jumps), unit))
     paths = folder.write(rendered({f"{one.name}_errors": drawings.errors(each, unit) for one, each in tried}))
@@ -195,10 +196,10 @@ def _names(model: Model, asked: str | None) -> list[str]:
     """The tunings asked for, each once. Raises: `MissingPart`."""
     if asked is None and not model.tuning.tables:
         fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
-        raise MissingPart(model.path, "tuning", f"it has no tuning, whose observers are compared; add {fix}")
+        raise MissingPart(model.path, f"it has no tuning, whose observers are compared; add {fix}")
     names = list(model.tuning.tables) if asked is None else [name.strip() for name in asked.split(",")]
     if not all(names) or not names:
-        raise MissingPart(model.path, "tuning", "there is no observer to compare; give --observers A,B of its tuning")
+        raise MissingPart(model.path, "there is no observer to compare; give --observers A,B of its tuning")
     for name in names:
         if name not in model.tuning.tables and name not in every.__all__:
             model.tuned(name)  # says what it may have been

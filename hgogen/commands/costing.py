@@ -18,7 +18,7 @@ from hgogen.emit.prefix import demand_prefix, prefixed
 from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.trials.calm import rows_given
+from hgogen.trial import rows_given
 
 _MEANINGS = {
     "quiet": "instructions of a step, calm",

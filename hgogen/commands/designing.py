@@ -66,7 +66,7 @@ def design_(
     if len(refused) == len(wanted):
         raise refused[wanted[-1]]
     note(*map(str, refused.values()))
-    from hgogen.trials.curve import curve
+    from hgogen.trials.figures import curve
 
     paths = folder.write(rendered({"design": curve(points, step)}))
     rows = [

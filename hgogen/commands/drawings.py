@@ -48,11 +48,10 @@ def record_figures(
 ) -> dict[str, "Figure"]:
     """The figures of a measured record, by file name without ending; `truth` (N,) by state."""
     from hgogen.trials import figures as figure
-    from hgogen.trials import record_figures as drawing
 
     drawn = {
-        f"{name}_states": drawing.states(step, record.t, run, record.of(step.outputs), truth),
-        f"{name}_innovations": drawing.innovations(step, record.t, run),
+        f"{name}_states": figure.record_states(step, record.t, run, record.of(step.outputs), truth),
+        f"{name}_innovations": figure.record_innovations(step, record.t, run),
     }
     if run.traces:
         drawn[f"{name}_theta"] = figure.adaptation(step, record.t, run.traces)

@@ -4,8 +4,8 @@ from rich.text import Text
 
 from hgogen.commands.command import Json, command, show
 from hgogen.commands.headed import headed
-from hgogen.modelfiles.meaning import summary as meaning
 from hgogen.modelfiles.place import available
+from hgogen.modelfiles.place import summary as meaning
 from hgogen.registry import cases, summary
 
 

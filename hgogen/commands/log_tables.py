@@ -9,7 +9,7 @@ from rich.text import Text
 
 from hgogen.commands.headed import headed
 from hgogen.identification.result import Fit
-from hgogen.reading.report import Report
+from hgogen.reading.measured import Report
 from hgogen.signal import Signal
 from hgogen.trials.consistency import Consistency
 from hgogen.trials.noise import Suggestion

@@ -11,8 +11,8 @@ import numpy as np
 import typer
 
 from hgogen.identification.records import Log, beyond
-from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.averaged import Window
+from hgogen.reading.mapped import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, read
 from hgogen.system import System
 

@@ -12,8 +12,7 @@ from hgogen.ecosystems.ecosystem import ALL, chosen, known
 from hgogen.ecosystems.folder import SOURCES, folder
 from hgogen.emit.prefix import demand_prefix
 from hgogen.emit.syntax import Real
-from hgogen.reading.content import Unread, content_of
-from hgogen.reading.languages import BYTES
+from hgogen.reading.content import BYTES, Unread, content_of
 from hgogen.step import Step
 from hgogen.target import CannotWrite, Files
 

@@ -34,20 +34,19 @@ from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, too_fa
 from hgogen.identification.records import Log, beyond
 from hgogen.model import MissingPart, Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.differences import derived
 from hgogen.reading.filename import fault
+from hgogen.reading.mapped import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
-from hgogen.trials.interventions import interventions
+from hgogen.trials.incidents import before_loss, interventions, loss
 from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rejected, rms
 from hgogen.trials.rejected import MostlyRejected, clamped, rejections
 from hgogen.trials.shifts import better
-from hgogen.trials.spoiled import before_loss, loss
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
@@ -378,4 +377,4 @@ def innovation_window(model: Model, option: str, observer: str | None = None) ->
         if innovation is not None:
             return float(innovation.d)
     reason = f"its tuning has no adaptive theta, whose window would be the default; give one by {option}"
-    raise MissingPart(model.path, "tuning", reason)
+    raise MissingPart(model.path, reason)

@@ -23,7 +23,7 @@ def bound_of(step: CallableStep, model: Model) -> ErrorBound | None:
     try:
         return hg.error_bound(step, **model.bounds.sizes)
     except (BadNames, BadGain) as error:
-        raise MissingPart(model.path, "bounds", f"in bounds, {error}") from None
+        raise MissingPart(model.path, f"in bounds, {error}") from None
 
 
 def proved(step: CallableStep, model: Model, say: Callable[[str], None]) -> ErrorBound | None:

@@ -21,11 +21,10 @@ from hgogen.step import Step
 from hgogen.theorem import Row, Theorem
 from hgogen.trials.agreement import Agreement
 from hgogen.trials.alarm import ITSELF
-from hgogen.trials.comparison import Measured
+from hgogen.trials.comparison import Measured, Seen
 from hgogen.trials.gramian import Gramian
 from hgogen.trials.metrics import Summary
 from hgogen.trials.response import Response
-from hgogen.trials.within import Seen
 from hgogen.which_forms import Survey
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}

@@ -12,9 +12,8 @@ from hgogen.model import Model
 from hgogen.trial import Trajectory, Trial, demand_trial, try_out
 from hgogen.trials import alarm
 from hgogen.trials.agreement import Agreement, agreement
-from hgogen.trials.interventions import Interventions, interventions
-from hgogen.trials.interventions import notes as guards
-from hgogen.trials.leaving import Left, left, notes
+from hgogen.trials.incidents import Interventions, Left, interventions, leaving_notes, left
+from hgogen.trials.incidents import guard_notes as guards
 from hgogen.trials.metrics import Metrics, Summary, metrics, summary
 from hgogen.trials.proposed import proposed_trial
 
@@ -78,7 +77,7 @@ def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Ca
 
 def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
     """A sentence for each trial whose plant leaves its ranges."""
-    return chain.from_iterable(notes(one.trial.name, one.left, unit) for one in done)
+    return chain.from_iterable(leaving_notes(one.trial.name, one.left, unit) for one in done)
 
 
 def as_dicts(summaries: Iterable[Summary], done: Iterable[Tried]) -> list[dict[str, Any]]:

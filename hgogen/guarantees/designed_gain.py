@@ -31,8 +31,7 @@ from hgogen.guarantees.unreached_rate import unreached
 from hgogen.intervals.digits import Down, Up, same
 from hgogen.reading.door import Misfit, remembers
 from hgogen.reading.given import BadGain, positive
-from hgogen.reading.named import names_of
-from hgogen.reading.sizes import Each, by_name
+from hgogen.reading.named import Each, each_by_name, names_of
 from hgogen.sentence import NONE, Reason, Sentence, because
 
 _FORM = "a form: hg.forms.triangular(plant)"
@@ -122,7 +121,7 @@ def gain(
     if not isinstance(form, Form):
         raise Misfit("gain", form, _FORM)
     wanted, names = _moderate("rate", rate), names_of(form.system.outputs)
-    each = zip(names, by_name("noise", noise, names, 1.0), strict=True)
+    each = zip(names, each_by_name("noise", noise, names, 1.0), strict=True)
     sizes = np.array([_moderate(f"noise of {name}", value) for name, value in each])
     measures, open_ = _measures(form, per), plain(form, sizes)
     if isinstance(open_, Reason):
@@ -200,7 +199,7 @@ def _measures(form: Form, per: Any) -> list[float]:
 
     Raises: `BadNames`, `BadGain`.
     """
-    each = by_name("per", per, form.names, _OWN)
+    each = each_by_name("per", per, form.names, _OWN)
     halves = ((z.high - z.low) / 2 if z.low is not None and z.high is not None else 0.0 for z in form.states)
     return [
         float(half) if value is _OWN else _moderate(f"per of {name}", value)

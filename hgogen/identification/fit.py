@@ -82,25 +82,19 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
     `period`, `duration`: of a sample and of the shortest record, in the plant's time.
     """
     low, high = LEAST * period, max(MOST * duration, 2 * FIRST * period)
-    flow, output, states, lags = list(plant.flow), list(plant.output), list(plant.states), list[Signal]()
+    slow, lags = plant, list[Signal]()
     for y in outputs:
         behind = Signal(f"{y.name}_behind", y.unit, f"{y.name} as its sensor shows it")
         tau = Signal(f"lag_of_{y.name}", plant.time, f"lag of the sensor of {y.name}", FIRST * period, low, high)
-        row = plant.outputs.index(y)
-        flow.append((output[row] - behind) / tau)
-        output[row] = behind
-        states.append(behind)
+        h = plant.output[plant.outputs.index(y)]
+        slow = replace(
+            slow,
+            states=(*slow.states, behind),
+            parameters=(*slow.parameters, tau),
+            flow=(*slow.flow, (h - behind) / tau),
+            output=tuple(behind if other == y else row for other, row in zip(plant.outputs, slow.output, strict=True)),
+        )
         lags.append(tau)
-    slow = System(
-        plant.name,
-        states=states,
-        inputs=plant.inputs,
-        outputs=plant.outputs,
-        parameters=(*plant.parameters, *lags),
-        flow=flow,
-        output=output,
-        time=plant.time,
-    )
     return slow, lags
 
 

@@ -23,10 +23,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.identification.information import Information, eliminated, tables
 from hgogen.identification.innovations import SURE, Innovations, moved_by_noise
-from hgogen.identification.problem import Problem
-from hgogen.identification.robust import influence
+from hgogen.identification.problem import Information, Problem, eliminated, tables
+from hgogen.identification.whiteness import influence
 
 Array = np.ndarray
 PROCESS = (0.0, -24.0, 12.0)  # log of Q_i T over the squared size of the state, T a record: its start and bounds

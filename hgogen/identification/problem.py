@@ -4,8 +4,19 @@
 
 F by classical Runge-Kutta, a few steps a sample. Unknown are the parameters p, the offsets o, and the states where
 segments of the records begin.
+
+What the records tell: with F the Fisher information on (parameters and offsets p, the others s), and A the Jacobian of
+what must be 0, of which the columns of p and s are A_p and A_s,
+
+    M = F_pp - [F_ps  A_p'] [[F_ss, A_s'], [A_s, 0]]^-1 [[F_sp], [A_p]]
+
+is what is left on p when s fits best beside each p, all in units of ranges. To F_ss 1e-10 is added: a state that no
+output shows is known to lie somewhere in its range. M^-1 sigma^2 is the covariance of p where residuals are white.
+
+T. Soederstroem, P. Stoica, System Identification (1989), chapters 7 and 11.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,14 +27,30 @@ import numpy as np
 
 from hgogen.discretisation.runge_kutta import RK4, advance, repeated
 from hgogen.graph import Graph, to_casadi
-from hgogen.identification.information import Information
-from hgogen.identification.records import Log
+from hgogen.identification.records import BadLog, Log
 from hgogen.part import on_line
 from hgogen.program import column
-from hgogen.signal import Signal
+from hgogen.reading.time_unit import plural
+from hgogen.signal import Signal, resting
 from hgogen.system import System
 
 Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """`M` (q, q) of the parameters and offsets in their units, as above with sigma = 1; `residuals` (N, p) of each
+    record, in the units of the outputs, NaN where nothing was measured; `tell`: of each output what its residuals tell,
+    record after record, in the units of M."""
+
+    M: Array
+    residuals: tuple[Array, ...]
+    tell: tuple[Array, ...]
+
+    @property
+    def outputs(self) -> tuple[Array, ...]:
+        """The residuals of each output, record after record."""
+        return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,3 +151,66 @@ class Problem:
         values |= dict(zip(self.free, ca.vertsplit(p), strict=True)) if self.free else {}
         values |= dict(zip(self.plant.inputs, ca.vertsplit(u), strict=True)) if self.plant.inputs else {}
         return column(to_casadi(rows, values))
+
+
+SOMEWHERE = 1e-10
+
+
+def eliminated(F: Any, A: Any, q: int) -> Array:
+    """M (q, q), of the first q unknowns; F (v, v) and A (gaps, v) may be sparse."""
+    F, A = ca.DM(F), ca.DM(A)
+    A_p, A_s = A[:, :q], A[:, q:]
+    rest = F[q:, q:] + SOMEWHERE * ca.DM.eye(F.shape[0] - q)
+    K = ca.blockcat([[rest, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
+    side = ca.vertcat(F[q:, :q], A_p)
+    M = (F[:q, :q] - side.T @ ca.solve(K, side, "qr")).full()
+    return np.asarray((M + M.T) / 2)
+
+
+def tables(records: Sequence[Log], outputs: Sequence[Array]) -> tuple[Array, ...]:
+    """Values of each output where it was measured, record after record, as tables (N, p) of the records."""
+    made = [np.full(record.y.shape, np.nan) for record in records]
+    for j, values in enumerate(outputs):
+        begin = 0
+        for record, table in zip(records, made, strict=True):
+            there = np.isfinite(record.y[:, j])
+            end = begin + int(there.sum())
+            table[there, j] = values[begin:end]
+            begin = end
+    return tuple(made)
+
+
+POINTS = 40
+FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
+MOST_STEPS = 50  # of a sample
+
+
+def paced(plant: System, period: float) -> tuple[int, float]:
+    """The Runge-Kutta steps of a sample that the fastest mode asks for, and the rate at which errors grow.
+
+    Raises: `BadLog` for samples too slow for the plant.
+    """
+    fastest, growing = rates(plant)
+    steps = max(1, math.ceil(fastest * period / FOLLOWED))
+    if steps > MOST_STEPS:
+        reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
+        fix = f"are the times in {plural(plant.time)}? Else narrow its ranges, or give a faster record"
+        raise BadLog(f"plant {plant.name!r}", f"{reason}; {fix}")
+    return steps, growing
+
+
+def rates(plant: System) -> tuple[float, float]:
+    """The largest modulus of an eigenvalue of df/dx, and the largest real part, 0 where none is positive: at rest, and
+    at random points of the declared ranges."""
+    draw, n, signals = np.random.default_rng(0), len(plant.states), (*plant.states, *plant.inputs, *plant.parameters)
+    symbols = {s: ca.SX.sym(s.name) for s in signals}
+    at = column(symbols.values())
+    flow = column(to_casadi(plant.flow, symbols))
+    jacobian = ca.Function("jacobian", [at], [ca.jacobian(flow, at)[:, :n]])
+    spectra = [np.zeros(1)]
+    for k in range(POINTS):
+        J = jacobian([draw.uniform(*s.interval) if s.bounded and k else resting(s) for s in signals]).full()
+        if np.isfinite(J).all():
+            spectra.append(np.linalg.eigvals(J))
+    every = np.concatenate(spectra)
+    return float(np.abs(every).max()), float(max(0.0, every.real.max()))

@@ -21,10 +21,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.identification.information import Information, eliminated, tables
-from hgogen.identification.problem import Problem
+from hgogen.identification.problem import Information, Problem, eliminated, tables
 from hgogen.identification.records import Log
-from hgogen.identification.robust import influence
+from hgogen.identification.whiteness import influence
 
 Array = np.ndarray
 _STEPS = 64  # of Runge and Kutta, in one graph of scalars

@@ -10,7 +10,7 @@ is told.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,16 +41,8 @@ class Structure:
 def structure(plant: System, free: Sequence[Signal], offset: Sequence[Signal]) -> Structure | None:
     """Of these parameters and the offsets of these outputs; None where derivatives of the outputs say nothing."""
     added = {y: Signal(f"offset_of_{y.name}", y.unit, nominal=0) for y in offset}
-    asked = System(
-        plant.name,
-        states=plant.states,
-        inputs=plant.inputs,
-        outputs=plant.outputs,
-        parameters=(*plant.parameters, *added.values()),
-        flow=plant.flow,
-        output=[h + added.get(y, 0) for y, h in zip(plant.outputs, plant.output, strict=True)],
-        time=plant.time,
-    )
+    shifted = tuple(h + added.get(y, 0) for y, h in zip(plant.outputs, plant.output, strict=True))
+    asked = replace(plant, parameters=(*plant.parameters, *added.values()), output=shifted)
     try:
         whole = observability(asked, unknown=(*(p.name for p in free), *(o.name for o in added.values())))
     except (NothingMeasured, NowhereDefined, NoTape):

@@ -9,17 +9,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.identification.information import Information
-from hgogen.identification.motion import paced
 from hgogen.identification.predicting import Predicting
-from hgogen.identification.problem import Problem
+from hgogen.identification.problem import Information, Problem, paced
 from hgogen.identification.records import Log
 from hgogen.identification.result import FINE, SAME, Estimate, Fit, Place, above
-from hgogen.identification.robust import CORNER, WRONG, corner, deviation
 from hgogen.identification.shooting import Shooting
 from hgogen.identification.solution import Solution, Solver
 from hgogen.identification.structural import Structure, parted, structure
-from hgogen.identification.whiteness import alike, whiteness
+from hgogen.identification.whiteness import CORNER, WRONG, alike, corner, deviation, whiteness
 from hgogen.signal import Signal, resting
 from hgogen.structure.valued import valued
 from hgogen.system import System

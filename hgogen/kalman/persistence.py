@@ -34,9 +34,8 @@ from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import doubtful
 from hgogen.intervals.slope import JUMPS, KINKS
-from hgogen.reading.expression import parse
+from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.given import BadGain
-from hgogen.reading.tokens import BadExpression
 from hgogen.sentence import NONE, Reason, Sentence, because, equations
 from hgogen.signal import Signal
 

@@ -1,4 +1,4 @@
-"""A JSON file that a user gives, read once and no further than is reasonable.
+"""A JSON file of parameters or tunings that a user gives, read once and no further than is reasonable.
 
 A file that a command wrote holds the equations of its plant. A plant with others takes its numbers all the same, since
 a model changes while it is worked on; but that is said.
@@ -6,11 +6,21 @@ a model changes while it is worked on; but that is said.
 
 import json
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
+from sys import float_info
+from types import FunctionType
 from typing import Any
 
+import sympy as sp
+
 from hgogen.errors import BadArgument
+from hgogen.form import Form
+from hgogen.observer import Observer
 from hgogen.reading.content import Unread, content_of
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.structure.valued import exchanged, valued
 from hgogen.system import System
 
 LARGEST = 10_000_000  # bytes
@@ -51,3 +61,70 @@ def table_of(path: Path, writer: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise BadFile(str(path), f"is no JSON ({error}); give a file that `{writer}` wrote") from None
     return table if isinstance(table, dict) else {}
+
+
+def read_tunings(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
+    """The tunings of a plant by name of a JSON file, such as `hgogen tune` writes, and the one to take, "" where it
+    says none.
+
+    Raises: `BadFile`.
+    """
+    content = table_of(path, "hgogen tune")
+    tables, take = content.get("tuning"), content.get("take", "")
+    if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
+        raise BadFile(str(path), 'has no table "tuning" of tables; write {"tuning": {"riccati": {"Q": .., "R": ..}}}')
+    if take not in ("", *tables):
+        raise BadFile(str(path), f"takes {take!r:.60}, which is none of its tunings: {', '.join(tables)}")
+    demand_plant(path, content, plant)
+    return tables, take
+
+
+_MADE = (System, Form, Observer, Step)
+
+
+class BadParameters(BadFile):
+    """A file of parameters that cannot be taken."""
+
+
+def read_values(path: Path, plant: System) -> dict[str, float]:
+    """The values of a plant's parameters by name of a JSON file, such as `hgogen fit` writes.
+
+    Raises: `BadFile`.
+    """
+    content = table_of(path, "hgogen fit")
+    values = content.get("parameters")
+    if not isinstance(values, dict):
+        raise BadParameters(str(path), 'has no table "parameters"; write {"parameters": {"NAME": value}}')
+    for name, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= float_info.max:
+            raise BadParameters(str(path), f"gives {name[:60]!r} the value {value!r:.60}; give a finite number")
+    demand_plant(path, content, plant)
+    return {name: float(value) for name, value in values.items()}
+
+
+def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) -> dict[str, Any]:
+    """What a model file holds by name, with other values of the plant's parameters, where it differs: the plant, its
+    parameters, and tables and expressions that read them. What functions make is made of these when they are called.
+
+    Raises: `BadParameters` for what was made of the plant when the file was read; `BadValue`.
+    """
+    new, moved = exchanged(plant, values), valued(plant, values)
+    made = {name: _put(name, value, plant, moved, new) for name, value in names.items() if not name.startswith("__")}
+    return {name: value for name, value in made.items() if value is not names[name]}
+
+
+def _put(name: str, value: Any, plant: System, moved: System, new: Mapping[Signal, Signal]) -> Any:
+    if value is plant:
+        return moved
+    if isinstance(value, _MADE):
+        reason = "is made of the plant where the file is read, with the values in it; make it in a function"
+        raise BadParameters(name, reason)
+    if isinstance(value, sp.Basic):
+        return value.xreplace(dict(new)) if value.free_symbols & new.keys() else value
+    if isinstance(value, FunctionType) or not isinstance(value, dict | list | tuple):
+        return value
+    parts = value.values() if isinstance(value, dict) else value
+    changed = [_put(name, part, plant, moved, new) for part in parts]
+    if all(one is other for one, other in zip(changed, parts, strict=True)):
+        return value
+    return dict(zip(value, changed, strict=True)) if isinstance(value, dict) else type(value)(changed)

@@ -4,12 +4,13 @@ Those that come with hgogen lie in the folder `models` of an installed package, 
 there, in the one beside the package.
 """
 
+import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from hgogen.errors import HgogenError, nearest
-from hgogen.reading.languages import READERS, declares
+from hgogen.reading.content import BYTES, READERS, Unread, content_of, declares
 
 FOLDER = Path("models")
 PYTHON = ".py"
@@ -88,3 +89,19 @@ def _models(folder: Path) -> Iterator[Path]:
     """The model files in a folder, without what hgogen itself writes as JSON beside them."""
     files = (path for path in folder.glob("*") if path.suffix in SUFFIXES and path.is_file())
     return (path for path in files if not path.name.startswith("_") and (path.suffix == PYTHON or declares(path)))
+
+
+def summary(path: str) -> str:
+    """What a model file says it is, the first sentence of its docstring or `meaning`; empty where it says nothing or
+    cannot be read. Nothing of the file is run."""
+    suffix = Path(path).suffix
+    try:
+        text = content_of(path, BYTES)
+        if suffix == PYTHON:
+            meaning = ast.get_docstring(ast.parse(text)) or ""
+        else:
+            table = READERS[suffix](text.decode("utf-8-sig"))
+            meaning = str(table.get("meaning", "")) if isinstance(table, dict) else ""
+    except (Unread, ValueError, SyntaxError, RecursionError, MemoryError):  # `load` tells what is wrong with it
+        return ""
+    return " ".join(meaning.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")

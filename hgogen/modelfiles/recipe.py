@@ -10,7 +10,7 @@ settled = {state = "x2", band = 0.1, hold = 0.5}   # the error's band, kept to f
 seeds = 4                        # how many records of the noise
 """
 
-from hgogen.modelfiles.limits import SEEDS
+from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading.expression import parse
 from hgogen.reading.text_model import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
 from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.errors import HgogenError
-from hgogen.modelfiles.limits import SEEDS
+from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading import filename
 from hgogen.reading.door import scalar
 from hgogen.reading.expression import parse

@@ -70,3 +70,6 @@ def demand_known(kind: str, name: str | None, known: Iterable[str]) -> None:
         return
     fix = nearest(name, known, f"there are {', '.join(known)}")
     raise UnknownCase(f"--{kind} {name[:60]}:", f"there is no such {kind}; {fix}")
+
+
+SEEDS = 1000  # of the noise of a trial, at most

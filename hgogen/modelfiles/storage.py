@@ -8,12 +8,16 @@ have them, is an expression: of the errors in V, which have the names e_STATE, e
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import sympy as sp
 
+from hgogen.errors import BadArgument
 from hgogen.guarantees.dissipation import Dissipation, dissipation
+from hgogen.guarantees.entering import ENTERING
 from hgogen.guarantees.error_system import BadErrorSystem, error_system
+from hgogen.intervals.computed import REALS
 from hgogen.reading.door import Misfit
 from hgogen.reading.expression import parse
 from hgogen.system import System
@@ -52,3 +56,31 @@ def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
     if isinstance(value, Mapping):
         return {key: _read(each, names) for key, each in value.items()}
     return [_read(each, names) for each in value] if isinstance(value, list | tuple) else value
+
+
+_GAINS = "gains"
+
+
+class NoBounds(BadArgument):
+    """What stands in bounds and is none."""
+
+    text = "in bounds, {what} is none; {reason}"
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """`sizes`: arguments of `hg.error_bound`; `gains`: whether those in continuous time are asked for as well."""
+
+    sizes: Mapping[str, Any]
+    gains: bool
+
+
+def bounds(declared: Any) -> Bounds:
+    """Those that a file declares. Raises: `NoBounds`."""
+    for what, value in declared.items() if isinstance(declared, Mapping) else [("bounds", declared)]:
+        sized = what in ENTERING and isinstance(value, Mapping)
+        if not (sized or (what == "real" and value in REALS) or (what == _GAINS and isinstance(value, bool))):
+            kinds = f"a mapping from some of {', '.join(ENTERING)} to sizes by name"
+            raise NoBounds(f"{what} = {value!r}", f"make it {kinds}, real a precision, {_GAINS} true or false")
+    sizes = {what: value for what, value in declared.items() if what != _GAINS}
+    return Bounds(sizes, declared.get(_GAINS, False))

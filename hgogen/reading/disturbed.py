@@ -6,6 +6,8 @@ An observer of the new plant estimates d with the rest. That the last rate is 0 
 else is known: what is proved holds while it is so, a jump of d is a new start, and a filter gives its row noise by Q.
 """
 
+from dataclasses import replace
+
 import sympy as sp
 
 from hgogen.errors import nearest
@@ -34,16 +36,8 @@ def with_disturbance(
     row = plant.states.index(_state(plant, on))
     unknown = _chain(plant, plant.states[row], order, signal)
     flow = [f + unknown[0] if i == row else f for i, f in enumerate(plant.flow)]
-    return System(
-        plant.name if name is None else name,
-        states=(*plant.states, *unknown),
-        inputs=plant.inputs,
-        outputs=plant.outputs,
-        parameters=plant.parameters,
-        flow=[*flow, *unknown[1:], 0],
-        output=plant.output,
-        time=plant.time,
-    )
+    new = plant.name if name is None else name
+    return replace(plant, name=new, states=(*plant.states, *unknown), flow=(*flow, *unknown[1:], sp.S.Zero))
 
 
 def _state(plant: System, on: str | sp.Symbol) -> Signal:

@@ -13,19 +13,21 @@ A text means what SymPy makes of it: exp(log(x)) is x and x/x is 1, also where t
 `read` tells such folding, which the grammar sees before SymPy does.
 """
 
-from collections.abc import Callable, Mapping
+import re
+import unicodedata
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 
 from hgogen.algebra.interpolation import Cells, applied
 from hgogen.algebra.tape import NEAREST, plain
-from hgogen.errors import nearest
+from hgogen.errors import HgogenError, nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
-from hgogen.reading.tokens import BadExpression, Token, tokens
 
 __all__ = ["BadExpression", "parse", "read"]
 
@@ -79,6 +81,72 @@ def read(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells
         return Fold(text, reading, lost(parser.demanded, reading))
     except RecursionError:  # in SymPy, where the caller has left little of the stack
         raise BadExpression(text, 1, "is nested too deep for the stack; flatten it") from None
+
+
+_TOKEN = re.compile(
+    r"""\s*(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+    |(?P<name>[A-Za-z_][A-Za-z0-9_]*)
+    |(?P<sign>\*\*|<=|>=|[-+*/(),<>&|])
+    |(?P<end>\Z)
+    |(?P<other>.))""",
+    re.VERBOSE | re.ASCII | re.DOTALL,
+)
+_FIXES = {
+    "^": "write ** for a power",
+    ".": "a dot belongs in a number only; write * for a product",
+    "=": "an expression has no =; inside Piecewise compare with < <= > >=",
+    "!": "conditions know < <= > >= & | only",
+    "~": "conditions know < <= > >= & | only",
+    "[": "write parentheses ( )",
+    "]": "write parentheses ( )",
+    "{": "write parentheses ( )",
+    "}": "write parentheses ( )",
+    "'": "text is no value; write numbers and declared names",
+    '"': "text is no value; write numbers and declared names",
+    "\x00": "remove the NUL character",
+}
+
+
+@dataclass(eq=False)
+class BadExpression(HgogenError):
+    """A text outside the grammar, or without a finite real value; `column` counts from 1."""
+
+    text: str
+    column: int
+    reason: str
+
+    def __str__(self) -> str:
+        start = max(0, min(self.column - 1, len(self.text)) - 30)
+        shown = repr(self.text[start : start + 60])
+        head, tail = "..." if start else "", "..." if start + 60 < len(self.text) else ""
+        return f"expression {head}{shown}{tail}, column {self.column}: {self.reason}"
+
+
+class Token(NamedTuple):
+    """`kind`: number, name, sign, or end; `column` counts from 1."""
+
+    kind: str
+    text: str
+    column: int
+
+
+def tokens(text: str) -> Iterator[Token]:
+    """The tokens of a text, the last of the kind "end".
+
+    Raises: `BadExpression` for a character outside the grammar.
+    """
+    for match in _TOKEN.finditer(text):
+        kind = str(match.lastgroup)
+        token = Token(kind, match[kind], match.start(kind) + 1)
+        if kind == "other":
+            reason = f"{token.text!r} is not in the grammar; {_FIXES.get(token.text, 'remove it')}"
+            if not token.text.isascii():
+                name = unicodedata.name(token.text, "without a name")
+                reason = f"{token.text!a} ({name}) is not in the grammar; write ASCII letters, digits and signs"
+            raise BadExpression(text, token.column, reason)
+        yield token
+        if kind == "end":
+            return
 
 
 class _Parser:

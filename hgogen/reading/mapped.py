@@ -9,6 +9,7 @@ converted by y -> factor y + offset. The units are pint's, an optional library; 
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -21,6 +22,7 @@ from hgogen.graph import NoGraph, to_casadi
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.log import BadRecord, Column, Table
 from hgogen.reading.optional import NotInstalled, library
+from hgogen.signal import Signal
 
 FAR = 1e9  # where a conversion is asked for besides 0: its offset then costs no digits of the factor
 _BRACKETS = re.compile(r"\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")  # with a pair of brackets in it, as of a unit
@@ -177,3 +179,61 @@ def _turns(first: Any, second: Any) -> bool:
         [bool(names & set(map(str, unit._units))) for unit in (first, second)] for names in ({"hertz"}, _ANGLES)
     )
     return (cycles[0] and angles[1]) or (cycles[1] and angles[0])
+
+
+def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> str | None:
+    """The signal that a text names: plain "u" and "y" are the only input and the only output."""
+    names = [s.name for s in (*inputs, *outputs)]
+    short = {"u": inputs, "y": outputs}
+    if key not in names and len(short.get(key, ())) == 1:
+        return str(short[key][0].name)
+    return key if key in names else None
+
+
+def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, int]:
+    """Samples by signal, from texts "SIGNAL=SAMPLES", each of which may hold several, with commas between them.
+
+    Raises: `BadRecord`.
+    """
+    shifts: dict[str, int] = {}
+    for text in (part for each in texts for part in each.split(",")):
+        key, _, number = (part.strip() for part in text.partition("="))
+        name = signal_named(key, inputs, outputs)
+        if name is None:
+            listed = ", ".join(s.name for s in (*inputs, *outputs))
+            raise BadRecord(path, f"--shift {text!r} names no signal; the signals are {listed}")
+        if name in shifts:
+            raise BadRecord(path, f"--shift gives {name} twice; leave one of them out")
+        try:
+            shifts[name] = int(number)
+        except ValueError:
+            reason = f"--shift {text!r} must read SIGNAL=SAMPLES, a whole number, such as u=1 for one sample later"
+            raise BadRecord(path, reason) from None
+    return shifts
+
+
+def mapping(
+    path: str, assignments: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
+) -> dict[str, str]:
+    """The column name of each signal, from texts "SIGNAL=COLUMN"; a signal that none names has a column of its own
+    name.
+
+    Plain "u" and "y" name the only input and the only output.
+
+    Raises: `BadRecord`.
+    """
+    names = [s.name for s in (*inputs, *outputs)]
+    columns = {name: name for name in names}
+    seen: dict[str, str] = {}
+    for text in assignments:
+        key, equals, column = text.partition("=")
+        key = signal_named(key.strip(), inputs, outputs) or key.strip()
+        if not equals or not column.strip():
+            raise BadRecord(path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}")
+        if key not in names:
+            raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
+        if key in seen:
+            raise BadRecord(path, f"--map {seen[key]!r} and --map {text!r} map {key} twice; leave one of them out")
+        seen[key] = text
+        columns[key] = column.strip()
+    return columns

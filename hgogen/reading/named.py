@@ -6,8 +6,10 @@ A mapping has every name once, in any order; a key is a name, or a signal for it
 is: the order of a sequence is that of the coordinates.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from fractions import Fraction
 from numbers import Real
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -20,6 +22,7 @@ from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.program import Field
 from hgogen.reading.filename import cut
+from hgogen.reading.given import BadGain, real
 
 Values: TypeAlias = Mapping[str, float] | Sequence[float]
 Matrix: TypeAlias = Mapping[str, float | Mapping[str, float]] | Sequence[float] | np.ndarray
@@ -170,3 +173,30 @@ def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
         inside = ", ".join(reading or names.values())
         advice[state.name] = f"which is no coordinate of this form ({form.kind}); in its place give {inside}"
     return {name: sentence for name, sentence in advice.items() if name not in names}
+
+
+Each = Mapping[str, float] | None
+
+
+def sizes(what: str, values: Each, names: Sequence[str], default: float = 0.0) -> list[Fraction]:
+    """A size for each name, the default where none is given. Raises: `BadNames`, `BadGain`."""
+    each = each_by_name(what, values, names, default)
+    return [size(f"{what} of {name}", value) for name, value in zip(names, each, strict=True)]
+
+
+def each_by_name(what: str, values: Each, names: Sequence[str], default: Any) -> list[Any]:
+    """What is given for each name, or the default. Raises: `BadNames`."""
+    if not isinstance(values, Mapping | None):
+        raise BadNames(what, f"= {values!r} is no mapping from names to numbers")
+    return list(in_order(what, values or {}, names, default=dict.fromkeys(names, default)))
+
+
+def size(what: str, value: Any) -> Fraction:
+    """A finite number, not negative. Raises: `BadGain` for anything else."""
+    number = real(what, value)
+    if isinstance(value, bool) or not 0 <= number < math.inf:
+        raise BadGain(f"{what} = {value if isinstance(value, bool) else f'{number:g}'}", _SIZE)
+    return Fraction(number)
+
+
+_SIZE = "must be a finite number, not negative"

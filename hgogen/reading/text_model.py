@@ -41,12 +41,11 @@ import sympy as sp
 
 from hgogen.algebra.interpolation import Cells
 from hgogen.errors import BadArgument, HgogenError, nearest
-from hgogen.reading.content import Unread, content_of
+from hgogen.reading.content import BYTES, READERS, Unread, content_of
 from hgogen.reading.disturbed import with_disturbance
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
-from hgogen.reading.languages import BYTES, READERS
 from hgogen.reading.table import cells_of
 from hgogen.signal import Signal
 from hgogen.system import System

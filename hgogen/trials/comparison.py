@@ -23,9 +23,8 @@ from hgogen.certificates.error_bound import ErrorBound
 from hgogen.emit.cost import Cost, cost
 from hgogen.signal import Signal
 from hgogen.trial import Trajectory, Trial, try_out
-from hgogen.trials.interventions import Interventions, interventions
+from hgogen.trials.incidents import Interventions, interventions
 from hgogen.trials.metrics import median, metrics, ranges
-from hgogen.trials.within import largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,3 +100,36 @@ def rises(trajectory: Trajectory) -> np.ndarray:
     begins = [k for k in np.searchsorted(t, np.array(trajectory.trial.events) - 1e-9) if k < len(t)]
     largest: np.ndarray = (np.maximum.reduceat(error, begins) - error[begins]).max(axis=0)
     return largest
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Of a state: the `bound` of its error, and the `worst` from `after` (the model's unit of time) on after each event
+    of a trial, None where it ends before."""
+
+    state: str
+    unit: str
+    bound: float
+    after: float
+    worst: float | None
+
+
+def seen(states: Sequence[Signal], trajectory: Trajectory, known: ErrorBound) -> tuple[Seen, ...]:
+    """Of each state that has a bound; none where it is not known from when on they hold."""
+    if known.settles is None:
+        return ()
+    t, events = trajectory.truth.t, np.asarray(trajectory.trial.events)
+    last = events[np.searchsorted(events, t, side="right") - 1]
+    holds = t - last >= known.settles
+    rows = []
+    for k, state in enumerate(states):
+        if state.name in known.bounds:
+            worst = float(np.abs(trajectory.error[holds, k]).max()) if holds.any() else None
+            rows.append(Seen(state.name, state.unit, known.bounds[state.name], known.settles, worst))
+    return tuple(rows)
+
+
+def largest(states: Sequence[Signal], each: Sequence[Trajectory], known: ErrorBound) -> Mapping[str, float | None]:
+    """The worst of all trajectories by the name of each state that has a bound; None where none of them tells."""
+    rows = [one for trajectory in each for one in seen(states, trajectory, known) if one.worst is not None]
+    return {name: max((one.worst or 0.0 for one in rows if one.state == name), default=None) for name in known.bounds}

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, to_casadi
 from hgogen.reading.door import Misfit, asks_a_plant
 from hgogen.reading.given import real
@@ -29,15 +29,10 @@ _OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-10}
 _PIECES = 10  # of the shortest window: between two starts of a window
 
 
-@dataclass(eq=False)
-class BadWindows(HgogenError):
+class BadWindows(BadArgument):
     """Windows that are no lengths of time within the trial."""
 
-    windows: tuple[float, ...]
-    reason: str
-
-    def __str__(self) -> str:
-        return f"windows {', '.join(f'{d:g}' for d in self.windows)}: {self.reason}"
+    text = "windows {what}: {reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +92,8 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
         raise Misfit("gramian, trial=", trial, "a trial, as hgogen.trial.Trial makes it")
     windows = tuple(real("d", one) for one in (d if isinstance(d, Iterable) else (d,)))
     if not windows or not all(0 < one <= trial.duration for one in windows):
-        longest = f"at most the trial's {trial.duration:g}"
-        raise BadWindows(windows, f"must be times in {plural(plant.time)}, above 0 and {longest}")
+        reason = f"must be times in {plural(plant.time)}, above 0 and at most the trial's {trial.duration:g}"
+        raise BadWindows(", ".join(f"{d:g}" for d in windows), reason)
     grid = min(windows) / _PIECES
     truth = simulate(plant, trial, grid)
     steps, names = _steps(plant, trial, truth.x, grid), tuple(s.name for s in plant.states)

@@ -14,53 +14,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 
 SPREADS = 6.5  # standard deviations of the quiet innovation between its mean and gamma_0
 LEAST = 100  # samples without which a standard deviation and a correlation say little
 
 
-@dataclass(eq=False)
-class TooLittle(HgogenError):
+class TooLittle(BadArgument):
     """A record too short, or without any noise, to learn from."""
 
-    reason: str
 
-    def __str__(self) -> str:
-        return self.reason
-
-
-@dataclass(eq=False)
-class BadInterval(HgogenError):
-    """An interval of time, `begin`..`end` in the `unit`, that is not in the record's `first`..`last`."""
-
-    begin: float
-    end: float
-    first: float
-    last: float
-    unit: str
-
-    def __str__(self) -> str:
-        return (
-            f"the quiet part {self.begin:g}..{self.end:g} {self.unit} is not an interval in the record, which runs "
-            f"from {self.first:g} to {self.last:g} {self.unit}; give --from and --to within it, the earlier first"
-        )
+class BadInterval(BadArgument):
+    """An interval of time that is not in the record."""
 
 
-@dataclass(eq=False)
-class BadWindow(HgogenError):
-    """A window `d` shorter than the sampling period `dt` or longer than the quiet part, `length`, all in the `unit`."""
-
-    d: float
-    dt: float
-    length: float
-    unit: str
-
-    def __str__(self) -> str:
-        return (
-            f"the window d = {self.d:g} {self.unit} must lie within {self.dt:g}..{self.length:g} {self.unit}, from the "
-            "sampling period to the length of the quiet part; give another by --window"
-        )
+class BadWindow(BadArgument):
+    """A window shorter than the sampling period or longer than the quiet part."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +62,9 @@ def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s"
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
     low, high = first if begin is None else begin, last if end is None else end
     if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
-        raise BadInterval(low, high, first, last, unit)
+        reason = f"is not an interval in the record, which runs from {first:g} to {last:g} {unit}"
+        fix = "give --from and --to within it, the earlier first"
+        raise BadInterval(f"the quiet part {low:g}..{high:g} {unit}", f"{reason}; {fix}")
     inside: np.ndarray = (t >= low) & (t <= high)
     return inside
 
@@ -106,14 +77,15 @@ def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") ->
     """
     there = np.isfinite(y)
     if there.sum() < LEAST:
-        raise TooLittle(f"{output} has {there.sum()} samples; give at least {LEAST} from a quiet part of the record")
+        raise TooLittle(output, f"has {there.sum()} samples; give at least {LEAST} from a quiet part of the record")
     if not dt * (1 - 1e-9) <= d <= len(y) * dt * (1 + 1e-9):
-        raise BadWindow(d, dt, len(y) * dt, unit)
+        within = f"{dt:g}..{len(y) * dt:g} {unit}, from the sampling period to the length of the quiet part"
+        raise BadWindow(f"the window d = {d:g} {unit}", f"must lie within {within}; give another by --window")
     t = np.arange(len(y)) * dt
     residual = y - np.polyval(np.polyfit(t[there], y[there], 1), t)
     sigma = float(np.std(residual[there], ddof=2))
     if sigma <= 1e-12 * float(np.abs(y[there]).max()):
-        raise TooLittle(f"{output} is constant or a straight line: there is no noise to learn from")
+        raise TooLittle(output, "is constant or a straight line: there is no noise to learn from")
     tau = correlation_time(residual, dt)
     window = max(1, round(d / dt))
     relative = spread(window, dt, tau)

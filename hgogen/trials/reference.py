@@ -24,7 +24,7 @@ import numpy as np
 from hgogen.calling.samples import Run, table
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, repeated
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.graph import CVODES, Graph
 from hgogen.kalman.covariance import information_ode
 from hgogen.kalman.predictor import Predictors
@@ -43,18 +43,10 @@ TIME = Place("work", "time")  # since the last sample
 OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-12}
 
 
-@dataclass(eq=False)
-class CannotIntegrate(HgogenError):
+class CannotIntegrate(BadArgument):
     """The continuous observer cannot be followed over an interval between samples."""
 
-    observer: str
-    dt: float
-
-    def __str__(self) -> str:
-        return (
-            f"the continuous equations of {self.observer} cannot be integrated over a sample of {self.dt:g}: they may "
-            "escape in finite time or lose S > 0 to rounding; check gains, ranges and the record"
-        )
+    text = "the continuous equations of {what} cannot be integrated over a sample of {reason}"
 
 
 @asks((Observer, Step), "an observer, one of hg.observers, or a step, as hg.sample makes it")
@@ -149,7 +141,8 @@ def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
         try:
             end = solver(x0=np.concatenate([*moving.values()]), p=np.concatenate([*arrays.values()]))["xf"]
         except RuntimeError:
-            raise CannotIntegrate(step.observer.name, step.dt) from None
+            doubt = "they may escape in finite time or lose S > 0 to rounding; check gains, ranges and the record"
+            raise CannotIntegrate(step.observer.name, f"{step.dt:g}: {doubt}") from None
         for result, values in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
             result[:] = values
 

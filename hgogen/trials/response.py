@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import Core, core, nominal, numbers
-from hgogen.errors import BadArgument, HgogenError
+from hgogen.errors import BadArgument
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
@@ -37,15 +37,8 @@ class NoResponse(BadArgument):
     text = "the {what} observer has no frequency response: {reason}"
 
 
-@dataclass(eq=False)
-class BadFrequency(HgogenError):
+class BadFrequency(BadArgument):
     """Frequencies that are none."""
-
-    omega: str
-    time: str
-
-    def __str__(self) -> str:
-        return f"omega = {self.omega} must be positive numbers (rad/{self.time}), such as (50, 100, 300)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +81,8 @@ def response(source: Observer | Step, omega: Any) -> Response:
         raise Misfit("response", source, "an observer or a step")
     frequencies = np.atleast_1d(reals("omega", omega))
     if frequencies.ndim > 1 or not frequencies.size or not (np.isfinite(frequencies) & (frequencies > 0)).all():
-        raise BadFrequency(repr(omega), observer.form.system.time)
+        unit = f"rad/{observer.form.system.time}"
+        raise BadFrequency(f"omega = {omega!r}", f"must be positive numbers ({unit}), such as (50, 100, 300)")
     part, line, values = *_linear_core(observer), nominal(observer)
     E, states, coordinates = _estimate(observer, part, line, values)
     if step:

@@ -6,7 +6,7 @@
     share        mu over the innovation                                    Boizot, Busvelle, Gauthier 2010
     thetas       theta of each member of a bank, restarted by turns        Busvelle's slides
 
-`docs/paper_figures.py` draws them all.
+`paper_figures.py` draws them all.
 """
 
 from collections.abc import Mapping, Sequence
