@@ -82,20 +82,17 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
     `period`, `duration`: of a sample and of the shortest record, in the plant's time.
     """
     low, high = LEAST * period, max(MOST * duration, 2 * FIRST * period)
-    slow, lags = plant, list[Signal]()
+    flow, output, states, lags = list(plant.flow), list(plant.output), list(plant.states), list[Signal]()
     for y in outputs:
         behind = Signal(f"{y.name}_behind", y.unit, f"{y.name} as its sensor shows it")
         tau = Signal(f"lag_of_{y.name}", plant.time, f"lag of the sensor of {y.name}", FIRST * period, low, high)
-        h = plant.output[plant.outputs.index(y)]
-        slow = replace(
-            slow,
-            states=(*slow.states, behind),
-            parameters=(*slow.parameters, tau),
-            flow=(*slow.flow, (h - behind) / tau),
-            output=tuple(behind if other == y else row for other, row in zip(plant.outputs, slow.output, strict=True)),
-        )
+        row = plant.outputs.index(y)
+        flow.append((output[row] - behind) / tau)
+        output[row] = behind
+        states.append(behind)
         lags.append(tau)
-    return slow, lags
+    rows = {"states": tuple(states), "flow": tuple(flow), "output": tuple(output)}
+    return replace(plant, **rows, parameters=(*plant.parameters, *lags)), lags
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:
