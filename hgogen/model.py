@@ -289,8 +289,10 @@ def load(path: str | Path) -> Model:
     that cannot be part of a path, and with file, key and fix for plain text.
     """
     file = located(str(path))
-    if why := filename.fault(file.stem):
-        raise BadModelFile(str(file), "", f"{filename.BadFileName(file.stem, why)} in the name of the file")
+    try:
+        filename.demand(file.stem)
+    except filename.BadFileName as error:
+        raise BadModelFile(str(file), "", f"{error} in the name of the file") from None
     return _LOADERS[file.suffix](file)
 
 

@@ -91,8 +91,9 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
         output[row] = behind
         states.append(behind)
         lags.append(tau)
-    rows = {"states": tuple(states), "flow": tuple(flow), "output": tuple(output)}
-    return replace(plant, **rows, parameters=(*plant.parameters, *lags)), lags
+    parameters = (*plant.parameters, *lags)
+    slow = replace(plant, states=tuple(states), parameters=parameters, flow=tuple(flow), output=tuple(output))
+    return slow, lags
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int) -> Fit:

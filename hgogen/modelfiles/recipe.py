@@ -12,7 +12,17 @@ seeds = 4                        # how many records of the noise
 
 from hgogen.modelfiles.setting import SEEDS
 from hgogen.reading.expression import parse
-from hgogen.reading.text_model import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
+from hgogen.reading.text_model import (
+    EXPRESSION,
+    NUMBER,
+    TABLE,
+    TEXT,
+    BadModelFile,
+    PlainModel,
+    as_text,
+    demand_keys,
+    named,
+)
 from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t
 
 _TRIAL = {"name": TEXT, "duration": NUMBER, "steady": NUMBER, "seeds": NUMBER}
@@ -42,7 +52,7 @@ def trial_of(model: PlainModel) -> Trial:
     if not isinstance(count, int) or not 1 <= count <= SEEDS:
         raise BadModelFile(file, "trial.seeds", f"is {count!r}; write a whole number from 1 to {SEEDS}")
     inputs = {
-        name: named(file, f"trial.inputs.{name}", parse, value if isinstance(value, str) else repr(value), {"t": t})
+        name: named(file, f"trial.inputs.{name}", parse, as_text(value), {"t": t})
         for name, value in table.get("inputs", {}).items()
     }
     trial: Trial = named(

@@ -29,8 +29,6 @@ from hgogen.algebra.tape import NEAREST, plain
 from hgogen.errors import HgogenError, nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
 
-__all__ = ["BadExpression", "parse", "read"]
-
 CHARACTERS, TOKENS, DEPTH = 100_000, 20_000, 100  # of one expression
 DIGITS, DECADES = 400, 400  # of one number as written: double precision ends at 308
 BITS, TOTAL_BITS = 4096, 100_000  # of one number computed, of all the coefficients of one sum
@@ -95,14 +93,9 @@ _FIXES = {
     "^": "write ** for a power",
     ".": "a dot belongs in a number only; write * for a product",
     "=": "an expression has no =; inside Piecewise compare with < <= > >=",
-    "!": "conditions know < <= > >= & | only",
-    "~": "conditions know < <= > >= & | only",
-    "[": "write parentheses ( )",
-    "]": "write parentheses ( )",
-    "{": "write parentheses ( )",
-    "}": "write parentheses ( )",
-    "'": "text is no value; write numbers and declared names",
-    '"': "text is no value; write numbers and declared names",
+    **dict.fromkeys("!~", "conditions know < <= > >= & | only"),
+    **dict.fromkeys("[]{}", "write parentheses ( )"),
+    **dict.fromkeys("'\"", "text is no value; write numbers and declared names"),
     "\x00": "remove the NUL character",
 }
 
@@ -168,9 +161,11 @@ class _Parser:
 
     def whole(self) -> sp.Expr:
         """The value of the whole text."""
-        value = self.number_like(self.value(0), self.tokens[0])
-        if self.next.kind != "end":
-            raise self.bad(self.next, self.surplus())
+        value, token = self.number_like(self.value(0), self.tokens[0]), self.next
+        if token.text in (")", ","):
+            raise self.bad(token, f"{token.text!r} has no opening parenthesis or call before it; remove it")
+        if token.kind != "end":
+            raise self.bad(token, f"{self.shown(token)} follows a value; write an operator, such as *, between them")
         return value
 
     @property
@@ -196,13 +191,6 @@ class _Parser:
     def shown(self, token: Token) -> str:
         """A token in a sentence."""
         return "the end" if token.kind == "end" else repr(token.text[:40])
-
-    def surplus(self) -> str:
-        """What is wrong with a token that no operator leads to."""
-        token = self.next
-        if token.text in (")", ","):
-            return f"{token.text!r} has no opening parenthesis or call before it; remove it"
-        return f"{self.shown(token)} follows a value; write an operator, such as *, between them"
 
     def number_like(self, value: sp.Basic, token: Token) -> sp.Expr:
         """The value itself, unless it is a condition."""

@@ -5,26 +5,19 @@ It is one part of a path on every system: no separator, no "..", nothing that ca
 
 import re
 import unicodedata
-from dataclasses import dataclass
 from typing import Any
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 
 LONGEST = 100  # bytes in UTF-8: two of them and an ending fit the 255 that file systems take
 _STRANGE = re.compile(r'[/\\:*?"<>|]')
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
-@dataclass(eq=False)
-class BadFileName(HgogenError):
-    """A name that cannot be part of a path."""
+class BadFileName(BadArgument):
+    """A name, as it is shown, that cannot be part of a path."""
 
-    name: str
-    reason: str
-
-    def __str__(self) -> str:
-        fix = "it becomes part of the names of files: take letters, digits, - and _"
-        return f"the name {shown(self.name)} {self.reason}; {fix}"
+    text = "the name {what} {reason}; it becomes part of the names of files: take letters, digits, - and _"
 
 
 def shown(name: Any) -> str:
@@ -55,7 +48,7 @@ def fault(name: str) -> str:
 def demand(name: str) -> str:
     """The name. Raises: `BadFileName` where it cannot be part of a path."""
     if why := fault(name):
-        raise BadFileName(name, why)
+        raise BadFileName(shown(name), why)
     return name
 
 

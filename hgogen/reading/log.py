@@ -4,7 +4,7 @@ import csv
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -64,26 +64,43 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Header and columns of cells, each of so many `rows`; `malformed` rows were longer than the header and are left
-    out."""
+    """Header and columns (N,), of cells or, where a library read them, arrays; `malformed` rows were longer than the
+    header and are left out."""
 
     path: str
     header: tuple[str, ...]
-    columns: Sequence[Sequence[str]]
-    rows: int
-    malformed: int
-    decimal_comma: bool
-    notes: tuple[str, ...]
+    columns: Sequence[Any]
+    malformed: int = 0
+    decimal_comma: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """How many there are."""
+        return len(self.columns[0])
 
     def column(self, name: str) -> Column:
-        """The column of that name. Raises: `BadRecord`, which lists the columns there are."""
+        """The column of that name; a missing value is an empty cell. Raises: `BadRecord`, which lists what there is."""
         if self.header.count(name) != 1:
             raise BadRecord(self.path, self.no_column(name))
-        return parsed(name, self.cells(name), self.decimal_comma)
+        array, kind = self._of(name)
+        if kind not in "iufbm":
+            return parsed(name, self.cells(name), self.decimal_comma)
+        values = array / np.timedelta64(1, "s") if kind == "m" else array.astype(float)  # spans of time in seconds
+        return Column(name, np.where(np.isfinite(values), values, np.nan), np.isnan(values), "")
 
     def cells(self, name: str) -> Sequence[str]:
-        """The cells of the column of that name, as text."""
-        return self.columns[self.header.index(name)]
+        """The cells of the column of that name, as text, "" where there is none."""
+        array, kind = self._of(name)
+        if kind == "M":
+            return ["" if text == "NaT" else text for text in np.datetime_as_string(array.astype("datetime64[us]"))]
+        values: Sequence[Any] = array.tolist() if kind else array
+        return values if kind in "OU" else ["" if one is None or one != one else str(one) for one in values]
+
+    def _of(self, name: str) -> tuple[Any, str]:
+        """The column of that name, and of an array its kind."""
+        column = self.columns[self.header.index(name)]
+        return column, column.dtype.kind if isinstance(column, np.ndarray) else ""
 
     def no_column(self, name: str) -> str:
         """Why there is not one column of that name, with those there are."""
@@ -93,39 +110,6 @@ class Table:
         close = get_close_matches(name, named, 1)
         hint = f"; did you mean {close[0]!r}?" if close else ""
         return f"has no column {name!r}; its columns are {', '.join(named)}{hint}"
-
-
-@dataclass(frozen=True)
-class Columns(Table):
-    """A table whose columns (N,) are arrays; its rows hold no cells."""
-
-    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-
-    def column(self, name: str) -> Column:
-        """The column of that name; a missing value is an empty cell. Raises: `BadRecord`."""
-        if name not in self.arrays:
-            raise BadRecord(self.path, self.no_column(name))
-        array = self.arrays[name]
-        if array.dtype.kind in "iufb":
-            values = array.astype(float)
-            blank = np.isnan(values)
-            return Column(name, np.where(np.isfinite(values), values, np.nan), blank, "")
-        if array.dtype.kind == "m":  # spans of time, in seconds
-            values = np.where(np.isnat(array), np.nan, array / np.timedelta64(1, "s"))
-            return Column(name, values, np.isnan(values), "")
-        return parsed(name, self.cells(name), self.decimal_comma)
-
-    def cells(self, name: str) -> Sequence[str]:
-        """Each value as text, "" where there is none."""
-        array = self.arrays[name]
-        if array.dtype.kind == "M":
-            return ["" if text == "NaT" else text for text in np.datetime_as_string(array.astype("datetime64[us]"))]
-        values: list[Any] = array.tolist()
-        return (
-            values
-            if array.dtype.kind in "OU"
-            else ["" if value is None or value != value else str(value) for value in values]
-        )
 
 
 def log_of(source: Any) -> Table:
@@ -240,7 +224,7 @@ def _aligned(path: str, header: list[str], lines: list[str], delimiter: str, not
     comma = any(map(certain.fullmatch, with_comma))
     if comma:
         notes.append("decimal commas: read as decimal points")
-    return Table(path, tuple(header), columns, len(columns[0]), malformed, comma, tuple(notes))
+    return Table(path, tuple(header), columns, malformed, comma, tuple(notes))
 
 
 _Columns = tuple[Sequence[Sequence[str]], int, int]  # of cells, with how many rows are malformed, and how many short
@@ -298,10 +282,9 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _of_arrays(path: str, arrays: Mapping[str, np.ndarray], notes: tuple[str, ...] = ()) -> Table:
-    rows = len(next(iter(arrays.values()), ()))
-    if not rows:
+    if not any(map(len, arrays.values())):
         raise BadRecord(path, "has no rows")
-    return Columns(path, tuple(arrays), (), rows, 0, False, notes, arrays)
+    return Table(path, tuple(arrays), list(arrays.values()), notes=notes)
 
 
 def _binary(path: str, kind: str, content: bytes) -> Table:

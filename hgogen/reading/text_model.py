@@ -166,7 +166,7 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     def expressions(kind: str, key: str) -> list[Fold]:
         """The expressions under `key` in every table of a kind."""
         return [
-            named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols, tables)
+            named(file, f"{kind}.{name}.{key}", read_expression, as_text(entry[key]), symbols, tables)
             for name, entry in groups[kind].items()
         ]
 
@@ -174,14 +174,12 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
     plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
     for name, entry in table.get("disturbances", {}).items():
-        plant = _disturbed(file, plant, name, entry)
-    known, observer, tuning, trial, dissipation, bounds = (
-        MappingProxyType(table.get(key, {}))
-        for key in ("known", "observer", "tuning", "trial", "dissipation", "bounds")
-    )
-    folds = tuple(one for one in (*flow, *output) if one.lost)
-    description = (table.get("meaning", ""), table.get("reference", ""))
-    return PlainModel(file, plant, *description, known, observer, tuning, trial, dissipation, bounds, folds)
+        where = f"disturbances.{name}"
+        demand_keys(file, where, entry, _DISTURBANCE, "on")
+        signal = _signal(file, where, name, entry)
+        plant = named(file, where, with_disturbance, plant, entry["on"], entry.get("order", 1), signal=signal)
+    beside = {key: table.get(key, "" if _TOP[key] == TEXT else {}) for key in BESIDE}
+    return PlainModel(file, plant, **beside, folds=tuple(one for one in (*flow, *output) if one.lost))
 
 
 def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], needed: str | None = None) -> None:
@@ -205,10 +203,6 @@ def _number(value: Any) -> bool:
     return type(value) in (int, float) and abs(value) < _LARGEST
 
 
-def _ranges(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(p, list) and len(p) == 2 and all(map(_number, p)) for p in value)
-
-
 def _numbers(value: Any) -> bool:
     return isinstance(value, list) and all(map(_number, value))
 
@@ -218,7 +212,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     NUMBER: _number,
     EXPRESSION: lambda value: isinstance(value, str) or _number(value),
     TABLE: lambda value: isinstance(value, dict),
-    RANGES: _ranges,
+    RANGES: lambda value: isinstance(value, list) and all(_numbers(pair) and len(pair) == 2 for pair in value),
     NUMBERS: _numbers,
     ROWS: lambda value: isinstance(value, list) and all(map(_numbers, value)),
 }
@@ -233,7 +227,8 @@ def _shown(value: Any) -> str:
     return "a huge number" if huge else repr(value)[:40]
 
 
-def _text(value: str | float) -> str:
+def as_text(value: str | float) -> str:
+    """An expression as text, which a number may stand for."""
     return value if isinstance(value, str) else repr(value)
 
 
@@ -242,15 +237,6 @@ def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signa
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
     signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **declared)
     return signal
-
-
-def _disturbed(file: str, plant: System, name: str, entry: Mapping[str, Any]) -> System:
-    """The plant with a disturbance that a table of the file declares. Raises: `BadModelFile`."""
-    where = f"disturbances.{name}"
-    demand_keys(file, where, entry, _DISTURBANCE, "on")
-    signal = _signal(file, where, name, entry)
-    disturbed: System = named(file, where, with_disturbance, plant, entry["on"], entry.get("order", 1), signal=signal)
-    return disturbed
 
 
 def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
@@ -294,8 +280,11 @@ def to_text(plant: System, beside: Mapping[str, Any] = MappingProxyType({})) -> 
     lines += [line for cells in plant.tables for line in _table(plant, cells)]
     for kind, (key, texts) in equations.items():
         for signal, text in zip(getattr(plant, kind), texts, strict=True):
-            lines += ["", f"[{kind}.{signal.name}]", *_entries(signal)]
-            lines += [f"{key} = {_quoted(text)}"] * bool(key)
+            entries = {"unit": signal.unit or None, "meaning": signal.meaning or None, "value": signal.nominal}
+            entries |= {"low": signal.low, "high": signal.high, "rates": [list(pair) for pair in signal.rates] or None}
+            entries |= {key: text} if key else {}
+            lines += ["", f"[{kind}.{signal.name}]"]
+            lines += [f"{name} = {inline(value)}" for name, value in entries.items() if value is not None]
     return "\n".join(lines) + "\n"
 
 
@@ -310,17 +299,6 @@ def inline(value: Any) -> str:
 
 def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
-
-
-def _entries(signal: Signal) -> Iterable[str]:
-    for key, text in (("unit", signal.unit), ("meaning", signal.meaning)):
-        if text:
-            yield f"{key} = {_quoted(text)}"
-    for key, number in (("value", signal.nominal), ("low", signal.low), ("high", signal.high)):
-        if number is not None:
-            yield f"{key} = {number!r}"
-    if getattr(signal, "rates", ()):
-        yield f"rates = {[list(pair) for pair in signal.rates]}"
 
 
 def _table(plant: System, cells: Cells) -> Iterable[str]:
