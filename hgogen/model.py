@@ -11,7 +11,7 @@ from hashlib import sha256
 from os import fsencode
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from hgogen import observers
 from hgogen.call import CallableStep
@@ -36,6 +36,7 @@ from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.which_forms import of
 
+Returned = TypeVar("Returned")
 _PYTHON = {
     "plant": "plant = hg.System(...)",
     "step": "def step(): return hg.sample(...)",
@@ -191,8 +192,7 @@ class Model:
         name = self._first if observer is None else observer
         tuning = self.tuned(name, dt)
         own = period or (lambda: self._own_period)
-        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, own, dt, start))
-        return step
+        return _guarded(self.path, lambda: tuning.step(name, own, dt, start))
 
     def tuned(self, name: str, dt: float | None = None) -> Tuning:
         """Its observers with one of a name, which has its starting gains where the file says nothing of it: at the
@@ -341,7 +341,7 @@ def _python(path: Path) -> Model:
 _LOADERS: dict[str, Callable[[Path], Model]] = {PYTHON: _python, **dict.fromkeys(READERS, _plain)}  # by suffix
 
 
-def _guarded(path: str, function: Callable[[], Any]) -> Any:
+def _guarded(path: str, function: Callable[[], Returned]) -> Returned:
     """Runs `function`, code of the model file, and returns its value. Whatever it raises becomes a sentence with file
     and line."""
     try:

@@ -13,10 +13,9 @@ import hgogen as hg
 from hgogen.calibration.adaptive import FILTER, adaptive
 from hgogen.calibration.advise import advise
 from hgogen.calibration.grid import Search, thetas, together
-from hgogen.calibration.judged import Judged
+from hgogen.calibration.judged import Judged, verdicts
 from hgogen.calibration.likelihood import Likelihood, Noise
 from hgogen.calibration.tuned import Tuned
-from hgogen.calibration.verdicts import verdicts
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import First
 from hgogen.modelfiles.json_file import BadFile, read_tunings

@@ -36,12 +36,10 @@ from hgogen.target import CannotWrite, lines_of
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
 from hgogen.trials import campaign as campaign_module
 from hgogen.trials import results as results_module
-from hgogen.trials import varied as varied_module
-from hgogen.trials.campaign import BadCampaign, Campaign, Outcome
+from hgogen.trials.campaign import BadCampaign, BadVariation, Campaign, Outcome, Varied, hypercube, varied
 from hgogen.trials.metrics import Metrics, Response, metrics
 from hgogen.trials.results import Spread, Tally, earlier, head, line, outcome
 from hgogen.trials.spread import NoScheduler
-from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
 
 NAN, INF = float("nan"), float("inf")
 
@@ -622,11 +620,11 @@ def test_an_interval_may_leave_its_range_at_neither_end() -> None:
     share = hg.Signal("share", low=0, high=1)
     for width in ("-0.1..0.9", "0.1..1.1"):
         with pytest.raises(BadVariation, match="leaves its range"):
-            varied_module._interval(share, width, 0.5)
+            campaign_module._interval(share, width, 0.5)
 
 
 def test_a_share_of_a_negative_value_is_as_wide_as_of_a_positive_one() -> None:
-    assert varied_module._read("a", "50%", -2.0) == (-3.0, -1.0)
+    assert campaign_module._read("a", "50%", -2.0) == (-3.0, -1.0)
 
 
 def test_free_parameters_have_their_values_in_their_order() -> None:

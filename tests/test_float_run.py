@@ -10,7 +10,7 @@ from test_mapped import RUN, record
 
 import hgogen as hg
 from hgogen.calling.samples import Run
-from hgogen.trials.precision import coarse, differences
+from hgogen.trials.agreement import coarse, differences
 
 STATES = (hg.Signal("p", low=0, high=4), hg.Signal("v", "m/s"))
 

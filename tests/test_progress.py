@@ -18,8 +18,7 @@ from test_fit import DT, PLANT, TRUE, here, log  # noqa: F401, the fixture
 import hgogen as hg
 from hgogen.commands import fitting
 from hgogen.identification.innovations import SURE
-from hgogen.identification.progress import CannotGoOn, Progress, Searches, digests, progress_of
-from hgogen.identification.solution import Solution, Solver
+from hgogen.identification.solution import CannotGoOn, Progress, Searches, Solution, Solver, digests, progress_of
 from hgogen.structure.valued import valued
 from hgogen.trials.prediction import predictions
 

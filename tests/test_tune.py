@@ -22,12 +22,11 @@ import hgogen as hg
 from hgogen.calibration import adaptive as adaptive_module
 from hgogen.calibration import judged as judged_module
 from hgogen.calibration.grid import Task
-from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
+from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged, verdicts
 from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
 from hgogen.calibration.score import Ahead, Hidden, Judge, as_good, chosen, readable
 from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Calibration, Tuned
-from hgogen.calibration.verdicts import verdicts
 from hgogen.check import Verdict
 from hgogen.commands.calibrating import _own_forms, renamed
 from hgogen.errors import BadArgument

@@ -8,6 +8,7 @@ the shape of poles and filters.
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -237,7 +238,8 @@ class Search:
             scales = [replace(one, theta=theta) for one in scales for theta in values]
         if self._reads(longest=2 * self.base.longest):
             scales = [replace(one, longest=one.longest * factor) for one in scales for factor in LONG]
-        return [replace(one, **noise.on(one)) for one in scales for noise in maxima] if maxima else scales
+        pairs = product(scales, maxima)
+        return [replace(one, process=q.process, noise=q.sample) for one, q in pairs] if maxima else scales
 
     def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
         """Half way from the best theta, and the best longest time, to those next to it."""

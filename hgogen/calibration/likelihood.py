@@ -48,10 +48,6 @@ class Noise:
     likelihood: float
     settled: bool
 
-    def on(self, scale: Scale) -> dict[str, Any]:
-        """The fields of a scale that it gives."""
-        return {"process": self.process, "noise": self.sample}
-
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:

@@ -35,9 +35,8 @@ from hgogen.commands.process import interruptible, note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
 from hgogen.identification.fit import AGAIN, fit
-from hgogen.identification.progress import Progress, progress_of
 from hgogen.identification.result import Fit
-from hgogen.identification.solution import ITERATIONS
+from hgogen.identification.solution import ITERATIONS, Progress, progress_of
 from hgogen.model import Model, load
 from hgogen.modelfiles.json_file import equations, table_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting

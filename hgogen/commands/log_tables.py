@@ -11,9 +11,9 @@ from hgogen.commands.headed import headed
 from hgogen.identification.result import Fit
 from hgogen.reading.measured import Report
 from hgogen.signal import Signal
+from hgogen.trials.agreement import Difference
 from hgogen.trials.consistency import Consistency
 from hgogen.trials.noise import Suggestion
-from hgogen.trials.precision import Difference
 from hgogen.trials.prediction import Prediction
 
 

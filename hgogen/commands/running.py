@@ -41,9 +41,9 @@ from hgogen.reading.mapped import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, Record, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
+from hgogen.trials.agreement import Difference, coarse, differences
 from hgogen.trials.consistency import consistency, no_better
 from hgogen.trials.incidents import before_loss, interventions, loss
-from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rejected, rms
 from hgogen.trials.rejected import MostlyRejected, clamped, rejections
 from hgogen.trials.shifts import better

@@ -15,7 +15,7 @@ from hgogen.emit.described import described, of_signal, parameters
 from hgogen.emit.fold import folded
 from hgogen.emit.manual import marked
 from hgogen.emit.syntax import Real
-from hgogen.reading.release import version
+from hgogen.reading.optional import version
 from hgogen.reading.time_unit import pace, seconds
 from hgogen.signal import Signal, resting
 from hgogen.step import Step

@@ -30,7 +30,7 @@ from hgogen.emit.saved import ADDED, layout, mark
 from hgogen.emit.structs import structs as of_memory
 from hgogen.emit.syntax import Real
 from hgogen.program import Section
-from hgogen.reading.release import version
+from hgogen.reading.optional import version
 from hgogen.reading.time_unit import pace, plural
 from hgogen.step import Step
 from hgogen.stepping.sensors import ROUND

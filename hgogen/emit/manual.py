@@ -12,7 +12,7 @@ from hgogen.intervals.digits import same
 from hgogen.observer import Observer
 from hgogen.reading.door import Misfit
 from hgogen.reading.named import written
-from hgogen.reading.release import version
+from hgogen.reading.optional import version
 from hgogen.reading.time_unit import pace
 from hgogen.recheck.file import SHOWN
 from hgogen.step import Step

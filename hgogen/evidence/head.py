@@ -12,7 +12,7 @@ from hgogen.evidence.grammar import end, exactly, text
 from hgogen.evidence.grounds import Grounds
 from hgogen.form import Form
 from hgogen.intervals.box import box
-from hgogen.reading.release import version
+from hgogen.reading.optional import version
 from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
 from hgogen.recheck.rules import OBSERVERS
 from hgogen.recheck.text import Unreadable

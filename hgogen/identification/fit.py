@@ -10,10 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from hgogen.identification.progress import Progress, Searches, digests
 from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Fit, above
-from hgogen.identification.solution import Solution
+from hgogen.identification.solution import Progress, Searches, Solution, digests
 from hgogen.identification.task import BY, Task
 from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import count, signals_named

@@ -55,7 +55,7 @@ def trial_of(model: PlainModel) -> Trial:
         name: named(file, f"trial.inputs.{name}", parse, as_text(value), {"t": t})
         for name, value in table.get("inputs", {}).items()
     }
-    trial: Trial = named(
+    return named(
         file,
         "trial",
         Trial,
@@ -69,4 +69,3 @@ def trial_of(model: PlainModel) -> Trial:
         seeds=tuple(range(count)),
         estimate=table.get("estimate", {}),
     )
-    return trial

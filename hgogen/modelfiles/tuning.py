@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep, sample
@@ -53,6 +53,7 @@ from hgogen.system import System
 _OPTIONS = ("between", "periods", "guards", "prefer", "real")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", "delays", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
+Made = TypeVar("Made")
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT, "guards": TEXT, "prefer": TEXT, "real": TEXT, "delays": TABLE}
 
@@ -95,8 +96,7 @@ class Tuning:
         period = default() if period is None else period
         options = {key: table[key] for key in _OPTIONS if key in table}
         options |= {key: value for key in ("real", "guards", "prefer") if (value := getattr(self.setting, key))}
-        step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
-        return step
+        return self._refusals(where, lambda: sample(observer, method, period, **options))
 
     def observer(self, name: str, around: tuple[str, ...] = (), start: Start | None = None) -> Observer:
         """The observer of a tuning; `around`: those it is a member of; `start`: from its form to
@@ -115,8 +115,7 @@ class Tuning:
                 gains |= {"initial": start(base)}
         if "poles" in gains:
             gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "leads", ())))}
-        observer: Observer = self._refusals(where, lambda: make(base, **gains))
-        return observer
+        return self._refusals(where, lambda: make(base, **gains))
 
     def form(self, name: str) -> Any:
         """The form of a tuning that is around no other. Raises: as `step`."""
@@ -146,10 +145,7 @@ class Tuning:
     def gains(self, name: str) -> Mapping[str, Any]:
         """The arguments that a tuning gives its observer. Raises: `BadModelFile`."""
         entries = {key: value for key, value in self.table(name).items() if key not in _PLACED}
-        gains: Mapping[str, Any] = self._refusals(
-            self.where(name), lambda: {key: value(key, entry) for key, entry in entries.items()}
-        )
-        return gains
+        return self._refusals(self.where(name), lambda: {key: value(key, entry) for key, entry in entries.items()})
 
     def table(self, name: str) -> Mapping[str, Any]:
         """A tuning's table. Raises: `BadModelFile` where its own keys are not of their kind."""
@@ -199,7 +195,7 @@ class Tuning:
         for key, said in faults(make, gains, _PLACED, first=1):
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, said)
 
-    def _refusals(self, where: str, function: Callable[[], Any]) -> Any:
+    def _refusals(self, where: str, function: Callable[[], Made]) -> Made:
         """What `function` returns; a refusal keeps its sentence and gets the file and the key."""
         try:
             return function()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -94,13 +94,14 @@ class Table:
         array, kind = self._of(name)
         if kind == "M":
             return ["" if text == "NaT" else text for text in np.datetime_as_string(array.astype("datetime64[us]"))]
-        values: Sequence[Any] = array.tolist() if kind else array
-        return values if kind in "OU" else ["" if one is None or one != one else str(one) for one in values]
+        if kind in "OU":
+            return cast(Sequence[str], array.tolist() if kind == "U" else array)
+        return ["" if one is None or one != one else str(one) for one in array.tolist()]
 
     def _of(self, name: str) -> tuple[Any, str]:
-        """The column of that name, and of an array its kind."""
+        """The column of that name, and its kind."""
         column = self.columns[self.header.index(name)]
-        return column, column.dtype.kind if isinstance(column, np.ndarray) else ""
+        return column, column.dtype.kind if isinstance(column, np.ndarray) else "O"
 
     def no_column(self, name: str) -> str:
         """Why there is not one column of that name, with those there are."""

@@ -1,7 +1,8 @@
-"""Libraries that few need: imported when they are asked for, and else a sentence that says how to install them."""
+"""What is installed: libraries that few need, else a sentence that says how to install them; the package's version."""
 
 from dataclasses import dataclass
-from importlib import import_module
+from functools import cache
+from importlib import import_module, metadata
 from typing import Any
 
 from hgogen.errors import HgogenError
@@ -25,3 +26,9 @@ def library(name: str, what: str, extra: str = "logs") -> Any:
         return import_module(name)
     except ImportError:
         raise NotInstalled(what, name.partition(".")[0], extra) from None
+
+
+@cache
+def version() -> str:
+    """That of pyproject.toml, as it was installed."""
+    return metadata.version("hgogen")

@@ -35,7 +35,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import sympy as sp
 
@@ -73,6 +73,7 @@ _TOP = {
 BESIDE = tuple(
     key for key in _TOP if key not in ("name", "time", "disturbances", "tables", *_KINDS)
 )  # what a file says beside its plant
+Made = TypeVar("Made")
 _LARGEST = 1e300  # beyond it a number of a file is a slip
 _EXAMPLES = {
     TEXT: '"..."',
@@ -235,8 +236,7 @@ def as_text(value: str | float) -> str:
 def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
     """The Signal that a table of the file declares. Raises: `BadModelFile`."""
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
-    signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **declared)
-    return signal
+    return named(file, where, Signal, name, nominal=entry.get("value"), **declared)
 
 
 def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
@@ -245,11 +245,10 @@ def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
     for key in ("x", "y"):
         demand_keys(file, where, entry, _POINTS, key)
     *axes, values = (entry[key] for key in _COORDINATES if key in entry)
-    cells: Cells = named(file, where, cells_of, axes, values, entry.get("kind", "linear"), name)
-    return cells
+    return named(file, where, cells_of, axes, values, entry.get("kind", "linear"), name)
 
 
-def named(file: str, where: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+def named(file: str, where: str, function: Callable[..., Made], *args: Any, **kwargs: Any) -> Made:
     """What `function` returns; its refusal becomes a `BadModelFile` with file and key."""
     try:
         return function(*args, **kwargs)

@@ -23,7 +23,7 @@ from hgogen.reading.named import of_outputs
 from hgogen.sentence import because, joined
 from hgogen.structure.affine import known
 from hgogen.structure.dynamics import Dynamics
-from hgogen.trials.gramian import Gramian, Steps, window
+from hgogen.trials.gramian import Gramian, window
 
 HIDDEN = 1e-12  # of the direction seen best: what a window shows no better is lost in the rounding of its sum
 
@@ -49,8 +49,8 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
         )
     A, C = _numbers(dynamics, inputs, samples)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
-    move, W = _pieces(A * half / half[:, None], C * half, variances, dt)
-    return window(tuple(map(str, form.to_form)), Steps(move, W), dt, pieces)
+    steps = _pieces(A * half / half[:, None], C * half, variances, dt)
+    return window(tuple(map(str, form.to_form)), steps, dt, pieces)
 
 
 def shown(id: str, gramian: Gramian) -> Check:

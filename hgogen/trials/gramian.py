@@ -100,15 +100,8 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
     return tuple(window(names, steps, grid, max(1, round(one / grid))) for one in windows)
 
 
-@dataclass(frozen=True, eq=False)
-class Steps:
+def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> tuple[np.ndarray, np.ndarray]:
     """The transition matrix (N, n, n) over each piece of the trajectory, and the Gramian (N, n, n) of the piece."""
-
-    transition: np.ndarray
-    gramian: np.ndarray
-
-
-def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> Steps:
     n, pieces = len(plant.states), len(x) - 1
     state, Phi, W = ca.SX.sym("x", n), ca.SX.sym("Phi", n, n), ca.SX.sym("W", n, n)
     begin, share = ca.SX.sym("begin"), ca.SX.sym("share")
@@ -124,23 +117,18 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> Steps:
     starts = np.vstack([x[:-1].T, np.tile(fresh[:, None], pieces)])
     ends = np.array(solver(x0=starts, p=grid * np.arange(pieces)[None, :])["xf"])
     Phi_end, W_end = (ends[n + k * n * n : n + (k + 1) * n * n].T.reshape(pieces, n, n) for k in (0, 1))
-    return Steps(Phi_end.transpose(0, 2, 1), W_end.transpose(0, 2, 1))  # CasADi counts by columns
+    return Phi_end.transpose(0, 2, 1), W_end.transpose(0, 2, 1)  # CasADi counts by columns
 
 
-def window(states: tuple[str, ...], steps: Steps, grid: float, pieces: int) -> Gramian:
-    """W over `pieces` steps of length `grid` (s): sum of Phi' W_k Phi, Phi the product of the transitions before step
-    k; one value for each step at which a whole window begins."""
-    n, count = len(states), len(steps.transition) - pieces + 1
+def window(states: tuple[str, ...], steps: tuple[np.ndarray, np.ndarray], grid: float, pieces: int) -> Gramian:
+    """W over `pieces` steps of length `grid` (s), of transitions and Gramians W_k (N, n, n): sum of Phi' W_k Phi, Phi
+    the product of the transitions before step k; one value for each step at which a whole window begins."""
+    (transitions, gramians), n = steps, len(states)
+    count = len(transitions) - pieces + 1
     sums = np.empty((count, n, n))
     for k in range(count):
-        before = accumulate(steps.transition[k : k + pieces - 1], lambda Phi, step: step @ Phi, initial=np.eye(n))
-        sums[k] = sum(Phi.T @ W @ Phi for Phi, W in zip(before, steps.gramian[k : k + pieces], strict=True))
+        before = accumulate(transitions[k : k + pieces - 1], lambda Phi, step: step @ Phi, initial=np.eye(n))
+        sums[k] = sum(Phi.T @ W @ Phi for Phi, W in zip(before, gramians[k : k + pieces], strict=True))
     values, vectors = np.linalg.eigh(sums)
-    return Gramian(
-        d=pieces * grid,
-        states=states,
-        start=grid * np.arange(count),
-        smallest=values[:, 0],
-        largest=values[:, -1],
-        direction=vectors[:, :, 0],
-    )
+    start = grid * np.arange(count)
+    return Gramian(pieces * grid, states, start, values[:, 0], values[:, -1], vectors[:, :, 0])
