@@ -99,9 +99,8 @@ class Model:
             raise Misfit("set", setting, "a Setting, as of hgogen.modelfiles.setting")
         setting.demand()
         model = self if setting.parameters is None else self.valued(read_values(setting.parameters, self.plant))
-        tables, take = (self.tables, self.take)
-        if setting.tuning is not None:
-            tables, take = read_tunings(setting.tuning, self.plant)
+        own = (self.tables, self.take)
+        tables, take = own if setting.tuning is None else read_tunings(setting.tuning, self.plant)
         return replace(model, setting=setting, tables=tables, take=take)
 
     def valued(self, values: Mapping[str, float]) -> "Model":
@@ -226,7 +225,6 @@ class Model:
         return self.tuning.period(self._first or next(iter(self.tuning.tables)))
 
     def _unstarted(self, name: str, why: NoFirst) -> str:
-        """Why an observer that the file says nothing of has no step, and what to do."""
         if why.ruled:
             return f"{self._untuned(name)}; it has no starting gains: {why.reason}"
         if why.too_long:
@@ -235,7 +233,6 @@ class Model:
         return f"{name} does not take this plant{asked}: {why.reason}; `hgogen check {self.path}` names what does"
 
     def _untuned(self, name: str) -> str:
-        """Why there is no observer of that name, and what to add."""
         there = ", ".join(self.tuning.tables)
         known = f"it has tunings for {there}" if there else "it has no tuning"
         if name not in observers.__all__:
@@ -297,7 +294,6 @@ def load(path: str | Path) -> Model:
 
 
 def _plain(path: Path) -> Model:
-    """The model of a plain-text file. Raises: `BadModelFile`."""
     declared = read(path)
     parts = SimpleNamespace(
         plant=declared.plant,

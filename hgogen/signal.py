@@ -80,7 +80,6 @@ def _range(name: str, low: Any, high: Any, names: tuple[str, str] = ("low", "hig
 
 
 def _rates(name: str, rates: Any) -> tuple[tuple[float, float], ...]:
-    """Ranges of the derivatives of a signal, the first derivative's first."""
     fix = "rates is a pair for each derivative, such as rates=((-1, 1), (-2, 2))"
     if isinstance(rates, str) or not isinstance(rates, Iterable):
         raise BadRange(name, f"rates = {rates!r} is no list of ranges; {fix}")

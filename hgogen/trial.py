@@ -10,11 +10,11 @@ Ornstein-Uhlenbeck process, g from numpy's default_rng(seed); tau = 0 is white n
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -50,7 +50,7 @@ __all__ = [
 
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
-_TOGETHER = 1 << 20  # numbers of measurements that are made at once
+TOGETHER = 1 << 20  # numbers of measurements that are made at once
 _BESIDE = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
 
 
@@ -118,6 +118,16 @@ class Truth:
 
     t: np.ndarray
     x: np.ndarray
+    u: np.ndarray
+    y: np.ndarray
+
+
+class Feed(NamedTuple):
+    """What a step is given in one run: trial, seed and truth, the inputs u (N, m), and what is measured, y (N, p)."""
+
+    trial: Trial
+    seed: int
+    truth: Truth
     u: np.ndarray
     y: np.ndarray
 
@@ -287,7 +297,8 @@ def try_out(
     Raises: `BadTrial`; `BadGain` for an estimate that the observer cannot start from.
     """
     truth = simulate(step.observer.form.system.declared, trial, step.dt)
-    yield from tried(step, trial, truth, first_memory(step, trial), trial.seeds if seeds is None else seeds, engine)
+    runs = feeds(step, trial, truth, trial.seeds if seeds is None else seeds)
+    yield from tried(step, runs, first_memory(step, trial), engine)
 
 
 def first_memory(step: CallableStep, trial: Trial) -> bytes:
@@ -301,27 +312,23 @@ def first_memory(step: CallableStep, trial: Trial) -> bytes:
     return step.save()
 
 
-def tried(
-    step: CallableStep, trial: Trial, truth: Truth, start: bytes, seeds: Sequence[int], engine: Engine | None
-) -> Iterator[Trajectory]:
-    """The step over a truth of its plant, from the memory `start`, one trajectory for each seed."""
-    for some, u, measured in records(step, trial, truth, seeds):
-        for seed, y in zip(some, measured, strict=True):
-            step.restore(start)
-            run = step.run(u=u, y=step.arriving(y), engine=engine)
-            yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
+def tried(step: CallableStep, runs: Iterable[Feed], start: bytes, engine: Engine | None) -> Iterator[Trajectory]:
+    """The step over runs, each from the memory `start`."""
+    for one in runs:
+        step.restore(start)
+        run = step.run(u=one.u, y=step.arriving(one.y), engine=engine)
+        yield Trajectory(one.trial, one.seed, one.truth, one.y, run.x, run.traces, run.status, run.engine)
 
 
-def records(
-    step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]
-) -> Iterator[tuple[Sequence[int], np.ndarray, Iterator[np.ndarray]]]:
-    """As many seeds as are made at once, the inputs u (N, m), and what each seed measures, y (N, p)."""
+def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) -> Iterator[Feed]:
+    """The runs of seeds on a truth of the step's plant; the noise of as many as fit is made at once."""
     system = step.observer.form.system
     u = truth.u if system.inputs == system.declared.inputs else sampled(system, trial, truth.t)
-    every = max(1, _TOGETHER // truth.y.size)
+    every = max(1, TOGETHER // truth.y.size)
     for first in range(0, len(seeds), every):
         some = seeds[first : first + every]
-        yield some, u, (at_their_times(step, y) for y in noisy(system.declared, truth, trial, some))
+        for seed, y in zip(some, noisy(system.declared, truth, trial, some), strict=True):
+            yield Feed(trial, seed, truth, u, at_their_times(step, y))
 
 
 def demand_trial(plant: System, trial: Trial, dt: float) -> None:

@@ -29,7 +29,7 @@ from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import positive
 from hgogen.starting import Scale, Starting, gains_of, scale, two
 from hgogen.system import System
-from hgogen.trial import Trial, Truth, first_memory, simulate, tried
+from hgogen.trial import Trial, Truth, feeds, first_memory, simulate, tried
 from hgogen.trials.metrics import metrics
 from hgogen.trials.spread import Workers
 from hgogen.which_forms import Row
@@ -200,7 +200,7 @@ class _Ask:
             self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
         truth, start = self.truths[step.dt], first_memory(step, trial)
         clean, noisy = (
-            next(tried(step, replace(trial, noise=each), truth, start, (0,), native.engine()))
+            next(tried(step, feeds(step, replace(trial, noise=each), truth, (0,)), start, native.engine()))
             for each in ({}, {name: OrnsteinUhlenbeck(sigma) for name, sigma in noise.items()})
         )
         steady = truth.t >= trial.steady_from - 1e-9

@@ -168,7 +168,6 @@ def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD
 
 
 def _taken(calibration: Calibration) -> Iterator[str]:
-    """The row to take, by what gains were chosen, and whether it is worth more than what does without a model."""
     best, first, states = calibration.best, calibration.rows[0], calibration.truth
     measure, rival = _ahead(calibration.ahead), "copying the last value"
     if states:
@@ -197,7 +196,6 @@ def _ahead(samples: int) -> str:
 
 
 def _other_horizons(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
-    """Where another row errs clearly less."""
     for ahead, errors in best.errors.items():
         for output, error in errors.items():
             others = {name: row.errors[ahead][output] for name, row in judged.items() if name not in _MODELLESS}
@@ -208,7 +206,6 @@ def _other_horizons(best: Judged, judged: Mapping[str, Judged], where: str) -> I
 
 
 def _as_well_without_a_model(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
-    """Where no model does as well."""
     for name in _MODELLESS:
         for output in next(iter(best.errors.values()), {}):
             pairs = [(h, errors[output], judged[name].errors[h][output]) for h, errors in best.errors.items()]

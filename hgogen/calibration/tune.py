@@ -97,7 +97,6 @@ def tune(
 
 
 def _results(workers: Workers[Task], each: Callable[[str], None], pieces: Iterable[Piece]) -> dict[Piece, Any]:
-    """Of each piece of work what comes of it."""
     listed, results = list(pieces), {}
     for number, result in workers.results(_worked, enumerate(listed)):
         results[listed[number]] = result
@@ -113,7 +112,6 @@ def _worked(task: Task, numbered: tuple[int, Piece]) -> tuple[int, Any]:
 def _truth(
     plant: System, truth: Sequence[Mapping[str, np.ndarray]], logs: Sequence[Log]
 ) -> tuple[Mapping[str, np.ndarray], ...]:
-    """The courses of hidden states of each record. Raises: `CannotTune`."""
     states = [x.name for x in plant.declared.states]
     if truth and len(truth) != len(logs):
         raise CannotTune("truth", f"is of {len(truth)} records and there are {len(logs)}; give a mapping for each")

@@ -121,7 +121,6 @@ def best_of(by: str, ended: Sequence[Solution]) -> Solution | None:
 
 
 def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, ...]:
-    """The parameters that are fitted. Raises: `CannotFit`."""
     what = f"plant {plant.name!r}"
     if plant.origin is not None:
         raise CannotFit(what, "is recast; fit the plant that it was recast from")
@@ -141,5 +140,4 @@ def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, .
 
 
 def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) -> tuple[Signal, ...]:
-    """The signals of these names, in their own order. Raises: `CannotFit`."""
     return signals_named(what, names, signals, lambda name, fix: CannotFit(f"{what} {name!r}", f"is unknown; {fix}"))

@@ -142,7 +142,6 @@ class Fit:
         return f"the records do not{others} {what}; {fix}{more}"
 
     def _followed(self, name: str) -> Iterator[str]:
-        """How well an output is followed."""
         if not self.spread[name]:
             yield f"{name} stands still in the records, so that it tells little; give a record in which the plant moves"
         if self.error[name] >= self.spread[name] > 0:
@@ -156,7 +155,6 @@ class Fit:
         yield f"{what} of {name} are not white ({limits}){count}: {_COLOURED[self.by]}"
 
     def _searched(self) -> Iterator[str]:
-        """How the starts ended."""
         best = min(one.cost for one in self.starts)
         excess = [above(self.by, one.cost, best) for one in self.starts]
         higher = [more for more in excess if more > SAME]

@@ -82,7 +82,6 @@ class Solver:
 
     @cached_property
     def _cost(self) -> Any:
-        """Of the unknowns, without the pull."""
         v, cost, _ = self.problem.graph
         return ca.Function("cost", [v], [cost])
 

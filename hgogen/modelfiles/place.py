@@ -65,9 +65,8 @@ def located(model: str) -> Path:
         return path
     if named := _here(model):
         if len(named) > 1:
-            raise NoModel(
-                model, f"the name is that of {len(named)} files; give the path of one", tuple(map(str, named))
-            )
+            several = f"the name is that of {len(named)} files; give the path of one"
+            raise NoModel(model, several, tuple(map(str, named)))
         return named[0]
     if path.is_dir():
         inside = listed(path)

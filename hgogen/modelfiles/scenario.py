@@ -124,7 +124,6 @@ def _number(value: Any) -> Any:
 
 
 def _each(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A reader of values by name."""
     return lambda entries: {_text(name): reader(value) for name, value in dict(entries).items()}
 
 

@@ -34,7 +34,6 @@ class Setting:
     tuning: Path | None = None
 
     def __bool__(self) -> bool:
-        """Whether anything is set."""
         return bool(self.words)
 
     @property

@@ -115,7 +115,8 @@ class Tuning:
                 gains |= {"initial": start(base)}
         if "poles" in gains:
             gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "leads", ())))}
-        return self._refusals(where, lambda: make(base, **gains))
+        observer: Observer = self._refusals(where, lambda: make(base, **gains))
+        return observer
 
     def form(self, name: str) -> Any:
         """The form of a tuning that is around no other. Raises: as `step`."""
@@ -191,7 +192,6 @@ class Tuning:
         return getattr(folder, name)
 
     def _arguments(self, where: str, make: Callable[..., Any], gains: Iterable[str]) -> None:
-        """Every argument known, and none missing."""
         for key, said in faults(make, gains, _PLACED, first=1):
             raise BadModelFile(self.file, f"{where}.{key}" if key else where, said)
 

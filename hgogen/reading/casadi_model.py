@@ -60,10 +60,8 @@ def from_casadi(
         last = str(error).strip().splitlines()[-1]
         raise BadGraph(name, f"does not become one SX function ({last}); declare it in SX, each symbol once") from None
     expressions = to_sympy(function, signals)
-    steps = sorted(
-        str(node) for row in (*expressions[0], *expressions[1]) for node in row.atoms(sp.floor, sp.ceiling, sp.Mod)
-    )
-    if steps:
+    rows = (*expressions[0], *expressions[1])
+    if steps := sorted(str(node) for row in rows for node in row.atoms(sp.floor, sp.ceiling, sp.Mod)):
         raise BadGraph(name, f"uses {steps[0]}, which has no slope; hold a rounded value as an input or a parameter")
     by_kind: dict[str, Any] = {kind: [s for _, entries in pairs for s in entries] for kind, pairs in declared.items()}
     return System(name, **by_kind, outputs=outputs, flow=expressions[0], output=expressions[1], time=time)

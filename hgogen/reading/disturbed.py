@@ -41,7 +41,6 @@ def with_disturbance(
 
 
 def _state(plant: System, on: str | sp.Symbol) -> Signal:
-    """The state whose rate the disturbance enters."""
     name, known = str(on), {x.name: x for x in plant.states}
     if name in known and on in (name, known[name]):
         return known[name]
@@ -54,7 +53,6 @@ def _state(plant: System, on: str | sp.Symbol) -> Signal:
 
 
 def _chain(plant: System, state: Signal, order: int, signal: Signal | None) -> tuple[Signal, ...]:
-    """The disturbance and its derivatives, each a state with its range."""
     if isinstance(order, bool) or not isinstance(order, int) or order < 1:
         raise BadSystem(plant.name, f"order = {order!r} must be a whole number, at least 1, which is for d' = 0")
     if not isinstance(signal, Signal):

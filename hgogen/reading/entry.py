@@ -103,9 +103,8 @@ def entry(model: Any) -> Entry:
     for key, per in (("f", "states"), ("h", "outputs")):
         texts = _texts(name, key, model.get(key))
         if len(texts) != len(lists[per]):
-            raise BadEntry(
-                name, f"has {len(lists[per])} {per} and {len(texts)} expressions in {key}; give one for each"
-            )
+            have = f"has {len(lists[per])} {per} and {len(texts)} expressions in {key}"
+            raise BadEntry(name, f"{have}; give one for each")
         if not texts:
             raise BadEntry(name, f"has no {per}; give at least one, and its expression in {key}")
         rows[key] = tuple(parse(text, symbols) for text in texts)
@@ -116,7 +115,6 @@ def entry(model: Any) -> Entry:
 
 
 def _of_table(name: str, model: Mapping[str, Any]) -> Entry:
-    """A plain-text model."""
     queries = _texts(name, "bound_queries", model.get("bound_queries"))
     plant = from_table({key: value for key, value in model.items() if key != "bound_queries"}, f"model {name!r}").plant
     ends = {s: pair for s, pair in box(plant.signals, plant.nominal).items() if pair != EVERYTHING}

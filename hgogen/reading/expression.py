@@ -233,18 +233,15 @@ class _Parser:
             return self.literal(token)
         if token.kind == "name":
             return self.call(token) if self.next.text == "(" else self.named(token)
-        raise self.bad(
-            token, f"{self.shown(token)} stands where a number, a name or a parenthesis belongs; complete it"
-        )
+        wanted = "a number, a name or a parenthesis"
+        raise self.bad(token, f"{self.shown(token)} stands where {wanted} belongs; complete it")
 
     def literal(self, token: Token) -> sp.Rational:
         """The exact rational of a number as written."""
         mantissa, _, exponent = token.text.lower().partition("e")
         if len(mantissa) > DIGITS or len(exponent) > 5 or abs(int(exponent or 0)) > DECADES:
-            raise self.bad(
-                token,
-                f"the number has more than {DIGITS} digits or a power of ten beyond {DECADES}; write a shorter one",
-            )
+            long = f"the number has more than {DIGITS} digits or a power of ten beyond {DECADES}"
+            raise self.bad(token, f"{long}; write a shorter one")
         if mantissa.isdigit() and not exponent:
             return sp.Integer(int(mantissa))
         return sp.Rational(Fraction(token.text))

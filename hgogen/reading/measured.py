@@ -96,21 +96,16 @@ class Report:
             for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
                 if count:
                     lines.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
-            if self.covered[name]:
-                lines.append(
-                    f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}"
-                )
-            if self.absent[name]:
-                lines.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
+            cells = "such cells beside another row's at a grid point"
+            for count, what in ((self.covered[name], cells), (self.absent[name], "samples without a number, in all")):
+                if count:
+                    lines.append(f"{name} ({column}): {what}: {count}")
         counted = (
             (self.malformed, "rows with more cells than the header: {}, left out"),
             (self.untimed, "rows without a usable time: {}, left out"),
             (self.out_of_order, "rows earlier than one before them: {}, sorted by time"),
             (self.duplicates, "rows that repeat a time: {}, merged; each column keeps its first number"),
-            (
-                self.surplus,
-                "rows at a grid point that has one: {}, merged; the number nearest in time is kept",
-            ),
+            (self.surplus, "rows at a grid point that has one: {}, merged; the number nearest in time is kept"),
             (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} {self.unit}"),
             (self.filled, "grid points without a row: {}, given as missing samples"),
         )
@@ -205,8 +200,8 @@ def read(
     Raises: `BadRecord`.
     """
     log = log_of(path)
+    listed = ", ".join(filter(None, log.header))
     if (time is None) == (period is None):
-        listed = ", ".join(filter(None, log.header))
         raise BadRecord(log.path, f"give either {caller.times}, so that the rows have times; the columns are {listed}")
     if period is not None and not 0 < period < math.inf:
         raise BadRecord(log.path, f"the period {period:g} must be a positive number of {plural(unit)}")
@@ -214,13 +209,12 @@ def read(
     columns = {name: column for name, column in columns.items() if name not in taken}
     for name, column in columns.items():
         if name == column and name not in log.header:
-            listed = ", ".join(filter(None, log.header))
             raise BadRecord(log.path, f"has no column {name!r}; say {caller.fix(name)}, one of {listed}")
     series = {name: mapped.column(log, text) for name, text in columns.items()}
     operands = {name: mapped.operand(log, text) for name, text in columns.items()}
-    alone = {name: text for name, text in columns.items() if text in log.header}
-    for name, text in alone.items():
-        log, series[name], operands[name] = mapped.converted(log, series[name], name, text, units.get(name, ""))
+    for name, text in columns.items():
+        if text in log.header:
+            log, series[name], operands[name] = mapped.converted(log, series[name], name, text, units.get(name, ""))
     if time is not None:
         log, clock, _ = mapped.converted(log, log.column(time), "time", time, unit)
         times = _stamps(log, clock, unit, caller)
@@ -228,13 +222,13 @@ def read(
         times = np.arange(log.rows) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
     record = _gridded(log, series, times, dt, unit, inputs)
-    record = replace(record, operands=operands)
     for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
             example = f", but cells such as {one.example!r}" if one.example else ""
             reason = f"the column {one.name!r} holds no number for {name}{example}; say {caller.fix(name)}"
             raise BadRecord(log.path, reason)
-    return record.with_rates({name: of for name, of in rates.items() if name in taken})
+    rates = {name: of for name, of in rates.items() if name in taken}
+    return replace(record, operands=operands).with_rates(rates)
 
 
 def _stamps(log: Table, column: Column, unit: str, caller: Caller) -> np.ndarray:
@@ -294,21 +288,19 @@ def _seconds(cell: str) -> float:
 def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     """A note where the record is much slower or faster than the step."""
     factor = period / dt
+    said = f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: "
     if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
         whole = max(factor, 1 / factor)
         if abs(whole - round(whole)) < _BEAT:
             return ()
-        return (
-            f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: rows and "
-            f"samples fall apart; with --dt {period:.5g} (dt=) each sample has its row",
-        )
+        return (f"{said}rows and samples fall apart; with --dt {period:.5g} (dt=) each sample has its row",)
     if 500 < factor < 2000:
         doubt = f"are its times milli{plural(unit)}? They are read as {plural(unit)}"
     elif factor > 1:
         doubt = f"between rows the step has only its model; are the times {plural(unit)}, and is dt right?"
     else:
         doubt = f"only the row nearest to each sample is used; are the times {plural(unit)}, and is dt right?"
-    return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
+    return (said + doubt,)
 
 
 def _typical(times: np.ndarray) -> float:

@@ -92,7 +92,6 @@ def cells_of(axes: Sequence[Any], values: Any, kind: str, name: str) -> Cells:
 
 
 def _curve(name: str, x: Numbers, values: Any) -> Numbers:
-    """The values of a table of one argument."""
     y = _numbers(name, "ys", values)
     if len(x) != len(y):
         raise BadTable(name, f"has {len(x)} xs and {len(y)} ys; give a y for each x")
@@ -102,7 +101,6 @@ def _curve(name: str, x: Numbers, values: Any) -> Numbers:
 
 
 def _map(name: str, axes: Sequence[Numbers], values: Any) -> tuple[Numbers, ...]:
-    """The values of a table of two arguments, row by row."""
     _demand_list(name, "zs", values, "a row of numbers for each of xs")
     rows = tuple(_numbers(name, f"row {k} of zs", row, ", number") for k, row in enumerate(values, 1))
     count, width = map(len, axes)

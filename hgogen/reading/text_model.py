@@ -234,13 +234,11 @@ def as_text(value: str | float) -> str:
 
 
 def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
-    """The Signal that a table of the file declares. Raises: `BadModelFile`."""
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
     return named(file, where, Signal, name, nominal=entry.get("value"), **declared)
 
 
 def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
-    """The table of points of the file: y at x, or z at x and y. Raises: `BadModelFile`."""
     where = f"tables.{name}"
     for key in ("x", "y"):
         demand_keys(file, where, entry, _POINTS, key)

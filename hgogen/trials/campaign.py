@@ -10,11 +10,11 @@ byte for byte, what `trial.tried` gives. Source: McKay, Beckman, Conover, Techno
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from itertools import chain
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +31,7 @@ from hgogen.reading.given import count, real
 from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice
 from hgogen.system import System
-from hgogen.trial import BadTrial, Plant, Trajectory, Trial, Truth, first_memory, records, tried
+from hgogen.trial import TOGETHER, BadTrial, Feed, Plant, Trajectory, Trial, feeds, first_memory, tried
 from hgogen.trials.metrics import Metrics, metrics
 from hgogen.trials.spread import Workers
 
@@ -39,7 +39,7 @@ MOST = 10_000_000  # runs
 MANY = 64  # runs: fewer are integrated sooner than it takes to compile what does
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
 WORTH = 5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
-HELD = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
+HELD = TOGETHER  # numbers of measurements of runs that are taken together
 
 
 class BadCampaign(BadArgument):
@@ -225,63 +225,40 @@ class Ready:
         """The outcomes of runs, of each its draw; those that differ by their seeds alone have their noise made
         together."""
         numbers, draws = piece
+        step, engine, made = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
         if not draws.varied and self._truth is not None:
-            return list(self._tried(self._truth, self.campaign.trial, numbers, draws))
-        step, later, made = self.campaign.step, list[Ahead](), dict[int, Outcome]()
-        named = {number: replace(draws, values=draws.values[row : row + 1]) for row, number in enumerate(numbers)}
-        for number, alone in named.items():
-            trial = alone.trial(self.campaign.trial, 0)
-            try:
-                truth = self._truth or self._plant.truth(trial.start, alone.parameters(0))
-            except BadTrial as error:
-                made[number] = Outcome(number, alone.named(0), None, error.reason)
-                continue
-            if self._together:
-                later += next(ahead(step, trial, truth, [number]))
-            else:
-                made |= {one.run: one for one in self._tried(truth, trial, [number], alone)}
-        for one in together(step, self._memory, later) if later else ():
-            made[one.seed] = Outcome(one.seed, named[one.seed].named(0), metrics(step, one))
+            runs = feeds(step, self.campaign.trial, self._truth, numbers)
+        else:
+            runs = self._varied(numbers, draws, made)
+        each = together(step, runs, self._memory) if self._together else tried(step, runs, self._memory, engine)
+        for one in each:
+            made[one.seed] = Outcome(one.seed, draws.named(numbers.index(one.seed)), metrics(step, one))
         return [made[number] for number in numbers]
 
-    def _tried(self, truth: Truth, trial: Trial, numbers: Sequence[int], draws: Draws) -> Iterator[Outcome]:
-        step = self.campaign.step
-        each: Iterator[Trajectory]
-        if self._together:
-            runs = ahead(step, trial, truth, numbers)
-            each = chain.from_iterable(together(step, self._memory, some) for some in runs)
-        else:
-            each = tried(step, trial, truth, self._memory, numbers, self.campaign.engine)
-        for row, trajectory in enumerate(each):
-            yield Outcome(trajectory.seed, draws.named(row), metrics(step, trajectory))
+    def _varied(self, numbers: Sequence[int], draws: Draws, made: dict[int, Outcome]) -> Iterator[Feed]:
+        """The runs of draws; of those without a truth the outcome is `made`."""
+        for row, number in enumerate(numbers):
+            trial = draws.trial(self.campaign.trial, row)
+            try:
+                truth = self._truth or self._plant.truth(trial.start, draws.parameters(row))
+            except BadTrial as error:
+                made[number] = Outcome(number, draws.named(row), None, error.reason)
+            else:
+                yield from feeds(self.campaign.step, trial, truth, [number])
 
 
-@dataclass(frozen=True, eq=False)
-class Ahead:
-    """A run before it is taken: its trial, seed and truth, the inputs u (N, m), and what is measured, y (N, p)."""
-
-    trial: Trial
-    seed: int
-    truth: Truth
-    u: np.ndarray
-    y: np.ndarray
-
-
-def ahead(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) -> Iterator[list[Ahead]]:
-    """The runs of seeds, as many as are made at once."""
-    for some, u, measured in records(step, trial, truth, seeds):
-        yield [Ahead(trial, seed, truth, u, y) for seed, y in zip(some, measured, strict=True)]
-
-
-def together(step: CallableStep, start: bytes, runs: Sequence[Ahead]) -> Iterator[Trajectory]:
-    """The compiled step over runs with the same inputs, from the memory `start`."""
-    step.restore(start)
-    y = np.stack([step.arriving(one.y) for one in runs])
-    many = step.run_many(runs[0].u, y, jobs=1, traces=True, engine="c")
-    for k, one in enumerate(runs):
-        x, status = (np.ascontiguousarray(array[k]) for array in (many.x, many.status))
-        traces = {name: np.ascontiguousarray(values[k]) for name, values in many.traces.items()}
-        yield Trajectory(one.trial, one.seed, one.truth, one.y, x, traces, status, "c")
+def together(step: CallableStep, runs: Iterable[Feed], start: bytes) -> Iterator[Trajectory]:
+    """The compiled step over runs with the same inputs, each from the memory `start`, as many at once as fit."""
+    runs = iter(runs)
+    for first in runs:
+        some = [first, *islice(runs, max(1, HELD // first.y.size) - 1)]
+        step.restore(start)
+        y = np.stack([step.arriving(one.y) for one in some])
+        many = step.run_many(first.u, y, jobs=1, traces=True, engine="c")
+        for k, one in enumerate(some):
+            x, status = (np.ascontiguousarray(array[k]) for array in (many.x, many.status))
+            traces = {name: np.ascontiguousarray(values[k]) for name, values in many.traces.items()}
+            yield Trajectory(one.trial, one.seed, one.truth, one.y, x, traces, status, "c")
 
 
 STATES, PARAMETERS, NOISE = "x0", "parameters", "noise"  # all of a kind
@@ -363,7 +340,6 @@ def _parameter(parameter: Signal, width: str | float | None) -> Varied:
 
 
 def _interval(signal: Signal, width: str | float | None, middle: float) -> tuple[float, float]:
-    """The interval about a value, within the declared range. Raises: `BadVariation`."""
     if width is None and not signal.bounded:
         raise BadVariation(signal.name, "it has no range; declare low= and high=, or say how far, as in 10% or 0.2")
     low, high = signal.interval if width is None else _read(signal.name, width, middle)
@@ -386,7 +362,6 @@ def _factor(width: str | float | None, trial: Trial) -> tuple[float, float]:
 
 
 def _read(name: str, width: str | float, middle: float) -> tuple[float, float]:
-    """The ends of an interval as it is written. Raises: `BadVariation`."""
     text = str(width).strip()
     if ends := _INTERVAL.fullmatch(text):
         low, high = map(float, ends.groups())

@@ -21,7 +21,6 @@ from hgogen.reading.door import Misfit, asks
 from hgogen.trials.prediction import Prediction, rms
 
 Array = np.ndarray
-NOMINAL = 0.0455  # of samples beyond 2 sigma, of normal ones
 _LATER = (
     "if it is only until the estimate has settled, give --initial or --burn-in, else fit the parameters by `hgogen "
     "fit` or the gains by `hgogen tune`"

@@ -20,7 +20,7 @@ from hgogen.calling.covariances import uncertainty
 from hgogen.calling.samples import Engine, Run
 from hgogen.form import Form
 from hgogen.graph import to_casadi
-from hgogen.trial import Trial, first_memory, records, simulate
+from hgogen.trial import Trial, feeds, first_memory, simulate
 
 SMALL = 1e-6  # share of the largest V since an event, up to which V has fallen
 
@@ -55,10 +55,10 @@ def falling(step: CallableStep, trial: Trial, engine: Engine | None = None) -> F
         return None
     quiet = replace(trial, noise={})
     truth = simulate(step.observer.form.system.declared, quiet, step.dt)
-    ((_, u, measured),) = records(step, quiet, truth, (0,))
+    (fed,) = feeds(step, quiet, truth, (0,))
     step.restore(first_memory(step, quiet))
-    run = step.run(u=u, y=step.arriving(next(iter(measured))), engine=engine)
-    P, e = _in_form(step.observer.form, run, truth.x, u)
+    run = step.run(u=fed.u, y=step.arriving(fed.y), engine=engine)
+    P, e = _in_form(step.observer.form, run, truth.x, fed.u)
     there = np.isfinite(P).all(axis=(1, 2)) & np.isfinite(e).all(axis=1)
     P, e = P[there], e[there]
     scaling, peak = known.part.scaling, known.part.theta.peak

@@ -22,11 +22,9 @@ class Interventions:
     runs: int = 1
 
     def __bool__(self) -> bool:
-        """Whether there is any."""
         return bool(self.restarts or self.projections)
 
     def __add__(self, other: "Interventions") -> "Interventions":
-        """Those of both."""
         restarts, projections = self.restarts + other.restarts, self.projections + other.projections
         return Interventions(restarts, projections, self.runs + other.runs)
 

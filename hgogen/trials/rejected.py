@@ -137,7 +137,6 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
 
 
 def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], engine: Engine) -> Map | None:
-    """The map that mends output j, if one fits."""
     values = y[np.isfinite(y[:, j]), j]
     maps = [*MAPS]
     middle = float(np.median(values)) - (ends[0] + ends[1]) / 2

@@ -39,7 +39,6 @@ class Workers(Generic[Shared]):
     scheduler: str | None = None
 
     def __post_init__(self) -> None:
-        """Demands a number of jobs."""
         if self.jobs is not None:
             count("jobs", self.jobs, 1, MOST_JOBS)
 
@@ -72,7 +71,6 @@ class Workers(Generic[Shared]):
 
 @lru_cache(maxsize=4)
 def _opened(sent: bytes) -> Any:
-    """What is shared, in the process that works with it."""
     return pickle.loads(sent)
 
 
