@@ -14,11 +14,30 @@ import sympy as sp
 
 from hgogen.analysis.undefined import MAKER, undefined_values
 from hgogen.check import Check, Verdict
+from hgogen.errors import BadArgument
+from hgogen.intervals.box import End, box
 from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
 from hgogen.system import System
 
 Make = TypeVar("Make", bound=Callable[..., Any])
+
+
+class NoForm(BadArgument):
+    """A plant that a form does not take."""
+
+    text = "system {what!r} {reason}"
+
+
+class OneOutput(NoForm):
+    """A plant with several outputs, for a form that takes one."""
+
+
+def one_output(plant: System, taken: str, error: type[NoForm] = OneOutput) -> None:
+    """Raises: `error`, of a plant that has not one output; `taken`: what takes one, and what to do."""
+    if len(plant.outputs) != 1:
+        names = ", ".join(y.name for y in plant.outputs)
+        raise error(plant.name, f"has {len(plant.outputs)} outputs, {names}{taken}")
 
 
 @dataclass(frozen=True)
@@ -100,6 +119,11 @@ class Form:
     def n(self) -> int:
         """Number of states."""
         return len(self.states)
+
+    @property
+    def box(self) -> dict[sp.Symbol, tuple[End, End]]:
+        """The box of z, the inputs and the parameters, those without a range at their values."""
+        return box((*self.states, *self.system.inputs, *self.system.parameters), self.system.nominal)
 
     @property
     def names(self) -> tuple[str, ...]:

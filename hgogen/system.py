@@ -11,6 +11,7 @@ from hgogen.algebra.interpolation import Cells, Stepped, Table
 from hgogen.algebra.tape import NEAREST, NoTape, plain, tape
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
+from hgogen.intervals.box import End, box
 from hgogen.reading import filename
 from hgogen.reading.time_unit import is_unit
 from hgogen.sentence import NONE, Reason, because
@@ -122,6 +123,16 @@ class System:
         """Why what holds of it may not hold of the plant as first declared, or `NONE`."""
         left = [check.id for check in self.checks if check.verdict is not Verdict.PROVED]
         return because("{claims: and } of the new states is not proved", claims=left) if left else NONE
+
+    @property
+    def box(self) -> dict[sp.Symbol, tuple[End, End]]:
+        """The box of all signals: of those without a range the parameters at their values, the others unbounded."""
+        return box(self.signals, self.nominal)
+
+    @property
+    def constants(self) -> dict[Signal, sp.Rational]:
+        """The parameters without a range, with their values."""
+        return {p: value for p, value in self.nominal.items() if not p.bounded}
 
     @property
     def nominal(self) -> dict[Signal, sp.Rational]:

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.cli import app
 from hgogen.commands import stated_bounds, tables
+from hgogen.commands.app import app
 from hgogen.emit.cost import cost
 from hgogen.model import MissingPart, Model, load
 from hgogen.program import Block, Kernel, Loop, Place, Statement, When, sym

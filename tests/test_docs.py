@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.calling import native
-from hgogen.cli import app
 from hgogen.commands.app import _FILES as COMMANDS
+from hgogen.commands.app import app
 from hgogen.commands.library import answers
 from hgogen.model import load
 from hgogen.modelfiles import recipe, tuning

@@ -15,12 +15,11 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen import forms, observers
 from hgogen.check import Check, ClaimId, Refuted, UnknownCheck, Verdict, demand
-from hgogen.form import Form
+from hgogen.form import Form, OneOutput
 from hgogen.forms.original import BadOrder
-from hgogen.forms.triangular import OneOutput
 from hgogen.registry import NoCase, load
 from hgogen.signal import Signal
-from hgogen.structure.positive import positive
+from hgogen.structure.hypotheses import positive
 from hgogen.system import System
 from tests.sweep import sweep
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen import forms
 from hgogen.check import Refuted, demand
+from hgogen.form import OneOutput
 from hgogen.forms.block_triangular import NoAlignment
-from hgogen.forms.uniform import OneOutputOnly
 from hgogen.reading.given import BadGain
 from hgogen.signal import Signal
 from hgogen.structure.jacobians import jacobians_on_box
@@ -99,7 +99,7 @@ def test_what_is_not_uniform_says_why(flow: list[sp.Expr], output: sp.Expr, says
 
 
 def test_uniform_takes_one_output() -> None:
-    with pytest.raises(OneOutputOnly, match=r"has 2 outputs, y1, y2, .* use the form block_triangular"):
+    with pytest.raises(OneOutput, match=r"has 2 outputs, y1, y2, .* use the form block_triangular"):
         forms.uniform(plant([X2, X1], X1, X2))
 
 

@@ -27,9 +27,8 @@ from hgogen.intervals.one_sided import computed, one_sided
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.recheck.verification import recheck
-from hgogen.structure.apart import apart
 from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.positive import positive
+from hgogen.structure.hypotheses import apart, positive
 
 x, y, z = sp.symbols("x y z", real=True)
 ONE = (Fraction(-1), Fraction(1))

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.check import Refuted
-from hgogen.cli import app
+from hgogen.commands.app import app
 from hgogen.commands.checked import checked
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.place import NoModel, listed

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen.cli import app
+from hgogen.commands.app import app
 from hgogen.kalman.chosen import FULL, LARGE, LONGER
 from hgogen.model import load
 from hgogen.step import BadStep

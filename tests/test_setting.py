@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hgogen.cli import app
+from hgogen.commands.app import app
 from hgogen.model import load
 from hgogen.modelfiles.setting import Setting, UnknownCase
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen.cli import app
+from hgogen.commands.app import app
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.trial import try_out

@@ -14,7 +14,7 @@ from plants import chain, model
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen.cli import app
+from hgogen.commands.app import app
 from hgogen.model import MissingPart, load
 from hgogen.modelfiles.first import First, NoFirst, first, places
 from hgogen.modelfiles.setting import Setting

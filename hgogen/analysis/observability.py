@@ -35,7 +35,6 @@ from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.analysis.on_box import on_branches
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.reading.given import BadGain, signals_named
@@ -302,7 +301,7 @@ class _Question:
     @property
     def where(self) -> tuple[sp.Basic, ...]:
         """The conditions of the branch, without those that hold on the whole box."""
-        around = box(self.plant.signals, self.plant.nominal)
+        around = self.plant.box
         return tuple(one for one in self.branch.where if not enclose(one.gts - one.lts, around)[0] >= 0)
 
     def answer(self, rank: Rank, *, proofs: bool = True) -> Answer:

@@ -17,7 +17,7 @@ from hgogen.system import System
 
 def on_box(plant: System) -> System:
     """The plant without kinks and jumps whose side its box decides."""
-    around = box(plant.signals, plant.nominal)
+    around = plant.box
     flow, output = (tuple(one_sided(row, around) for row in rows) for rows in (plant.flow, plant.output))
     return plant if (flow, output) == (plant.flow, plant.output) else replace(plant, flow=flow, output=output)
 

@@ -21,7 +21,7 @@ from hgogen.algebra.removable import Resolved, bounded_logs, resolved
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import bound, problem_of
-from hgogen.intervals.box import Box, Point, box
+from hgogen.intervals.box import Box, Point
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.singular import NONZERO, POSITIVE, Condition, doubtful, minimal
 from hgogen.intervals.zeros import special_point
@@ -124,7 +124,7 @@ def _check(
 
 def gaps(expressions: Iterable[sp.Expr], plant: System) -> tuple[Gap, ...]:
     """Return where expressions of the plant's signals have no finite value on the declared ranges, or may have none."""
-    around = box(plant.signals, plant.nominal)
+    around = plant.box
     loose = [s for s in (*plant.states, *plant.inputs) if not s.bounded]
     known = {**around, **{s: (Fraction(str(resting(s))),) * 2 for s in loose}}
     by_condition: dict[Condition, Gap] = {}

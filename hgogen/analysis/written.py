@@ -7,7 +7,6 @@ from functools import lru_cache
 import sympy as sp
 
 from hgogen.check import Check, Verdict
-from hgogen.intervals.box import box
 from hgogen.intervals.singular import Condition, conditions, doubtful, put_apart
 from hgogen.sentence import because
 from hgogen.system import System
@@ -29,13 +28,13 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
 @lru_cache(maxsize=16)
 def valueless(plant: System) -> sp.Expr | None:
     """A part of the plant as it is written that is not shown to be a finite real number on the whole box, or None."""
-    return next(iter(doubtful(written(plant), box(plant.signals, plant.nominal))), None)
+    return next(iter(doubtful(written(plant), plant.box)), None)
 
 
 @lru_cache(maxsize=16)
 def asked(plant: System) -> tuple[Condition, ...]:
     """What must hold for the plant as it is written to have a value, as far as it is not shown on the whole box."""
-    return conditions(written(plant), box(plant.signals, plant.nominal))
+    return conditions(written(plant), plant.box)
 
 
 def if_valued(check: Check, plant: System) -> Check:

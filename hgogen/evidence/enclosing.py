@@ -11,7 +11,7 @@ from hgogen.algebra.points import exact
 from hgogen.evidence.grammar import end, outward, text, tree
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import Proof, Range, box
+from hgogen.intervals.bounds import Proof, Range
 
 Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]
 LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so that a weaker arithmetic reaches it
@@ -46,8 +46,7 @@ def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9
 
 def sides(form: Form, names: Iterable[sp.Symbol]) -> Sides:
     """The ranges of these of a form's states, inputs and parameters."""
-    system = form.system
-    every = box((*form.states, *system.inputs, *system.parameters), system.nominal)
+    every = form.box
     return {s: every[s] for s in sorted(names, key=str)}
 
 

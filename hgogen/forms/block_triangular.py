@@ -17,26 +17,19 @@ N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis 
 N. Boizot, E. Busvelle, J.-P. Gauthier, Automatica 46 (2010), form (3), for one chain.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import sympy as sp
-
-from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
-from hgogen.evidence.grounds import ByForm
 from hgogen.form import Asking, Form
 from hgogen.reading.given import among
 from hgogen.sentence import because
-from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
-from hgogen.structure.chord import settled, signs_of
+from hgogen.structure.chain import Chains, Rows, Shape, levelwise, of_plant, structure
 from hgogen.structure.connected import cut_off
-from hgogen.structure.coordinates import Coordinates, Parts, coordinates, form_in
-from hgogen.structure.defined import defined
-from hgogen.structure.lipschitz import lipschitz
-from hgogen.structure.positive import positive
+from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.several import cascade, end_aligned
+from hgogen.structure.triangle import triangle
 from hgogen.system import System
 
 _MANY = 6  # outputs: of more it is not asked which are enough, for there are too many choices
@@ -57,25 +50,6 @@ class NoAlignment(HgogenError):
 
     def __str__(self) -> str:
         return f"align={self.name!r} is none of {', '.join(_ALIGNMENTS)}; leave it out to take the first that is proved"
-
-
-@dataclass(frozen=True)
-class _Chain:
-    """Links in the plant's coordinates, with the sign of each z: rows s * row, states t * state."""
-
-    links: tuple[Link, ...]
-    signs: tuple[int, ...]
-
-    @property
-    def gains(self) -> list[sp.Expr]:
-        """The gains a_1..a_n."""
-        before = (1, *self.signs)
-        return [s * link.gain * t for s, link, t in zip(before, self.links, self.signs, strict=False)]
-
-    @property
-    def rests(self) -> list[sp.Expr]:
-        """The output's offset, then b_1..b_{n-1}."""
-        return [s * link.rest for s, link in zip((1, *self.signs), self.links, strict=False)]
 
 
 @Asking(3, ({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2)
@@ -99,26 +73,13 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     answer, why = chains.answer(Shape.CONSTANT)
     spare = [y for y, links in zip(plant.outputs, chains.links, strict=False) if not links]
     why = because("{why}; {outputs: and } without a chain", why=why, outputs=spare) if answer and spare else why
-    verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
-    structure = Check(
-        ClaimId("block_triangular", "structure"),
-        f"each row brings in the next state of its chain, linearly, and reads {_ALIGNMENTS[name][1]} ({name})",
-        verdict,
-        why,
-        fix="" if answer else "Try another alignment.",
-        proofs=(ByForm(),) if answer else (),
-    )
+    reads = f"reads {_ALIGNMENTS[name][1]} ({name})"
+    claim = f"each row brings in the next state of its chain, linearly, and {reads}"
+    check = structure("block_triangular", claim, (answer, why), "Try another alignment.")
     if chains.broken or answer is False:
-        refused = (structure, *cut_off("block_triangular", plant))
+        refused = (check, *cut_off("block_triangular", plant))
         return form_in(coordinates(plant), "block_triangular", refused, _REFERENCE)
-    chosen = [tuple(settled(link, Shape.CONSTANT, plant) for link in links) for links in chains.links]
-    signed = [_Chain(links, tuple(signs_of(links, plant))) for links in chosen]
-    z = coordinates(plant, chains.order, [t for chain in signed for t in chain.signs])
-    parts = _, b, _ = _parts(z, signed)
-    steep = lipschitz("block_triangular", map(z.back, b), plant)
-    checks = (structure, *_claims(signed, plant), steep)
-    blocks = chains.blocks
-    return form_in(z, "block_triangular", checks, _REFERENCE, parts=parts, blocks=blocks, alignment=name)
+    return triangle(check, _REFERENCE, plant, chains, Shape.CONSTANT, blocks=chains.blocks, alignment=name)
 
 
 def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
@@ -142,29 +103,3 @@ def _of_all(rows: Rows, align: str | None) -> tuple[str, Chains]:
     answers = {name: chains.answer(Shape.CONSTANT)[0] for name, chains in tried.items()}
     best = next((name for wanted in (True, None, False) for name, is_so in answers.items() if is_so is wanted))
     return best, tried[best]
-
-
-def _parts(z: Coordinates, chains: list[_Chain]) -> Parts:
-    """A, b and the output, in z."""
-    n = len(z.states)
-    A, b, output, head = sp.zeros(n, n), list(z.flow), [], 0
-    for chain, row in zip(chains, z.output, strict=True):
-        if not chain.links:
-            output.append(row)
-            continue
-        gains, rests = chain.gains, [z.carry(rest) for rest in chain.rests]
-        output.append(gains[0] * z.states[head] + rests[0])
-        for i, (gain, rest) in enumerate(zip(gains[1:], rests[1:], strict=True), head):
-            A[i, i + 1], b[i] = gain, rest
-        head += len(gains)
-    return sp.ImmutableDenseMatrix(A), tuple(b), tuple(output)
-
-
-def _claims(chains: list[_Chain], plant: System) -> Iterator[Check]:
-    for i, chain in enumerate(chains, 1):
-        for j, gain in enumerate(chain.gains, 1):
-            yield positive(ClaimId("block_triangular", "a", i, j), f"a_({i},{j})", gain, plant)
-    for i, chain in ((i, chain) for i, chain in enumerate(chains, 1) if chain.links):
-        offset = chain.rests[0]
-        if offset != 0 and offset.free_symbols.isdisjoint(plant.states):
-            yield defined(ClaimId("block_triangular", "offset", i), f"c_{i}", offset, plant)

@@ -11,29 +11,26 @@ TAC 37 (1992); E. Bullinger, A. Ilchmann, F. Allgoewer, NOLCOS 1998, form (1).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import sympy as sp
 
 from hgogen.algebra.interpolation import Table
 from hgogen.algebra.kinks import at_kinks
-from hgogen.algebra.points import exact, kind, points
+from hgogen.algebra.points import exact, kind, points, witness
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.analysis.determinant import as_written, determinant
-from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
+from hgogen.analysis.lie import along, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import BadArgument
-from hgogen.form import Asking, Form
-from hgogen.intervals.bounds import box
+from hgogen.form import Asking, Form, NoForm, one_output
 from hgogen.intervals.digits import Down
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import NONZERO, Condition, reasons
 from hgogen.sentence import NONE, Sentence, because, equations
-from hgogen.signal import Signal
-from hgogen.structure.carried import BOXES, Carried, by_construction, on_image, undefined
+from hgogen.structure.carried import BOXES, ROUGH, Carried, by_construction, carried, on_image, undefined
 from hgogen.structure.inverse import tidy
 from hgogen.structure.phasing import Derivatives, FullRank, OneToOne
 from hgogen.structure.univalent import univalent
@@ -42,32 +39,11 @@ from hgogen.system import System
 LIMIT = 20_000  # nodes of y .. y^(n)
 _FLATTER = "Take the form uniform or triangular, which differentiates no table twice, or write it as a formula."
 _REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
+_RANGES = "Declare rates=((low, high), ..) of the input, one pair for each derivative."
 
 
-class NoPhase(BadArgument):
+class NoPhase(NoForm):
     """A plant that has no phase form here."""
-
-    text = "system {what!r} {reason}"
-
-
-@dataclass(frozen=True)
-class _Map:
-    """The map Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`. `before` is the user's
-    plant, `shown` the determinant as it is read."""
-
-    plant: System
-    before: System
-    Phi: tuple[sp.Expr, ...]
-    phi: sp.Expr
-    jacobian: sp.ImmutableDenseMatrix
-    determinant: sp.Expr
-    shown: sp.Expr
-
-    @property
-    def carried(self) -> Carried:
-        """The plant in z = (y, y', ..), whose last row alone has a b."""
-        rows = (*(sp.S.Zero,) * (len(self.Phi) - 1), self.phi)
-        return Carried("phase", _REFERENCE, self.plant, self.before, self.Phi, rows, self.jacobian)
 
 
 @Asking(4, most=1, costly=True, slow=True)
@@ -87,116 +63,94 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     name of an input's derivative.
     """
     whole = _map(plant)
-    determinant_check, sign = _rank(whole)
+    J, (*_, phi) = whole.jacobian.tolist(), whole.rows
+    try:
+        det = determinant(J)
+    except TooLarge as error:
+        raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
+    determinant_check, sign = _rank(whole, det.value, as_written(J, det).value)
     # where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3, x3' = 0, but not at x3 = 0
     by_rates = by_construction(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.Phi[:-1])
     chain = if_valued(replace(by_rates, proofs=(Derivatives(),)), plant)
-    rank = if_valued(determinant_check, plant)
-    carried = whole.carried
-    back = carried.inverse()
-    one_to_one = if_valued(_one_to_one(whole, carried.images, back, rank), plant)
+    within = {s for e in whole.Phi for s in e.free_symbols}
+    names = [u.name if u in within else because("{input} (phi alone)", input=u.name) for u in whole.known]
+    inputs = whole.supplied(names, "{names} enter, to be supplied; no range is declared for {loose}", _RANGES)
+    rank, back = if_valued(determinant_check, plant), whole.inverse()
+    one_to_one = if_valued(_one_to_one(whole, back, rank), plant)
     claim = "phi is Lipschitz in z on the image of the box"
     missing = [c.id for c in (rank, one_to_one) if c.verdict is not Verdict.PROVED]
     doubt = because("in z it needs {checks: and }", checks=missing) if missing else NONE
     reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
-    steep = on_image("phase", claim, [whole.phi], whole.plant, "phi", doubt, reason)
-    checks = (chain, _inputs(whole), rank, one_to_one, steep)
+    steep = on_image("phase", claim, [phi], whole.plant, "phi", doubt, reason)
+    checks = (chain, inputs, rank, one_to_one, steep)
     if original or back is None or sign.verdict is not Verdict.PROVED:
-        return carried.in_x(checks)
-    return carried.in_z(back, checks, recovered)
+        return whole.in_x(checks)
+    return whole.in_z(back, checks, recovered)
 
 
-def _map(plant: System) -> _Map:
+def _map(plant: System) -> Carried:
+    """The plant in z = (y, y', ..), whose last row alone has a b, phi. Raises: `NoPhase`."""
     n = len(plant.states)
-    if len(plant.outputs) != 1:
-        names = ", ".join(y.name for y in plant.outputs)
-        raise NoPhase(plant.name, f"has {len(plant.outputs)} outputs, {names}; the phase form takes one: keep one")
+    one_output(plant, "; the phase form takes one: keep one", NoPhase)
     plain = on_box(plant)
-    flow, chain = rates(plain, n + 1), tuple(map(exact, plain.output))
+    flow, chain = rates(plain, n + 1), [exact(plain.output[0])]
     while len(chain) <= n:
-        chain = (*chain, derivatives(chain[-1], flow, 2)[1])
+        chain.append(along(chain[-1], flow))
         if size(chain) > LIMIT:
             reason = f"has derivatives of more than {LIMIT} nodes, at y^({len(chain) - 1}); use the form original"
             raise NoPhase(plant.name, reason)
-    known = input_derivatives(chain, plant, n)
-    extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant
-    jacobian = sp.ImmutableDenseMatrix(n, n, lambda i, j: chain[i].diff(plant.states[j]))
-    if any(e.has(sp.DiracDelta, sp.Derivative, sp.Subs) for e in (*chain, *jacobian)):
+    whole = carried("phase", _REFERENCE, plant, chain[:n], (*(sp.S.Zero,) * (n - 1), chain[n]), n)
+    if any(e.has(*ROUGH) for e in (*chain, *whole.jacobian)):
         rough = without_derivative((*plant.flow, *plant.output)) or "something"
         raise NoPhase(plant.name, f"has no derivatives to order {n} here: {rough}")
-    try:
-        det = determinant(jacobian.tolist())
-    except TooLarge as error:
-        raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
-    return _Map(extended, plant, chain[:n], chain[n], jacobian, det.value, as_written(jacobian.tolist(), det).value)
+    return whole
 
 
 # ---------------------------------------------------------------- checks
 
 
-def _inputs(whole: _Map) -> Check:
-    id, claim = ClaimId("phase", "inputs"), "the derivatives of inputs that enter have ranges"
-    known = whole.plant.inputs[len(whole.before.inputs) :]
-    if not known:
-        return Check(id, claim, Verdict.PROVED, because("none enters"))
-    within = {s for e in whole.Phi for s in e.free_symbols}
-    names = [u.name if u in within else because("{input} (phi alone)", input=u.name) for u in known]
-    loose = [u.name for u in known if not u.bounded]
-    if loose:
-        fix = "Declare rates=((low, high), ..) of the input, one pair for each derivative."
-        reason = because("{names} enter, to be supplied; no range is declared for {loose}", names=names, loose=loose)
-        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
-    return Check(id, claim, Verdict.PROVED, because("{names} enter, to be supplied, in declared ranges", names=names))
-
-
-def _rank(whole: _Map) -> tuple[Check, Sign]:
-    """The check of the rank by rigorous bounds of the determinant, and its sign. The rank is generic where the
-    determinant is not 0 identically and its zeros are not excluded."""
-    id = ClaimId("phase", "rank")
-    claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=whole.shown)
+def _rank(whole: Carried, det: sp.Expr, shown: sp.Expr) -> tuple[Check, Sign]:
+    """The check of the rank by rigorous bounds of the determinant, `shown` as it is read, and its sign. The rank is
+    generic where the determinant is not 0 identically and its zeros are not excluded."""
+    id, claim = (
+        ClaimId("phase", "rank"),
+        Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=shown),
+    )
     # a sign that the plant itself reads is 0 at 0; one that SymPy took for a slope at a kink is a set
     own = any(row.has(sp.sign, sp.Heaviside) for row in (*whole.before.flow, *whole.before.output))
-    det = whole.determinant if own else at_kinks(whole.determinant)
-    sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=BOXES)
-    witness = {s.name: float(value) for s, value in sign.witness.items()}
+    sign = nonzero(det if own else at_kinks(det), whole.box, boxes=BOXES)
+    unknown, parts = replace(sign, verdict=Verdict.UNKNOWN), (*whole.Phi, *whole.jacobian)
     fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
     if sign.verdict is Verdict.REFUTED:
-        if _written(whole, sign.witness):
-            unknown = replace(sign, verdict=Verdict.UNKNOWN)
-            written = because("as it is written it is 0/0 there")
-            return Check(id, claim, Verdict.UNKNOWN, written, witness, fix), unknown
-        return Check(id, claim, Verdict.REFUTED, sign.reason, witness, fix), sign
-    rough = without_derivative((*whole.Phi, *whole.jacobian))
+        at = witness(sign.witness)
+        if _written(whole, det, sign.witness):
+            return Check(id, claim, Verdict.UNKNOWN, because("as it is written it is 0/0 there"), at, fix), unknown
+        return Check(id, claim, Verdict.REFUTED, sign.reason, at, fix), sign
+    rough = without_derivative(parts)
     if rough:
-        unknown = replace(sign, verdict=Verdict.UNKNOWN)
-        fix = _FLATTER if any(row.has(Table) for row in (*whole.Phi, *whole.jacobian)) else ""
+        fix = _FLATTER if any(row.has(Table) for row in parts) else ""
         return Check(id, claim, Verdict.UNKNOWN, rough, fix=fix), unknown
-    lost = undefined((*whole.Phi, *whole.jacobian), whole.plant)
+    lost = undefined(parts, whole.plant)
     if sign.verdict is Verdict.PROVED and lost is not None:
-        unknown = replace(sign, verdict=Verdict.UNKNOWN)
         doubt = because("{part} was not shown to be finite on the box", part=lost)
         return Check(id, claim, Verdict.UNKNOWN, doubt), unknown
     if sign.verdict is Verdict.PROVED:
         reason = because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
         return Check(id, claim, Verdict.PROVED, reason, proofs=(FullRank(),)), sign
-    read = tuple(s for s in whole.plant.signals if s in whole.determinant.free_symbols)
-    if any(kind(whole.determinant, point) in ("> 0", "< 0") for point in points(read)):
+    read = tuple(s for s in whole.plant.signals if s in det.free_symbols)
+    if any(kind(det, point) in ("> 0", "< 0") for point in points(read)):
         reason = because("it is not 0 identically; zeros on the box are not excluded: {why}", why=sign.reason)
         return Check(id, claim, Verdict.GENERIC, reason, fix=fix), sign
     return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix), sign
 
 
-def _written(whole: _Map, point: Mapping[sp.Symbol, Fraction]) -> bool:
+def _written(whole: Carried, det: sp.Expr, point: Mapping[sp.Symbol, Fraction]) -> bool:
     """Whether the determinant is undefined there by the way it is written alone: dPhi/dx is not."""
     at = {s: sp.Rational(value) for s, value in point.items()}
-    return kind(whole.determinant, at) == "undefined" and all(
-        kind(entry, at) != "undefined" for entry in whole.jacobian
-    )
+    return kind(det, at) == "undefined" and all(kind(entry, at) != "undefined" for entry in whole.jacobian)
 
 
-def _one_to_one(
-    whole: _Map, images: dict[Signal, sp.Expr], back: dict[sp.Symbol, sp.Expr] | None, rank: Check
-) -> Check:
+def _one_to_one(whole: Carried, back: Mapping[sp.Symbol, sp.Expr] | None, rank: Check) -> Check:
     """The check that Phi is one to one: by the inverse, wherever it is defined on the image, by rows that each bring in
     one state, with a slope, or by the signs of minors."""
     id, claim = ClaimId("phase", "inverse"), "Phi is one to one on the box, whatever the inputs"
@@ -205,15 +159,15 @@ def _one_to_one(
     # what the inverse divides by, also under a root: on the image a root may cancel, and its zero with it
     powers = [p for e in back.values() for p in e.atoms(sp.Pow)]
     divisors = {p.base for p in powers if not (p.exp.is_nonnegative or p.base.is_number)}
-    parts = {tidy(base.xreplace(dict(images))) for base in divisors}
-    box_x = box(whole.plant.signals, whole.plant.nominal)
-    signs = {part: nonzero(part, box_x, boxes=BOXES).verdict for part in sorted(parts, key=str)}
+    images = whole.images
+    parts = {tidy(base.xreplace(images)) for base in divisors}
+    signs = {part: nonzero(part, whole.box, boxes=BOXES).verdict for part in sorted(parts, key=str)}
     doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
     # what beside divisions may leave it undefined: its roots and functions, each by itself
     entire = (sp.sin, sp.cos, sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.atan, sp.asinh)
     roots = [p.base ** (-p.exp if p.exp.is_negative else p.exp) for p in powers if not p.exp.is_Integer]
     functions = [f for e in back.values() for f in e.atoms(sp.Function) if not isinstance(f, entire)]
-    others = [part.xreplace(dict(images)) for part in (*roots, *functions)]
+    others = [part.xreplace(images) for part in (*roots, *functions)]
     inverse = equations(back)
     if undefined((*whole.Phi, *others), whole.plant) is not None:
         doubt = because("{inverse} was not shown to be defined on all of the image", inverse=inverse)
@@ -226,13 +180,13 @@ def _one_to_one(
     return Check(id, claim, Verdict.PROVED, because("{inverse}, by exact substitution", inverse=inverse))
 
 
-def _by_minors(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
+def _by_minors(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check:
     """Phi with a Jacobian whose principal minors are above zero; the rank says that it is smooth."""
     none = because("no inverse was found; where the rank is n, nearby states differ")
     if rank.verdict is not Verdict.PROVED:
         return Check(id, claim, Verdict.UNKNOWN, none)
     read = [s for s in whole.plant.signals if s in whole.jacobian.free_symbols]
-    known = univalent(whole.jacobian, read, box(whole.plant.signals, whole.plant.nominal), BOXES)
+    known = univalent(whole.jacobian, read, whole.box, BOXES)
     if known is None:
         pattern = "{none}, and the principal minors of dPhi/dx are not shown to be above 0"
         return Check(id, claim, Verdict.UNKNOWN, because(pattern, none=none), fix="Narrow the ranges of the states.")
@@ -241,7 +195,7 @@ def _by_minors(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
     return Check(id, claim, Verdict.PROVED, because(pattern, rows=rows), proofs=(OneToOne(known),))
 
 
-def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check | None:
+def _by_rows(whole: Carried, rank: Check, id: ClaimId, claim: str) -> Check | None:
     """Phi lower triangular in some order of states: strictly monotone in each, where the determinant has no zero; None
     where it is not."""
     seen: set[sp.Symbol] = set()

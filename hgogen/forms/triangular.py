@@ -13,38 +13,15 @@ N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonl
 (2010), form (3).
 """
 
-from dataclasses import dataclass, replace
-
-import sympy as sp
-
-from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import HgogenError
-from hgogen.evidence.grounds import ByForm
-from hgogen.form import Asking, Form
-from hgogen.sentence import Reason
-from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
-from hgogen.structure.chord import settled, signs_of
+from hgogen.form import Asking, Form, one_output
+from hgogen.structure.chain import Chains, Shape, levelwise, of_plant, structure
 from hgogen.structure.coordinates import coordinates, form_in
-from hgogen.structure.defined import defined
-from hgogen.structure.lipschitz import lipschitz
-from hgogen.structure.positive import positive, sign
+from hgogen.structure.hypotheses import sign
+from hgogen.structure.triangle import triangle
 from hgogen.system import System
 
 _REFERENCE = "Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)"
-
-
-@dataclass(eq=False)
-class OneOutput(HgogenError):
-    """The triangular form is for one output."""
-
-    system: str
-    outputs: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return (
-            f"system {self.system!r} has {len(self.outputs)} outputs, {', '.join(self.outputs)}, and the "
-            "triangular form takes one; keep one of them, or use the form original (block forms are for several)"
-        )
+_ONE = ", and the triangular form takes one; keep one of them, or use the form original (block forms are for several)"
 
 
 @Asking(1, ({}, {"measured": True}), most=1)
@@ -62,41 +39,15 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
 
     Raises: `OneOutput`.
     """
-    if len(plant.outputs) != 1:
-        raise OneOutput(plant.name, tuple(y.name for y in plant.outputs))
-    shape, rows = Shape.MEASURED if measured else Shape.CONSTANT, of_plant(plant)
-    chains = levelwise(rows)
-    answer, why = chains.answer(shape)
-    if answer is False or chains.broken:
-        verdict = Verdict.REFUTED if answer is False else Verdict.UNKNOWN
-        refused = _structure(verdict, why, _fix(chains, shape, plant))
-        return form_in(coordinates(plant), "triangular", (refused,), _REFERENCE)
-    links = [settled(link, shape, plant, chains.order[0]) for link in chains.links[0]]
-    z = coordinates(plant, chains.order, signs_of(links, plant))
-    before = (1, *z.signs)
-    a = [s * link.gain * t for s, link, t in zip(before, links, z.signs, strict=False)]
-    A = sp.ImmutableDenseMatrix(len(a), len(a), lambda i, j: z.carry(a[j]) if j == i + 1 else 0)
-    offset, *rest = (s * z.carry(link.rest) for s, link in zip(before, links, strict=False))
-    b = (*rest, z.flow[-1])
-    checks = [
-        _structure(Verdict.PROVED if answer else Verdict.UNKNOWN, why, ""),
-        *(positive(ClaimId("triangular", "a", i), f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
-    ]
-    c = links[0].rest
-    if c != 0 and c.free_symbols.isdisjoint(plant.states):
-        checks.append(defined(ClaimId("triangular", "offset"), "c", c, plant))
-    parts = A, b, (a[0] * z.states[0] + offset,)
-    form = form_in(z, "triangular", checks, _REFERENCE, parts=parts)
-    name = "b" if form.nonlinear == form.b else "b, with the a_i(z_1) z_i,"
-    steep = lipschitz("triangular", map(z.back, form.nonlinear), plant, name)
-    return replace(form, checks=(*form.checks, steep))
-
-
-def _structure(verdict: Verdict, reason: Reason, fix: str) -> Check:
-    id, claim = ClaimId("triangular", "structure"), "each row brings in one new state, linearly"
-    if verdict is Verdict.PROVED:
-        return Check(id, claim, verdict, reason, proofs=(ByForm(),))
-    return Check(id, claim, verdict, reason, fix=fix)
+    one_output(plant, _ONE)
+    shape, chains = Shape.MEASURED if measured else Shape.CONSTANT, levelwise(of_plant(plant))
+    answer = chains.answer(shape)
+    refused = chains.broken or answer[0] is False
+    fix = _fix(chains, shape, plant) if refused else ""
+    check = structure("triangular", "each row brings in one new state, linearly", answer, fix)
+    if refused:
+        return form_in(coordinates(plant), "triangular", (check,), _REFERENCE)
+    return triangle(check, _REFERENCE, plant, chains, shape)
 
 
 def _fix(chains: Chains, shape: Shape, plant: System) -> str:

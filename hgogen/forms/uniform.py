@@ -14,81 +14,18 @@ rates. This form stays in z: A z are the terms that are linear in a state, b the
 H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003).
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
-import sympy as sp
-
-from hgogen.algebra.kinks import slope
-from hgogen.algebra.points import exact
 from hgogen.analysis.written import if_valued
-from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import HgogenError
-from hgogen.evidence.enclosing import enclosure, point, sides
-from hgogen.evidence.grounds import ByForm, Evidence
-from hgogen.form import Asking, Form
-from hgogen.intervals.bounds import bound
-from hgogen.intervals.sign import Cause, nonzero
-from hgogen.structure.apart import apart, without_jumps
-from hgogen.structure.chain import Shape, levelwise, of_plant
+from hgogen.check import ClaimId
+from hgogen.form import Asking, Form, one_output
+from hgogen.structure.chain import Shape, levelwise, of_plant, structure
 from hgogen.structure.coordinates import coordinates, form_in
+from hgogen.structure.hypotheses import AwayFromZero, Vanishing, apart, without_jumps
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
-
-@dataclass(frozen=True)
-class Slope:
-    """dh/dz_1 for `index` 1, else dF_(index-1)/dz_index."""
-
-    index: int
-
-    def of(self, form: Form) -> sp.Expr:
-        """The slope, exactly."""
-        rate = form.output[0] if self.index == 1 else form.flow[self.index - 2]
-        return slope(exact(sp.sympify(rate)), form.states[self.index - 1])
-
-
-class AwayFromZero(Slope):
-    """A slope that is away from zero on the box of states, inputs and parameters."""
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """Its range."""
-        dF = self.of(form)
-        where = sides(form, dF.free_symbols)
-        bounds = bound(dF, where)
-        return enclosure(form, dF, bounds if bounds.low > 0 or bounds.high < 0 else nonzero(dF, where).range)
-
-
-class Vanishing(Slope):
-    """A slope that is zero somewhere, or has both signs."""
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """A point where it is zero, or two where it has opposite signs; None where no such point is exact."""
-        dF = self.of(form)
-        where = sides(form, dF.free_symbols)
-        sign = nonzero(dF, where)
-        least, most = sign.range.least, sign.range.most
-        points: dict[str, Mapping[Any, Any]] = {}
-        if least is not None and most is not None and least.value < 0 < most.value:
-            points = {"witness": least.point, "other": most.point}
-        elif sign.cause is Cause.ZERO:
-            points = {"witness": sign.witness}
-        return {"expression": dF, **{key: point(at, where) for key, at in points.items()}} if points else None
-
-
-@dataclass(eq=False)
-class OneOutputOnly(HgogenError):
-    """The uniform form is for one output."""
-
-    system: str
-    outputs: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return (
-            f"system {self.system!r} has {len(self.outputs)} outputs, {', '.join(self.outputs)}, and the uniform form "
-            "takes one; keep one of them, or use the form block_triangular"
-        )
+_ONE = ", and the uniform form takes one; keep one of them, or use the form block_triangular"
 
 
 @Asking(2, most=1)
@@ -99,18 +36,15 @@ def uniform(plant: System) -> Form:
     from zero; `uniform.lipschitz` (F and h are Lipschitz in the state). A plant without the structure comes back in
     its own order with that one check.
 
-    Raises: `OneOutputOnly`.
+    Raises: `OneOutput`.
     """
-    if len(plant.outputs) != 1:
-        raise OneOutputOnly(plant.name, tuple(y.name for y in plant.outputs))
+    one_output(plant, _ONE)
     chains = levelwise(of_plant(plant))
-    answer, why = chains.answer(Shape.UNIFORM)
-    verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
-    ordered = not chains.broken and answer is not False
+    answer = chains.answer(Shape.UNIFORM)
+    ordered = not chains.broken and answer[0] is not False
     z = coordinates(plant, chains.order if ordered else None)
-    claim, fix = "y shows one state, each row brings in one new one", "" if answer else "Measure another output."
-    proofs = (ByForm(),) if answer else ()
-    checks = [Check(ClaimId("uniform", "structure"), claim, verdict, why, fix=fix, proofs=proofs)]
+    claim = "y shows one state, each row brings in one new one"
+    checks = [structure("uniform", claim, answer, "Measure another output.")]
     if ordered:
         for i, link in enumerate(chains.links[0], 1):
             name = f"dF_{i - 1}/dz_{i}" if i > 1 else "dh/dz_1"

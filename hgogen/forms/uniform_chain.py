@@ -12,20 +12,17 @@ H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable sys
 Busvelle's slides have it with F_2 of z_1, z_2, z_3 in xi_3, as here.
 """
 
-from dataclasses import replace
-
 import sympy as sp
 
 from hgogen.algebra.points import exact
-from hgogen.analysis.lie import input_derivatives, size, without_derivative
+from hgogen.analysis.lie import size, without_derivative
 from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import BadArgument
-from hgogen.form import Asking, Form
+from hgogen.form import Asking, Form, NoForm, one_output
 from hgogen.sentence import NONE, because
-from hgogen.structure.apart import apart, without_jumps
-from hgogen.structure.carried import Carried, by_construction, on_image, undefined
+from hgogen.structure.carried import ROUGH, Carried, by_construction, carried, on_image, undefined
 from hgogen.structure.chain import Chains, Shape, levelwise, of_plant
+from hgogen.structure.hypotheses import apart, without_jumps
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of xi and b
@@ -34,10 +31,8 @@ _OTHER = "the form original takes any plant with finite slopes"
 _REFERENCE = "Hammouri, Farza, ESAIM: COCV 9 (2003)"
 
 
-class NoUniformChain(BadArgument):
+class NoUniformChain(NoForm):
     """A plant that has no such coordinates here."""
-
-    text = "system {what!r} {reason}"
 
 
 @Asking(5, most=1, costly=True, slow=True)
@@ -57,8 +52,8 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     more than `LIMIT` nodes.
     """
     chains, c, offset = _read(plant)
-    carried = _carried(plant, chains, c, offset)
-    smooth, (links,) = _smooth(carried), chains.links
+    whole = _map(plant, chains, c, offset)
+    smooth, (links,) = _smooth(whole), chains.links
     steep = [c, *(link.slope for link in links[1:])]
     names = ["dy/dz_1", *(f"dF_{i}/dz_{i + 1}" for i in range(1, len(links)))]
     slopes = [
@@ -67,24 +62,24 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     ]
     one_to_one = all(check.verdict is Verdict.PROVED for check in (smooth, *slopes))
     claim = "y = xi_1 up to a known offset, xi_i' = xi_(i+1) + b_i(xi_1, .., xi_i, u, u')"
-    structure = by_construction(ClaimId(_MAKER, "structure"), claim, carried.Phi)
+    structure = by_construction(ClaimId(_MAKER, "structure"), claim, whole.Phi)
     claim = "b is Lipschitz in xi on the image of the box"
     doubt = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
     reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
-    bounded = on_image(_MAKER, claim, carried.rows, carried.plant, "b", doubt, reason)
-    each = (structure, *slopes, smooth, _rates_ranged(carried), bounded)
+    bounded = on_image(_MAKER, claim, whole.rows, whole.plant, "b", doubt, reason)
+    doubt = "{names} enter, to be supplied, {loose} without one"
+    inputs = whole.supplied([u.name for u in whole.known], doubt, "Declare rates=((low, high),) of the input.")
+    each = (structure, *slopes, smooth, inputs, bounded)
     checks = tuple(if_valued(check, plant) for check in each)
-    back = carried.inverse()
+    back = whole.inverse()
     if original or back is None or not one_to_one:
-        return carried.in_x(checks)
-    return carried.in_z(back, checks, recovered)
+        return whole.in_x(checks)
+    return whole.in_z(back, checks, recovered)
 
 
 def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
     """The order of the states, c and o(u). Raises: `NoUniformChain`."""
-    if len(plant.outputs) != 1:
-        names = ", ".join(y.name for y in plant.outputs)
-        raise NoUniformChain(plant.name, f"has {len(plant.outputs)} outputs, {names}; these coordinates take one")
+    one_output(plant, "; these coordinates take one", NoUniformChain)
     chains = levelwise(of_plant(plant))
     answer, why = chains.answer(Shape.UNIFORM)
     if answer is not True or chains.broken:
@@ -97,7 +92,7 @@ def _read(plant: System) -> tuple[Chains, sp.Expr, sp.Expr]:
     return chains, c, offset
 
 
-def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
+def _map(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carried:
     """xi, b and the Jacobian. Raises: `NoUniformChain`."""
     z, n = chains.order, len(plant.states)
     plain = dict(zip(plant.states, (exact(sp.sympify(row)) for row in of_plant(plant).flow), strict=True))
@@ -115,14 +110,11 @@ def _carried(plant: System, chains: Chains, c: sp.Expr, offset: sp.Expr) -> Carr
         for i in range(n)
     ]
     rough = without_derivative((*plant.flow, *plant.output))
-    if any(e.has(sp.DiracDelta, sp.Derivative, sp.Subs) for e in (*xi, *b)):
+    if any(e.has(*ROUGH) for e in (*xi, *b)):
         raise NoUniformChain(plant.name, f"has not the derivatives of these coordinates: {rough or 'something'}")
     if size([*xi, *b]) > LIMIT:
         raise NoUniformChain(plant.name, f"has coordinates of more than {LIMIT} nodes; use the form uniform")
-    known = input_derivatives(b, plant, 1)
-    extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant
-    J = sp.ImmutableDenseMatrix(n, n, lambda i, j: xi[i].diff(plant.states[j]))
-    return Carried(_MAKER, _REFERENCE, extended, plant, tuple(xi), tuple(b), J, offset)
+    return carried(_MAKER, _REFERENCE, plant, xi, b, 1, offset)
 
 
 # ---------------------------------------------------------------- checks
@@ -138,16 +130,3 @@ def _smooth(carried: Carried) -> Check:
         doubt = because("{part} was not shown to be finite on the box", part=lost)
         return Check(id, claim, Verdict.UNKNOWN, doubt, fix="Narrow the ranges.")
     return Check(id, claim, Verdict.PROVED, because("by its terms and outward-rounded intervals"))
-
-
-def _rates_ranged(carried: Carried) -> Check:
-    id, claim = ClaimId(_MAKER, "inputs"), "the derivatives of inputs that enter have ranges"
-    known = carried.plant.inputs[len(carried.before.inputs) :]
-    names, loose = [u.name for u in known], [u.name for u in known if not u.bounded]
-    if not known:
-        return Check(id, claim, Verdict.PROVED, because("none enters"))
-    if loose:
-        fix = "Declare rates=((low, high),) of the input."
-        reason = because("{names} enter, to be supplied, {loose} without one", names=names, loose=loose)
-        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
-    return Check(id, claim, Verdict.PROVED, because("{names} enter, to be supplied, in declared ranges", names=names))

@@ -59,7 +59,7 @@ from hgogen.starting import Gains, Scale, starts, two
 from hgogen.stepping.guards import readings
 from hgogen.stepping.recovery import SHARE
 from hgogen.stepping.settling import FINE
-from hgogen.structure.bounded import bounded
+from hgogen.structure.hypotheses import bounded
 from hgogen.theorem import FORM, LIPSCHITZ, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"

@@ -12,9 +12,9 @@ from hgogen.check import ClaimId, Verdict
 from hgogen.graph import Graph
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
-from hgogen.structure.apart import apart
 from hgogen.structure.chain import Rows, of_plant
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.hypotheses import apart
 from hgogen.system import System
 
 

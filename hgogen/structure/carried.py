@@ -6,14 +6,14 @@ or left in its own, with dPhi/dx, through whose inverse an observer corrects. Be
 arguments of tables may leave their points.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
 
 from hgogen.algebra.interpolation import held
 from hgogen.algebra.points import exact
-from hgogen.analysis.lie import size, without_derivative
+from hgogen.analysis.lie import input_derivatives, size, without_derivative
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box, problem_of
@@ -27,6 +27,7 @@ from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 BOXES = 2000
+ROUGH = (sp.DiracDelta, sp.Derivative, sp.Subs)  # what a derivative has that there is not
 _RANGES = 300  # the ranges of z are where b is clamped: a few percent wider is no harm
 _POLES = 200  # b is large, and with poles in the box of z, as they often are, more boxes do not help
 
@@ -50,6 +51,26 @@ class Carried:
         """Phi by the states of the form, which have no range yet."""
         return dict(zip(coordinates(self.plant).states, self.Phi, strict=True))
 
+    @property
+    def box(self) -> Box:
+        """The box of the plant."""
+        return box(self.plant.signals, self.plant.nominal)
+
+    @property
+    def known(self) -> tuple[Signal, ...]:
+        """The derivatives of inputs that enter, which the user supplies."""
+        return self.plant.inputs[len(self.before.inputs) :]
+
+    def supplied(self, names: Sequence[str | Reason], doubt: str, fix: str) -> Check:
+        """The check `KIND.inputs`, that the derivatives of inputs that enter, called `names`, have ranges; `doubt`: how
+        it is said that the `loose` ones have none."""
+        id, claim = ClaimId(self.kind, "inputs"), "the derivatives of inputs that enter have ranges"
+        loose = [u.name for u in self.known if not u.bounded]
+        if loose:
+            return Check(id, claim, Verdict.UNKNOWN, because(doubt, names=names, loose=loose), fix=fix)
+        enter = because("{names} enter, to be supplied, in declared ranges", names=names)
+        return Check(id, claim, Verdict.PROVED, enter if names else because("none enters"))
+
     def inverse(self) -> dict[sp.Symbol, sp.Expr] | None:
         """Psi; None where none is found."""
         plant = self.plant
@@ -59,8 +80,7 @@ class Carried:
     def in_z(self, back: Mapping[sp.Symbol, sp.Expr], checks: Iterable[Check], recovered: bool) -> Form:
         """The form in z, each with the range that Phi has on the box; `recovered`: b is taken at Psi(z), as it is where
         it may have poles in the box of z."""
-        plant, n = self.plant, len(self.Phi)
-        box_x = box(plant.signals, plant.nominal)
+        plant, n, box_x = self.plant, len(self.Phi), self.box
         (y,) = plant.outputs
         states = []
         for k, (s, image) in enumerate(self.images.items()):
@@ -94,6 +114,25 @@ class Carried:
         z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
         J = sp.ImmutableDenseMatrix(self.jacobian.applyfunc(z.carry))
         return form_in(z, f"{self.kind}, original coordinates", checks, self.reference, jacobian=J)
+
+
+def carried(
+    kind: str,
+    reference: str,
+    plant: System,
+    Phi: Sequence[sp.Expr],
+    rows: Sequence[sp.Expr],
+    orders: int,
+    offset: sp.Expr = sp.S.Zero,
+) -> Carried:
+    """The plant carried by Phi, with the derivatives of its inputs, up to these orders, that enter.
+
+    Raises: `BadSystem` where a signal has the name of one.
+    """
+    n, known = len(Phi), input_derivatives((*Phi, *rows), plant, orders)
+    extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant
+    J = sp.ImmutableDenseMatrix(n, n, lambda i, j: Phi[i].diff(plant.states[j]))
+    return Carried(kind, reference, extended, plant, tuple(Phi), tuple(rows), J, offset)
 
 
 def by_construction(id: ClaimId, claim: str, moving: Iterable[sp.Expr]) -> Check:

@@ -21,7 +21,8 @@ from hgogen.algebra.kinks import bent, unbent
 from hgogen.algebra.kinks import slope as slope_of
 from hgogen.algebra.points import put
 from hgogen.analysis.on_box import on_box
-from hgogen.intervals.box import box
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import ByForm
 from hgogen.intervals.slope import JUMPS
 from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System
@@ -69,7 +70,7 @@ class Rows:
 def of_plant(plant: System) -> Rows:
     """The rows of a plant on its box, without kinks whose side the box decides; a parameter without a range has its
     value."""
-    plain, around = on_box(plant), box(plant.signals, plant.nominal)
+    plain, around = on_box(plant), plant.box
     return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
 
 
@@ -288,6 +289,9 @@ def same_state(one: Link, other: Link) -> Reason:
     return because(pattern, row=one.name, other=other.name, state=one.state)
 
 
-def listed(symbols: Iterable[sp.Symbol]) -> str:
-    """Names with commas."""
-    return ", ".join(s.name for s in symbols)
+def structure(maker: str, claim: str, answer: Answer, fix: str) -> Check:
+    """The check `MAKER.structure` of chains with this answer."""
+    is_so, why = answer
+    verdict = Verdict.PROVED if is_so else Verdict.UNKNOWN if is_so is None else Verdict.REFUTED
+    proofs = (ByForm(),) if is_so else ()
+    return Check(ClaimId(maker, "structure"), claim, verdict, why, fix="" if is_so else fix, proofs=proofs)

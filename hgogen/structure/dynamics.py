@@ -364,7 +364,7 @@ class Dynamics:
     @cached_property
     def _constants(self) -> tuple[tuple[sp.Symbol, Any], ...]:
         """The parameters that have no range, with their values."""
-        return tuple((p, value) for p, value in self.form.system.nominal.items() if not p.bounded)
+        return tuple(self.form.system.constants.items())
 
     def _convert(
         self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None, boxed: bool = True

@@ -30,7 +30,7 @@ def chains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
 
 def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
     """The parameters without a range, at their values."""
-    return {p: value for p, value in form.system.nominal.items() if not p.bounded}
+    return form.system.constants
 
 
 def signals(form: Form) -> tuple[sp.Symbol, ...]:
