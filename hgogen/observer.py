@@ -21,8 +21,8 @@ from hgogen.reading.given import BadGain, names, positive, real, reals
 from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
 from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.evaluated import evaluated
 from hgogen.structure.holding import holding
+from hgogen.structure.jacobians import evaluated
 from hgogen.structure.scaling import exponents
 from hgogen.system import System
 from hgogen.theorem import Theorem

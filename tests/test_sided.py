@@ -13,7 +13,7 @@ import hgogen as hg
 from hgogen.observers.high_gain import high_gain
 from hgogen.program import Place
 from hgogen.structure.dynamics import Dynamics, regular_at
-from hgogen.structure.sided import sided
+from hgogen.structure.inverse import sided
 
 
 @cache

@@ -10,7 +10,7 @@ from hgogen.algebra.rank import NowhereDefined, believe_zeros, matrix_rows, modu
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.algebra.tape import NoTape
-from hgogen.analysis.zero_set import alive, zero_set
+from hgogen.analysis.determinant import alive, zero_set
 
 LIMIT = 300_000  # products of terms of the elimination
 

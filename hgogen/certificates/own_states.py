@@ -15,10 +15,10 @@ import sympy as sp
 from hgogen.form import Form
 from hgogen.guarantees.plant_step import Unbounded, steepness_in
 from hgogen.intervals.box import Box, box
-from hgogen.structure.dynamics import moved
+from hgogen.structure.coordinates import linear_terms
+from hgogen.structure.dynamics import moved, reach
+from hgogen.structure.inverse import sided
 from hgogen.structure.polytope import signals
-from hgogen.structure.sided import sided
-from hgogen.structure.unclamped import reach, split
 
 Slopes = Mapping[str, tuple[Fraction, ...]]
 
@@ -39,7 +39,7 @@ def slopes_of_states(form: Form, errors: Sequence[Fraction]) -> Slopes:
 
 def _of_form(form: Form, expression: sp.Expr, errors: Sequence[Fraction]) -> tuple[Fraction, ...]:
     """Of a state that is reported as an expression of z, clamped to where it turns round. Raises: `Unbounded`."""
-    where, (_, rest) = box(signals(form), form.system.nominal), split(expression, form.states)
+    where, (_, rest) = box(signals(form), form.system.nominal), linear_terms(expression, form.states)
     for z, error in zip(form.states, errors, strict=True):
         (low, high), (least, most) = map(Fraction, z.interval), reach([rest], z, form.states)
         where[z] = max(low - error, _end(least, low - error)), min(high + error, _end(most, high + error))
@@ -67,7 +67,7 @@ def _of_plant(form: Form, state: sp.Symbol) -> tuple[Fraction, ...]:
 def _steepest(expression: sp.Expr, form: Form, where: Box) -> tuple[Fraction, ...]:
     """sup |l_j + c r_j|, c in [0, 1], of what is linear in z, with slopes l, and the rest, with slopes r: at an end of
     c. Raises: `Unbounded`."""
-    linear, _ = split(expression, form.states)
+    linear, _ = linear_terms(expression, form.states)
     return tuple(max(steepness_in(linear, z, where), steepness_in(expression, z, where)) for z in form.states)
 
 

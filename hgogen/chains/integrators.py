@@ -24,8 +24,8 @@ from hgogen.observer import Observer, state_field
 from hgogen.part import Part
 from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain
-from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.lipschitz import clamped
 from hgogen.structure.polytope import fixed, span
 from hgogen.structure.saturation import described
 from hgogen.theorem import Theorem

@@ -25,8 +25,7 @@ from hgogen.intervals.sign import nonzero
 from hgogen.reading.given import names as several
 from hgogen.sentence import because
 from hgogen.signal import Signal
-from hgogen.structure.chain import Rows, of_plant
-from hgogen.structure.connected import connected, reached
+from hgogen.structure.chain import Rows, connected, of_plant, reached
 from hgogen.structure.coordinates import coordinates, form_in, split
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System

@@ -30,9 +30,19 @@ from hgogen.intervals.digits import Down
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import NONZERO, Condition, reasons
 from hgogen.sentence import NONE, Sentence, because, equations
-from hgogen.structure.carried import BOXES, ROUGH, Carried, by_construction, carried, on_image, undefined
+from hgogen.structure.carried import (
+    BOXES,
+    ROUGH,
+    Carried,
+    Derivatives,
+    FullRank,
+    OneToOne,
+    by_construction,
+    carried,
+    on_image,
+    undefined,
+)
 from hgogen.structure.inverse import tidy
-from hgogen.structure.phasing import Derivatives, FullRank, OneToOne
 from hgogen.structure.univalent import univalent
 from hgogen.system import System
 

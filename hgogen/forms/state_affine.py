@@ -23,8 +23,7 @@ from hgogen.form import Asking, Form
 from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
-from hgogen.structure.chain import of_plant
-from hgogen.structure.connected import cut_off
+from hgogen.structure.chain import cut_off, of_plant
 from hgogen.structure.coordinates import coordinates, form_in, split
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System

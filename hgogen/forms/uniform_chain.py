@@ -67,8 +67,8 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     doubt = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
     reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
     bounded = on_image(_MAKER, claim, whole.rows, whole.plant, "b", doubt, reason)
-    doubt = "{names} enter, to be supplied, {loose} without one"
-    inputs = whole.supplied([u.name for u in whole.known], doubt, "Declare rates=((low, high),) of the input.")
+    loose = "{names} enter, to be supplied, {loose} without one"
+    inputs = whole.supplied([u.name for u in whole.known], loose, "Declare rates=((low, high),) of the input.")
     each = (structure, *slopes, smooth, inputs, bounded)
     checks = tuple(if_valued(check, plant) for check in each)
     back = whole.inverse()

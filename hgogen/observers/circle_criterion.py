@@ -30,8 +30,8 @@ from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain
 from hgogen.starting import starts
-from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.lipschitz import clamped
 from hgogen.structure.spare import mean, weighted
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Theorem, large_theta
 

@@ -34,9 +34,9 @@ from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
-from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.evaluated import evaluated
+from hgogen.structure.jacobians import evaluated
+from hgogen.structure.lipschitz import clamped
 from hgogen.theorem import Hypothesis
 
 REFERENCE = (

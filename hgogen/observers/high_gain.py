@@ -32,9 +32,9 @@ from hgogen.part import Ode
 from hgogen.program import Block, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.starting import starts
-from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.jacobians import largest_determinant
+from hgogen.structure.lipschitz import clamped
 from hgogen.structure.saturation import Limits, described, saturated
 from hgogen.structure.spare import mean, shown, unused, weighted
 from hgogen.theorem import FORM, HURWITZ, OPERATION, Hypothesis, Theorem, large_theta

@@ -24,7 +24,7 @@ from hgogen.program import sym
 from hgogen.reading.given import BadGain, count
 from hgogen.reading.named import Matrix, Values
 from hgogen.starting import starts
-from hgogen.structure.evaluated import evaluated
+from hgogen.structure.jacobians import evaluated
 from hgogen.theorem import Hypothesis
 
 REFERENCE = "Bell, Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE TAC 38 (1993)"

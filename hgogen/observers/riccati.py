@@ -33,8 +33,8 @@ from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values
 from hgogen.sentence import because, joined
 from hgogen.starting import starts
-from hgogen.structure.clamped import clamped
-from hgogen.structure.evaluated import evaluated
+from hgogen.structure.jacobians import evaluated
+from hgogen.structure.lipschitz import clamped
 from hgogen.structure.scaling import ALIGNED, noise_equation
 from hgogen.structure.spare import unused
 

@@ -13,17 +13,22 @@ import sympy as sp
 
 from hgogen.algebra.interpolation import held
 from hgogen.algebra.points import exact
-from hgogen.analysis.lie import input_derivatives, size, without_derivative
+from hgogen.analysis.determinant import determinant
+from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative, without_rates
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.enclosing import enclosure
+from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box, problem_of
 from hgogen.intervals.search import everywhere
+from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import singular
 from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
 from hgogen.structure.lipschitz import lipschitz
+from hgogen.structure.univalent import Weights, minor, subsets, weighted
 from hgogen.system import System
 
 BOXES = 2000
@@ -178,3 +183,67 @@ def undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
     box_x = box(plant.signals, plant.nominal)
     doubtful = (e for e in dict.fromkeys(expressions) if not (e.is_number or e.is_polynomial()))
     return next((e for e in doubtful if not _defined(e, box_x, BOXES)), None)
+
+
+# ---------------------------------------------------------------- evidence of Phi = (y, y', .., y^(n-1))
+
+
+class Derivatives:
+    """The chain of y and its derivatives."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Phi = (y, y', ..), in the plant's states, its inputs and their derivatives."""
+        Phi = _derivatives(form)
+        return {"chain": Phi} if Phi else None
+
+
+class FullRank:
+    """det dPhi/dx away from zero."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The range of the determinant on the box of the plant."""
+        J = _jacobian(form)
+        return None if J is None else _enclosed(form, determinant(J.tolist()).value)
+
+
+@dataclass(frozen=True)
+class OneToOne:
+    """All principal minors of weighted rows of dPhi/dx above zero."""
+
+    weights: Weights
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The weights, and the range of each minor on the box of the plant."""
+        J = _jacobian(form)
+        if J is None:
+            return None
+        weighed, minors = weighted(self.weights, J), []
+        for places in subsets(form.n):
+            known = _enclosed(form, minor(weighed, places))
+            if known is None:
+                return None
+            minors.append({"places": [place + 1 for place in places], **known})
+        return {"weights": self.weights, "minors": minors}
+
+
+def _enclosed(form: Form, determinant: sp.Expr) -> Evidence | None:
+    """The range of a determinant of the plant's signals, with the derivatives of its inputs."""
+    system, det = form.system, exact(determinant)
+    known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
+    every = box((*known, *system.signals), system.nominal)
+    where = {s: every[s] for s in sorted(det.free_symbols, key=str)}
+    return enclosure(form, det, nonzero(det, where).range, where)
+
+
+def _jacobian(form: Form) -> sp.Matrix | None:
+    """dPhi/dx of the plant as it was declared; None of one in other coordinates."""
+    Phi = _derivatives(form)
+    return None if Phi is None else sp.Matrix([[entry.diff(x) for x in form.system.states] for entry in Phi])
+
+
+def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
+    """Phi of the plant as it was declared; None of one in other coordinates."""
+    system = form.system
+    if system.origin is not None:
+        return None
+    return derivatives(exact(system.output[0]), rates(without_rates(system), form.n), form.n)

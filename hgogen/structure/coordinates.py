@@ -107,19 +107,22 @@ def form_in(
     )
 
 
+def linear_terms(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
+    """The sum of the terms that are linear in a state with a coefficient free of states, and the rest."""
+    linear: list[sp.Expr] = []
+    rest: list[sp.Expr] = []
+    for term in sp.Add.make_args(sp.expand_mul(expression)):
+        _, factor = term.as_independent(*states, as_Add=False)
+        (linear if factor in states else rest).append(term)
+    return sp.Add(*linear), sp.Add(*rest)
+
+
 def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
     """A and b of flow = A x + b; A holds the coefficients, free of states, of the terms linear in a state."""
-    A, b = sp.zeros(len(states), len(states)), []
-    for i, row in enumerate(flow):
-        rest = []
-        for term in sp.Add.make_args(sp.expand_mul(row)):
-            coefficient, factor = term.as_independent(*states, as_Add=False)
-            if factor in states:
-                A[i, states.index(factor)] += coefficient
-            else:
-                rest.append(term)
-        b.append(sp.Add(*rest) if any(A.row(i)) else row)
-    return sp.ImmutableDenseMatrix(A), tuple(b)
+    rows, n = tuple(flow), len(states)
+    terms = [linear_terms(row, states) for row in rows]
+    A = sp.ImmutableDenseMatrix(n, n, lambda i, j: terms[i][0].coeff(states[j]))
+    return A, tuple(rest if linear != 0 else row for row, (linear, rest) in zip(rows, terms, strict=True))
 
 
 def _signal(name: str, x: Signal, sign: int) -> Signal:

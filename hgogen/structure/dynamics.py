@@ -23,12 +23,13 @@ from hgogen.analysis.determinant import determinant
 from hgogen.form import Form
 from hgogen.graph import Graph, binary, leaves, to_casadi
 from hgogen.intervals.box import box
+from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.intervals.one_sided import computed
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
+from hgogen.structure.coordinates import linear_terms
 from hgogen.structure.holding import Holding
-from hgogen.structure.sided import Sided, sided
-from hgogen.structure.unclamped import reach, split
+from hgogen.structure.inverse import Sided, sided
 
 HUGE = 1e15  # a value beyond it is absurd in any unit; its square still is a float
 
@@ -176,7 +177,7 @@ class Dynamics:
         """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped, or by its tangent there."""
         values = self._saturating(self.form.output, z, u)
         if self.tangent and self.form.clamped:
-            slopes = self._slopes([split(h, self.form.states)[1] for h in self.form.output], z, u)
+            slopes = self._slopes([linear_terms(h, self.form.states)[1] for h in self.form.output], z, u)
             values += self._taken(slopes, self.readable(z, u)) @ (z - self.saturated(z))
         if not self.holding.outputs:
             return values
@@ -252,7 +253,7 @@ class Dynamics:
         if moved(self.form):
             states, _ = self.recovered(z, u)
             return column(self._convert([e for _, e in system.reported], states, u, system.states))
-        linear, rest = zip(*(split(e, self.form.states) for _, e in self.form.estimates), strict=True)
+        linear, rest = zip(*(linear_terms(e, self.form.states) for _, e in self.form.estimates), strict=True)
         clamped = self._held(z, [reach(rest, s, self.form.states) for s in self.form.states])
         return column(self._convert(linear, z, u)) + column(self._convert(rest, clamped, u))
 
@@ -358,7 +359,7 @@ class Dynamics:
 
     def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """Terms linear in a state at z, the others at sat(z)."""
-        linear, rest = zip(*(split(e, self.form.states) for e in expressions), strict=True)
+        linear, rest = zip(*(linear_terms(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
 
     @cached_property
@@ -385,6 +386,17 @@ class Dynamics:
 def _with_constants(expression: sp.Expr, constants: tuple[tuple[sp.Symbol, Any], ...]) -> sp.Expr:
     """The expression with the values of the parameters that have no range."""
     return expression.subs(dict(constants))
+
+
+def reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
+    """The state's range, without an end beyond which every row that reads the state goes on in one direction."""
+    slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
+    around, (low, high) = box(states), state.interval
+
+    def turns(beyond: tuple[float, float]) -> bool:
+        return any(contains_zero(enclose(slope, {**around, state: beyond})) for slope in slopes)
+
+    return (low if turns((-INF, low)) else -INF), (high if turns((high, INF)) else INF)
 
 
 def moved(form: Form) -> bool:

@@ -2,30 +2,40 @@
 
 The bound L_b = sup |db/dx| comes from outward-rounded intervals (`slope`). A state without a range is unbounded
 here, because an observer does not clamp it.
+
+An observer evaluates b with its argument clamped to the box of z, of which z = Phi(x) takes the plant's box to a part.
+What is shown on that image says nothing of the rest of the box of z, through which the estimate may pass. A clamp of
+each component is Lipschitz, so b is after it if it is on the box (`clamped`).
 """
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from fractions import Fraction
 
 import sympy as sp
 
 from hgogen.algebra.kinks import bent
+from hgogen.algebra.points import witness
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import Slopes
+from hgogen.form import Form
 from hgogen.intervals.bounds import Proof, counted, ends
-from hgogen.intervals.bounds import box as box_of
+from hgogen.intervals.box import box
 from hgogen.intervals.digits import Up
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.singular import minimal, reasons, singular
-from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
-from hgogen.sentence import Reason, because
+from hgogen.intervals.slope import JUMPS, lipschitz_bound
+from hgogen.sentence import Reason, because, joined
+from hgogen.signal import Signal
 from hgogen.system import System
 
-__all__ = ["JUMPS", "KINKS", "lipschitz"]
-
+BOXES = 500  # of a clamped b, whose bound need not be the least
 _NARROW = "Narrow the ranges so that it stays away from there."
+_SINGULAR = "{what} may jump or be singular"
+_TAKEN = because("b is taken at Psi(z), clamped to the plant's ranges")
 
 
 def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
@@ -47,44 +57,83 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     def answer(verdict: Verdict, reason: Reason, fix: str = "") -> Check:
         return Check(id, claim, verdict, reason, fix=fix)
 
-    box, entries = box_of(system.signals, system.nominal), tuple(b)
-    rows = tuple(one_sided(row, box) for row in entries)
+    around, entries = system.box, tuple(b)
+    rows = tuple(one_sided(row, around) for row in entries)
     try:
-        steepest = lipschitz_bound(rows, system.states, box)
+        steepest = lipschitz_bound(rows, system.states, around)
     except NoTape as missing:
-        doubt = because("{what} may jump or be singular", what=missing.what)
-        return answer(Verdict.UNKNOWN, doubt, "Write it with functions that are known.")
+        return answer(Verdict.UNKNOWN, because(_SINGULAR, what=missing.what), "Write it with functions that are known.")
     if steepest.verdict is Verdict.PROVED:
         bound = Slopes(Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree))
-        return if_valued(replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(bound,)), system)
+        on = because(
+            "L_b <= {L_b}, by outward-rounded intervals on {boxes}",
+            L_b=Up(steepest.high),
+            boxes=counted(steepest.boxes),
+        )
+        reason = on if steepest.high else because("it does not depend on the state")
+        return if_valued(replace(answer(Verdict.PROVED, reason), proofs=(bound,)), system)
     if steepest.verdict is Verdict.REFUTED:
-        witness = {s.name: float(value) for s, value in steepest.witness.items()}
-        return replace(answer(Verdict.REFUTED, steepest.reason, _NARROW), witness=witness)
+        return replace(answer(Verdict.REFUTED, steepest.reason, _NARROW), witness=witness(steepest.witness))
     jumps = sorted({node for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)}, key=str)
     if jumps:
         doubt = because("{part} may jump", part=jumps[0])
         return answer(Verdict.UNKNOWN, doubt, "Write saturations with sympy.Min and sympy.Max.")
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
-    poles = singular([*rows, *slopes], box)
-    names = sorted(
-        {s.name for row in rows for s in row.free_symbols & {*system.states, *system.inputs} if not s.bounded}
-    )
-    if names:
-        doubt = because("no bound without a range for {names}", names=names)
-        return answer(Verdict.UNKNOWN, doubt, f"Declare low= and high= for {', '.join(names)}.")
-    if poles:
-        conditions = minimal((*poles.values(), *asked(system)))
-        if any(part.has(*system.states) for part in (*poles, *(each.of for each in conditions))):
-            places = [condition.failure for condition in conditions]
-            doubt = because("no uniform bound is shown; it may be singular {places: or }", places=places)
-            return answer(Verdict.UNKNOWN, doubt, _NARROW)
-        parts = "holds on every closed part of the box where {conditions: and }"
-        return answer(Verdict.WHERE, because(parts, conditions=reasons(conditions)), _NARROW)
-    return answer(Verdict.UNKNOWN, steepest.reason)
+    poles = singular([*rows, *slopes], around)
+    read = {s for row in rows for s in row.free_symbols & {*system.states, *system.inputs}}
+    loose = sorted(s.name for s in read if not s.bounded)
+    if loose:
+        doubt = because("no bound without a range for {names}", names=loose)
+        return answer(Verdict.UNKNOWN, doubt, f"Declare low= and high= for {', '.join(loose)}.")
+    if not poles:
+        return answer(Verdict.UNKNOWN, steepest.reason)
+    conditions = minimal((*poles.values(), *asked(system)))
+    if any(part.has(*system.states) for part in (*poles, *(each.of for each in conditions))):
+        places = [condition.failure for condition in conditions]
+        doubt = because("no uniform bound is shown; it may be singular {places: or }", places=places)
+        return answer(Verdict.UNKNOWN, doubt, _NARROW)
+    parts = "holds on every closed part of the box where {conditions: and }"
+    return answer(Verdict.WHERE, because(parts, conditions=reasons(conditions)), _NARROW)
 
 
-def _bound(steepest: Lipschitz) -> Reason:
-    if steepest.high == 0:
-        return because("it does not depend on the state")
-    pattern = "L_b <= {L_b}, by outward-rounded intervals on {boxes}"
-    return because(pattern, L_b=Up(steepest.high), boxes=counted(steepest.boxes))
+def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
+    """The check `OBSERVER.lipschitz` of a form in other coordinates than the plant's states, in some order and with
+    signs. For those states the form's own check is of the same box, and no check is made; nor is one where b is 0.
+    """
+    if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
+        return ()
+    claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
+    if form.free:
+        return (Check(ClaimId(observer, "lipschitz"), claim, Verdict.UNKNOWN, because("it is not clamped")),)
+    verdict, reason, *proofs = _bounded_slope(form, boxes)
+    return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(map(Slopes, proofs))),)
+
+
+def _bounded_slope(form: Form, boxes: int) -> tuple[Verdict, Reason] | tuple[Verdict, Reason, Proof]:
+    """The verdict, the reason and the proof. The verdict is PROVED or UNKNOWN: beyond the image of the plant's box b is
+    not the plant's, and nothing there refutes."""
+    if form.behind is None:
+        proof = _steepest(form.b, form.states, form, boxes)
+        if isinstance(proof, Reason):
+            return Verdict.UNKNOWN, proof
+        assert proof.high is not None
+        return Verdict.PROVED, because("L_b <= {L_b}, by outward-rounded intervals", L_b=Up(proof.high)), proof
+    if isinstance(_steepest(form.from_form, form.states, form, boxes), Reason):
+        poles = "{taken}, of which no slope is proved: Psi may have poles in the box of z"
+        return Verdict.UNKNOWN, because(poles, taken=_TAKEN)
+    why = _steepest(form.behind, form.system.states, form, boxes)
+    if isinstance(why, Reason):
+        return Verdict.UNKNOWN, joined(_TAKEN, why)
+    return Verdict.PROVED, because("{taken}, both of bounded slope, by outward-rounded intervals", taken=_TAKEN)
+
+
+def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | Reason:
+    """The proof of the steepest slope of the rows on the box of the states, or the reason why none is proved."""
+    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        steepest = lipschitz_bound(rows, states, around, boxes=boxes)
+    except NoTape as missing:
+        return because(_SINGULAR, what=missing.what)
+    if steepest.verdict is not Verdict.PROVED or not math.isfinite(steepest.high):
+        return steepest.reason
+    return Proof(tuple(rows), None, Fraction(steepest.high), steepest.variables, steepest.tree)

@@ -49,9 +49,10 @@ def triangle(structure: Check, reference: str, plant: System, chains: Chains, sh
                 A[head + j - 1, head + j], b[head + j - 1] = z.carry(a), rest
             else:
                 output[i] = z.carry(a) * z.states[head] + rest
-        c, at = links[0].rest if links else 0, (i + 1,) if several else ()
+        c = links[0].rest if links else sp.S.Zero
         if c != 0 and c.free_symbols.isdisjoint(plant.states):
-            offsets.append(defined(ClaimId(maker, "offset", *at), f"c_{i + 1}" if several else "c", c, plant))
+            id = ClaimId(maker, "offset", i + 1) if several else ClaimId(maker, "offset")
+            offsets.append(defined(id, f"c_{i + 1}" if several else "c", c, plant))
         head += len(links)
     parts = sp.ImmutableDenseMatrix(A), tuple(b), tuple(output)
     form = form_in(z, maker, (structure, *gains, *offsets), reference, parts=parts, **more)
