@@ -20,16 +20,14 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
 
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.evidence.grounds import Grounds
+from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.guarantees.all_shorter import Piece, all_shorter
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Flow
 from hgogen.guarantees.contracting import ROWS, Contracts, Steps, farthest, unstable
-from hgogen.guarantees.inclusion import Inclusion
-from hgogen.guarantees.step_evidence import AtOneLength, Throughout
+from hgogen.guarantees.inclusion import Inclusion, Shown
 from hgogen.intervals.digits import Down, down, same, up
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer
@@ -117,7 +115,8 @@ def _contraction(observer: Observer, method: Method, rule: str, dt: float, limit
         return _unknown(observer, rule, dt, _why(observer, steps, h), _fix(far), far)
     pattern = "|e|_P falls at least like exp(-{rate} t), in {arithmetic} arithmetic"
     rate = because(pattern, rate=Down(proof.rate, 3), arithmetic=steps.at(h).arithmetic)
-    known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, AtOneLength(error, rule, proof))
+    facts = {"method": rule, "dt": proof.h, "alpha": proof.alpha, **proof.weights.written}
+    known = claimed(observer, "step", _claim(observer, rule, dt), rate, error, facts)
     return Contraction((known, *_beyond(observer, rule, steps, far)), proof.rate, far, proof, steps)
 
 
@@ -128,12 +127,17 @@ def _beyond(observer: Observer, rule: str, steps: Steps, far: Reach) -> Iterator
         longest = far.pieces[-1].high
         upto, most = f"{Down(longest, 3)} {observer.form.system.time}", Down(longest * steps.theta, 3)
         claim = f"so they do at every dt up to {upto}, of a larger theta while theta dt is up to {most}"
-        shown = Throughout(steps.error, rule, steps.theta, far.pieces)
-        yield claimed(observer, "shorter", claim, reason, steps.error, shown)
+        yield claimed(observer, "shorter", claim, reason, steps.error, _facts(rule, steps.theta, far.pieces))
     if far.tuned and far.least is not None:
         ends = f"from {same(float(far.least))} to {same(float(steps.theta))}"
-        shown = Throughout(steps.error, rule, far.least, far.tuned)
-        yield claimed(observer, "tuned", f"so they do at every theta {ends}", reason, steps.error, shown)
+        facts = _facts(rule, far.least, far.tuned)
+        yield claimed(observer, "tuned", f"so they do at every theta {ends}", reason, steps.error, facts)
+
+
+def _facts(rule: str, theta: Fraction, pieces: Iterable[Piece]) -> Evidence:
+    """Proofs at one theta of every step length up to a longest, as a certificate has them."""
+    each = [{"low": one.low, "high": one.high, **one.weights.written} for one in pieces]
+    return {"method": rule, "theta": theta, "pieces": each}
 
 
 def _claim(observer: Observer, rule: str, dt: float) -> str:
@@ -145,9 +149,9 @@ def running(observer: Observer, rule: str, dt: float) -> str:
     return f"as it runs, by {rule} at dt = {same(dt)} {observer.form.system.time}"
 
 
-def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, shown: Any) -> Check:
-    """A proved claim about an observer's step, with its evidence `shown`."""
-    grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, shown)
+def claimed(observer: Observer, fact: str, claim: str, reason: Reason, error: Inclusion, facts: Evidence) -> Check:
+    """A proved claim about the error of an observer, with the `facts` that show it."""
+    grounds = Grounds({"theta": float(theta_of(observer)), **error.numbers}, Shown(error, facts))
     return Check(ClaimId(observer.name, fact), claim, Verdict.PROVED, reason, proofs=(grounds,))
 
 

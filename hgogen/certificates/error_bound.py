@@ -22,12 +22,11 @@ from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.confined import confined, reached
 from hgogen.guarantees.contracting import Contracts, Steps
-from hgogen.guarantees.entering import Entering, Heads, Sizes, heads_of
+from hgogen.guarantees.entering import Entering, Heads, Share, Sizes, heads_of
 from hgogen.guarantees.inclusion import NO_SCALES, of_state
 from hgogen.guarantees.plant_step import PlantStep, Unbounded, times
 from hgogen.guarantees.quadratic import rational
 from hgogen.guarantees.signed import Signed
-from hgogen.guarantees.step_evidence import Share, UnderInputs
 from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.computed import REALS, Real
 from hgogen.intervals.digits import Down, Up
@@ -311,8 +310,8 @@ def _stated(
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
     said = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
     reason = joined(said, _from(step, own, multiple), NONE if alone else because(_GUARDS))
-    fact = UnderInputs(steps.error, step.rule, Fraction(step.dt), tuple(shares))
-    check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, steps.error, fact)
+    facts = {"method": step.rule, "dt": Fraction(step.dt), "shares": [share.written for share in shares]}
+    check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, steps.error, facts)
     return ErrorBound(
         check,
         parts,

@@ -17,14 +17,13 @@ import sympy as sp
 from hgogen.algebra.points import exact
 from hgogen.certificates.contraction import claimed, theta_of
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.guarantees.bounded_real import Driven, L2Bound, l2_bound
+from hgogen.guarantees.bounded_real import Driven, l2_bound
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
 from hgogen.guarantees.quadratic import floats, inverse_root, rational, stacked
-from hgogen.guarantees.under_inputs import InputBound, input_bound
+from hgogen.guarantees.under_inputs import input_bound
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer, asks_an_observer
@@ -84,8 +83,8 @@ def l2_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None,
             None, _unknown(observer, "l2_gain", claim, because("no V is found for all slopes in their ranges"))
         )
     reason = because("at most {mu}, {inputs}, {while_}", mu=Up(bound.mu, 3), inputs=known.said, while_=_WHILE)
-    fact = Attenuated(known.error, known.noise, known.beside, tuple(weights), bound)
-    return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, fact))
+    facts = {"noise": known.noise, "beside": known.beside, "counts": weights, "mu": bound.mu, **bound.weights.written}
+    return L2Gain(number(bound.mu)[1], claimed(observer, "l2_gain", claim, reason, known.error, facts))
 
 
 @asks_an_observer
@@ -111,9 +110,9 @@ def iss_gain(observer: Observer, *, noise: Each = None, disturbance: Each = None
     by_name = dict(zip(observer.form.names, bounds, strict=True))
     said = [Sentence.of("{state} to {bound}", state=x, bound=Up(one.bound, 3)) for x, one in by_name.items()]
     reason = because("{said}, {inputs}, {while_}", said=said, inputs=known.said, while_=_WHILE)
-    fact = Confined(known.error, known.noise, known.beside, tuple(bounds))
+    facts = {"noise": known.noise, "beside": known.beside, "bounds": [one.written for one in bounds]}
     gains = {x: number(one.bound)[1] for x, one in by_name.items()}
-    return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, fact))
+    return IssGain(gains, claimed(observer, "iss_gain", claim, reason, known.error, facts))
 
 
 # --- what enters
@@ -186,41 +185,3 @@ def _beside(form: Form, sizes: list[Fraction]) -> tuple[tuple[Fraction, ...], ..
 
 def _unknown(observer: Observer, fact: str, claim: str, why: Reason) -> Check:
     return Check(ClaimId(observer.name, fact), claim, Verdict.UNKNOWN, why, fix=_FIX)
-
-
-# --- evidence
-
-
-@dataclass(frozen=True, eq=False)
-class Attenuated:
-    """A proof of an L2 gain: the inputs as in `_Known`, and what the error of each state `counts` for (n)."""
-
-    error: Inclusion
-    noise: tuple[Fraction, ...]
-    beside: tuple[tuple[Fraction, ...], ...]
-    counts: tuple[Fraction, ...]
-    bound: L2Bound
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """The inputs, P, S and mu, and how the slopes are bounded."""
-        slopes, one = self.error.evidence(form), self.bound
-        own = {"noise": self.noise, "beside": self.beside, "counts": self.counts, "mu": one.mu}
-        return slopes and {**slopes, **own, "P": one.weights.P, "S": one.weights.S}
-
-
-@dataclass(frozen=True, eq=False)
-class Confined:
-    """Proofs of what the error of each state comes to, by its place: the inputs as in `_Known`."""
-
-    error: Inclusion
-    noise: tuple[Fraction, ...]
-    beside: tuple[tuple[Fraction, ...], ...]
-    bounds: tuple[InputBound, ...]
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """The inputs, each bound with its alpha, P and S, and how the slopes are bounded."""
-        slopes = self.error.evidence(form)
-        bounds = [
-            {"alpha": one.alpha, "P": one.weights.P, "S": one.weights.S, "bound": one.bound} for one in self.bounds
-        ]
-        return slopes and {**slopes, "noise": self.noise, "beside": self.beside, "bounds": bounds}

@@ -11,7 +11,6 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import NO_SCALES, of_state
 from hgogen.guarantees.stagewise import Inputs
-from hgogen.guarantees.step_evidence import UnderNoise
 from hgogen.guarantees.under_inputs import InputBound, of_step
 from hgogen.intervals.digits import Up
 from hgogen.intervals.outward import number
@@ -82,5 +81,6 @@ def _noise_gain(observer: Observer, rule: str, dt: float, steps: Steps, proof: C
         for (state, output), gain in gains.items()
     ]
     reason = because("{said}, in {arithmetic} arithmetic", said=said, arithmetic=steps.at(proof.h).arithmetic)
-    known = UnderNoise(error, rule, Fraction(dt), bounds)
-    return NoiseGain(gains, claimed(observer, "noise", claim, reason, error, known))
+    written = [{"state": i + 1, "output": j + 1, **one.written} for (i, j), one in bounds.items()]
+    facts = {"method": rule, "dt": Fraction(dt), "bounds": written}
+    return NoiseGain(gains, claimed(observer, "noise", claim, reason, error, facts))

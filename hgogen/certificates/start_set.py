@@ -20,7 +20,6 @@ from hgogen.guarantees.confined import confined
 from hgogen.guarantees.contracting import Contracts, Steps
 from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, of_state
 from hgogen.guarantees.quadratic import Array, rational
-from hgogen.guarantees.step_evidence import FromStart
 from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.outward import number
 from hgogen.observer import Observer
@@ -113,7 +112,6 @@ def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Co
     peaks = tuple(one for one in each if one)
     if clear is None or len(peaks) < len(picks):
         return Nothing(NO_WAY)
-    known = FromStart(steps.error, rule, Fraction(dt), tuple(start.first), dict(start.limits), clear, peaks)
     names, multiple = observer.form.names, 1 / max(clear.bounds.values())
     taken = min(multiple, Fraction(1))
     reached = {name: number(taken * max(one.bounds.values()))[1] for name, one in zip(names, peaks, strict=True)}
@@ -124,7 +122,15 @@ def _start_set(observer: Observer, rule: str, dt: float, steps: Steps, proof: Co
         f"{running(observer, rule, dt)}, first errors of up to {Down(multiple, 3)} times what the ranges allow never "
         "touch the estimate's limits"
     )
-    check = claimed(observer, "start", claim, because("without noise {each}", each=said), steps.error, known)
+    limits = [{"field": k + 1, "limit": limit} for k, limit in start.limits.items()]
+    facts = {
+        "method": rule,
+        "dt": Fraction(dt),
+        "first": start.first,
+        "clear": {**clear.weights.written, "multiple": multiple, "limits": limits},
+        "peaks": [{**one.weights.written, "bound": max(one.bounds.values())} for one in peaks],
+    }
+    check = claimed(observer, "start", claim, because("without noise {each}", each=said), steps.error, facts)
     return StartSet(begun, number(multiple)[0], reached, check)
 
 

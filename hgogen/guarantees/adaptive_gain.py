@@ -55,8 +55,9 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import LOOSE, Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
-from hgogen.guarantees.attenuating import ByOneV, MovingGain
+from hgogen.guarantees.attenuating import MovingGain
 from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.inclusion import Shown
 from hgogen.guarantees.steepness import slope
 from hgogen.intervals.digits import Down, Up
 from hgogen.reading.given import BadGain, reals
@@ -276,7 +277,7 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
 def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
     """The checks of `facts`, and with a disturbance `MAKER.attenuation`, that the L2 gain has a bound."""
     known = facts(maker, candidate)
-    whole: list[tuple[Check, Candidate | Attenuating | ByOneV]] = [(check, candidate) for check in known]
+    whole: list[tuple[Check, Candidate | Attenuating | Shown]] = [(check, candidate) for check in known]
     if assumptions.disturbance:
         sound = all(check.verdict is Verdict.PROVED for check in known)
         lost = NONE if sound else because("P proves nothing")
@@ -284,7 +285,9 @@ def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check,
         moving = None if lost or assumptions.moving is None else assumptions.moving
         one = moving and moving.attenuation(candidate.P)
         if moving and one:
-            whole += [(_attenuated(maker, assumptions.disturbance, Up(one.mu, 3)), ByOneV(moving, one))]
+            disturbed = {"G_1": moving.plant, "G_2": moving.measurement}
+            fact = Shown(moving.error, {**disturbed, "V": one.weights.P, "S": one.weights.S, "mu": one.mu})
+            whole += [(_attenuated(maker, assumptions.disturbance, Up(one.mu, 3)), fact)]
         else:
             whole += [(_gain(maker, candidate, assumptions, lost), Attenuating(candidate, assumptions))]
     built = numbers(candidate, assumptions)

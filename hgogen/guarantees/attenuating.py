@@ -17,8 +17,6 @@ from itertools import product
 import numpy as np
 
 from hgogen.algebra.definite import Matrix, number
-from hgogen.evidence.grounds import Evidence
-from hgogen.form import Form
 from hgogen.guarantees.bounded_real import Driven, L2Bound, l2_bound
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.lmi import NoSolver
@@ -62,17 +60,3 @@ class MovingGain:
             pushed = rational(self.plant) * (units * rational(powers))[:, None]
             counted = one * (rational([gamma**p for p in range(1, len(ends) + 1)]) / units)
             yield Driven(replace(noise, M=M, B=noise.B - pushed), counted)
-
-
-@dataclass(frozen=True, eq=False)
-class ByOneV:
-    """The proof of the bound."""
-
-    gain: MovingGain
-    bound: L2Bound
-
-    def evidence(self, form: Form) -> Evidence | None:
-        """How the slopes are bounded, the disturbance, V, the multipliers and mu."""
-        slopes, one = self.gain.error.evidence(form), self.bound
-        disturbed = {"G_1": self.gain.plant, "G_2": self.gain.measurement}
-        return slopes and {**slopes, **disturbed, "V": one.weights.P, "S": one.weights.S, "mu": one.mu}

@@ -93,9 +93,8 @@ class FromTheta:
 
     def evidence(self, form: Form) -> Evidence | None:
         """How the slopes are bounded, theta, and the P and S at it."""
-        slopes = self.error.evidence(form)
         function = self.falls.written
-        return None if slopes is None or function is None else {**slopes, "least": self.theta, **function}
+        return None if function is None else {"error": self.error, "least": self.theta, **function}
 
 
 @dataclass(frozen=True)

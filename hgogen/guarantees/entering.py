@@ -8,7 +8,7 @@ fields      what comes to a field of the estimator itself, over h
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -20,6 +20,7 @@ from hgogen.form import Form
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import identity, rational
 from hgogen.guarantees.stagewise import Inputs, Stagewise
+from hgogen.guarantees.under_inputs import InputBound
 from hgogen.structure.polytope import fixed
 from hgogen.structure.spare import heads
 
@@ -87,3 +88,25 @@ class Entering:
 
     sizes: Sizes
     follows: Evidence
+
+
+@dataclass(frozen=True)
+class Share:
+    """What some inputs of these `sizes` do, by name: by the `proofs` of their sizes over `unit`, by field. `follows`:
+    of what the sizes follow, numbers that a user says and suprema on the ranges; empty where that is not written."""
+
+    what: str
+    sizes: Sizes
+    unit: Fraction
+    proofs: Mapping[int, InputBound]
+    follows: Evidence = field(default_factory=dict)
+
+    def bound(self, field: int) -> Fraction:
+        """How far they move the error for which a field stands."""
+        return self.unit * self.proofs[field].bound
+
+    @property
+    def written(self) -> Evidence:
+        """As a certificate has it."""
+        bounds = [{"field": k + 1, **one.written, "bound": self.bound(k)} for k, one in self.proofs.items()]
+        return {"inputs": self.what, "follows": self.follows, **vars(self.sizes), "unit": self.unit, "bounds": bounds}

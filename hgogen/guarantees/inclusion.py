@@ -187,6 +187,18 @@ class Inclusion:
         return Uncertain(M, stacked(G, len(M)).T, stacked(H, len(M)), B, stacked(E, len(late)) * late, core, injected)
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What is proved of an `error`: `facts`, by name, as a certificate has them beside how its slopes are bounded."""
+
+    error: Inclusion
+    facts: Evidence = field(hash=False)
+
+    def evidence(self, form: Form) -> Evidence:
+        """How the slopes are bounded, and the facts."""
+        return {"error": self.error, **self.facts}
+
+
 @dataclass(frozen=True, eq=False)
 class Uncertain:
     """e' = M e + B v + G diag(d) (H e + E v), |d_j| <= 1: `M` (N, N), `G` (N, m), `H` (m, N), `B` (N, p) and `E` (m, p)

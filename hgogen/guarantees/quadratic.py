@@ -98,6 +98,11 @@ class Weights:
         """Those of FLINT's rationals."""
         return cls(fractions(P), tuple(map(fraction, S)))
 
+    @property
+    def written(self) -> dict[str, Any]:
+        """Both, as a certificate has them."""
+        return {"P": self.P, "S": self.S}
+
 
 def proved(forms: Sequence[Quadratic], P: Array, S: Array) -> Weights | None:
     """Weights near those in floats that make exact forms negative, proved in rationals; None where none are found."""

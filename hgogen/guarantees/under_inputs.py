@@ -10,6 +10,7 @@ to no more than sqrt(c P^-1 c'), and stays there. P is sought for the least of t
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +49,11 @@ class InputBound:
     alpha: Fraction
     weights: Weights
     bound: Fraction
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """As a certificate has it."""
+        return {"alpha": self.alpha, **self.weights.written, "bound": self.bound}
 
 
 def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fraction) -> InputBound | None:
