@@ -24,9 +24,8 @@ from hgogen.guarantees.beside_core import BesideCore, Leaves
 from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.entering import Entering
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.inequality import Inequality, Realisation, realised, stagewise
 from hgogen.guarantees.plant_step import PlantStep
-from hgogen.guarantees.realised import Realisation, realised
-from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.covariance import covariance_ode, covariance_of_view, information_ode
 from hgogen.kalman.prior import prior_status_of_view
 from hgogen.kalman.riccati_part import Riccati
@@ -106,7 +105,7 @@ class OnErrors(Protocol):
         """Why it is not known for what the error obeys, or `NONE`."""
         ...
 
-    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+    def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
         """A step of length h on what the error obeys; of length 0 its limit."""
         ...
 
@@ -129,7 +128,7 @@ class Realising(Sampled):
             return because("the proof by {rule} is for a linear core that does not move", rule=self.name)
         return NONE
 
-    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+    def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
         """The core realised, and the rest by two stages."""
         return realised(self.realisation, h, e)
 
@@ -165,7 +164,7 @@ class Explicit:
         """None: whatever the error obeys, the stages read it."""
         return NONE
 
-    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+    def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
         """The stages of the tableau."""
         return stagewise(self.tableau, h, e)
 

@@ -22,7 +22,7 @@ from oracle.text import read as as_sympy
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.commands.checked import checked
-from hgogen.guarantees import common_norm
+from hgogen.guarantees import inequality
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import NoCertificate, Unreadable, recheck
@@ -819,7 +819,7 @@ def test_theta_counts_from_its_bound_on(name: str) -> None:
 
 def multiplied(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """A certificate of norms with multipliers in place of corners."""
-    monkeypatch.setattr(common_norm, "WORK", 1)
+    monkeypatch.setattr(inequality, "WORK", 1)
     x = [hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2)]
     flow = [x[1], -x[0] - x[1] / 5 + sp.sin(x[0]) / 4]
     form = hg.forms.triangular(hg.System("plant", states=x, outputs=[hg.Signal("y")], flow=flow, output=[x[0]]))
@@ -873,7 +873,7 @@ def test_a_norm_of_a_smaller_theta_than_it_serves_fails(name: str, share: float)
 @pytest.mark.parametrize("name", ["stubborn", "dead_zone"])
 def test_multipliers_behind_a_saturation_are_verified(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of many slopes; without them the corners are tried, which the same V serves."""
-    monkeypatch.setattr(common_norm, "WORK", 1)
+    monkeypatch.setattr(inequality, "WORK", 1)
     arguments = BUILT[name][2]
     observer = getattr(hg.observers, name)(varied(), **{**arguments, "theta": 900})
     content = json.loads(json.dumps(certificate(observer.form, observer.checks, name)))

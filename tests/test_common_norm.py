@@ -14,15 +14,15 @@ from plants import chain, fitzhugh_nagumo, model, pendulum, van_der_pol
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.algebra.definite import number
 from hgogen.chains.gains import coefficients
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
-from hgogen.guarantees import common_norm
+from hgogen.guarantees import common_norm, inequality
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Falls, Flow, falling
+from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.continuous_time import theta_checks
 from hgogen.guarantees.inclusion import Inclusion, on_companion, with_gains
+from hgogen.guarantees.inequality import falling
 from hgogen.guarantees.quadratic import Quadratic, negative, rational, reach, verified
 from hgogen.intervals.digits import same, up
 from hgogen.model import load
@@ -212,11 +212,11 @@ def test_the_norm_falls_at_every_larger_theta(name: str) -> None:
 def test_one_form_is_close_to_its_corners_and_never_below(monkeypatch: pytest.MonkeyPatch) -> None:
     error = shipped("hyperjerk", "high_gain").error
     corners = least(Flow(error, Fraction(4)))
-    monkeypatch.setattr(common_norm, "WORK", 1)
+    monkeypatch.setattr(inequality, "WORK", 1)
     one = least(Flow(error, Fraction(4)))
     assert (len(corners.weights.S), len(one.weights.S)) == (0, 4)
     assert 0.98 * corners.theta < one.theta < 1.1 * corners.theta
-    form = falling(error.at(one.theta), number(Fraction(0)))
+    form = falling(error.at(one.theta), Fraction(0))
     assert verified(form, rational(one.weights.P), rational(one.weights.S))
 
 
@@ -490,8 +490,8 @@ def test_without_a_solver_a_larger_theta_is_proved(name: str, monkeypatch: pytes
     poles = (-1,) * len(system.states)
     known = least(flow_of(system, poles, 5.0)).theta
     monkeypatch.setitem(sys.modules, "clarabel", None)
-    for work in (common_norm.WORK, 1):
-        monkeypatch.setattr(common_norm, "WORK", work)
+    for work in (inequality.WORK, 1):
+        monkeypatch.setattr(inequality, "WORK", work)
         flow = flow_of(system, poles, 5.0)
         proof = least(flow)
         assert known <= proof.theta < 100 * known

@@ -20,8 +20,8 @@ from hgogen.guarantees.all_shorter import Piece
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.contracting import Contracts, Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.inequality import corners
 from hgogen.guarantees.quadratic import Quadratic, Weights, rational, verified
-from hgogen.guarantees.stagewise import corners
 from hgogen.model import load
 from hgogen.program import Place
 from hgogen.stepping.machine import Machine
@@ -270,7 +270,7 @@ def test_the_rate_is_rounded_down_however_little_one_step_takes() -> None:
 
 
 def test_what_rationals_do_not_confirm_is_no_proof() -> None:
-    form = steps_of(made("pendulum", "high_gain"), "rk4").at(Fraction(1, 1000)).contraction(Fraction(0))
+    form = steps_of(made("pendulum", "high_gain"), "rk4").at(Fraction(1, 1000)).falls(Fraction(0))
     weights = steps_of(made("pendulum", "high_gain"), "rk4").certain(Fraction(1, 1000))
     assert weights is not None
     P, S = rational(weights.P), rational(weights.S)

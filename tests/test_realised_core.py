@@ -21,7 +21,7 @@ import hgogen as hg
 from hgogen.algebra.definite import definite, fraction, number
 from hgogen.check import Verdict
 from hgogen.discretisation import kernels
-from hgogen.guarantees import realised
+from hgogen.guarantees import inequality as maker
 from hgogen.guarantees.contracting import Steps, unstable
 from hgogen.guarantees.inclusion import Inclusion
 from hgogen.guarantees.quadratic import BALLS, floats, rational
@@ -51,7 +51,7 @@ def test_the_balls_hold_what_the_program_takes(name: str, observer: str, h: floa
     """Its polynomial in fractions, with as many halvings as its kernel takes of the balanced core."""
     steps = steps_of(name, observer)
     core = steps.error.at(steps.theta).core
-    _, phi_2 = realised.by_matrix_exponential(core, Fraction(h))
+    _, phi_2 = maker.by_matrix_exponential(core, Fraction(h))
     x, scale = h * floats(core).reshape(-1), np.ones(len(core))
     kernels.balance(x, scale)
     norm = np.abs(x.reshape(core.shape)).sum(axis=1).max()
@@ -73,14 +73,14 @@ def test_the_balls_hold_what_the_program_takes(name: str, observer: str, h: floa
 def test_a_polynomial_that_may_be_further_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     h = Fraction(0.01)
     assert steps_of("pendulum", "high_gain").certain(h) is not None
-    monkeypatch.setattr(realised, "WITHIN", Fraction(1, 2**120))
+    monkeypatch.setattr(maker, "WITHIN", Fraction(1, 2**120))
     assert steps_of("pendulum", "high_gain").certain(h) is None
 
 
 def test_a_core_that_the_program_does_not_halve_enough_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     h = Fraction(1, 2)
     assert steps_of("pendulum", "high_gain").certain(h) is not None
-    monkeypatch.setattr(realised, "HALVINGS", 2)
+    monkeypatch.setattr(maker, "HALVINGS", 2)
     assert steps_of("pendulum", "high_gain").certain(h) is None
 
 

@@ -17,7 +17,7 @@ import hgogen as hg
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
-from hgogen.guarantees import common_norm
+from hgogen.guarantees import inequality
 from hgogen.guarantees.behind_sector import Behind, behind
 from hgogen.guarantees.sector import DEAD_ZONE, SATURATION, Adaptation, Shape, core_check, decays
 
@@ -128,7 +128,7 @@ def test_the_form_is_negative_for_slopes_in_their_ranges(
     shape: Shape, r: float, corners: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the pendulum and of a chain of three, at the least theta, beyond it, and with the rate of the one at hand."""
-    monkeypatch.setattr(common_norm, "WORK", common_norm.WORK if corners else 1)
+    monkeypatch.setattr(inequality, "WORK", inequality.WORK if corners else 1)
     rng = np.random.default_rng(0)
     for form, K in ((swing.form(), (2.0, 1.0)), (chained(), (3.0, 3.0, 1.0))):
         known = sought(form, shape, r, K, 60)

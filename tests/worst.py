@@ -16,8 +16,8 @@ from hgogen.emit.saved import sealed
 from hgogen.guarantees.confined import reached
 from hgogen.guarantees.entering import Sizes, heads_of
 from hgogen.guarantees.inclusion import of_state
+from hgogen.guarantees.inequality import Inputs, corners
 from hgogen.guarantees.quadratic import floats, rational
-from hgogen.guarantees.stagewise import Inputs, corners
 from hgogen.program import Field
 from hgogen.signal import LOST
 

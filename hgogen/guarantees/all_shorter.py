@@ -60,7 +60,7 @@ def _piece(steps: Steps, low: Fraction, high: Fraction) -> Piece | None:
         return None
     P, S = (on_grid(value, _GRID) for value in weights)
     degree = steps.at(high).degree
-    values = [steps.at(low + (high - low) * k / degree).contraction(_NOTHING).value(P, S) for k in range(degree + 1)]
+    values = [steps.at(low + (high - low) * k / degree).falls(_NOTHING).value(P, S) for k in range(degree + 1)]
     parts = times(_bernstein(degree), np.array([value.ravel() for value in values])).reshape(-1, *values[0].shape)
     if any(np.linalg.eigvalsh(floats(part)).max() >= 0 for part in parts):
         return None

@@ -34,11 +34,11 @@ from hgogen.guarantees.common_norm import (
     SLOW,
     TIMES,
     Flow,
-    one_by_one,
     worth_trying,
 )
 from hgogen.guarantees.contracting import farthest
 from hgogen.guarantees.inclusion import Inclusion, from_form, inclusion, nominal_units, plain
+from hgogen.guarantees.inequality import one_by_one
 from hgogen.guarantees.quadratic import Array, fractions, rational
 from hgogen.guarantees.sector import Decay
 from hgogen.guarantees.steepness import obstacle

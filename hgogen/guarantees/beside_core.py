@@ -45,7 +45,7 @@ from hgogen.algebra.definite import number
 from hgogen.algebra.interpolation import Table
 from hgogen.algebra.points import exact
 from hgogen.evidence.grounds import Evidence
-from hgogen.guarantees import realised
+from hgogen.guarantees import inequality
 from hgogen.guarantees.entering import Entering, Sizes, heads_of
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
 from hgogen.guarantees.plant_step import SUMMED, UNKNOWN, PlantStep, Unbounded, loose, times
@@ -72,7 +72,7 @@ class BesideCore:
     theta: Fraction
     smooth: bool = True
 
-    def enters(self, realisation: realised.Realisation, leaves: "Leaves") -> Entering:
+    def enters(self, realisation: inequality.Realisation, leaves: "Leaves") -> Entering:
         """What comes to each field of an estimate that begins at the plant's own state, and of what that follows.
 
         Raises: `Unbounded`.
@@ -83,7 +83,7 @@ class BesideCore:
         except Unbounded:
             return replace(self, smooth=False)._by_derivatives(realisation, leaves)
 
-    def _by_derivatives(self, realisation: realised.Realisation, leaves: "Leaves") -> Entering:
+    def _by_derivatives(self, realisation: inequality.Realisation, leaves: "Leaves") -> Entering:
         """By those of the flow and of the rest, or what stands for them. Raises: `Unbounded`."""
         with ctx.workprec(BALLS):
             weight, alpha = np.abs(realisation(self.L, self.plant.h)[1]) * self.h, leaves.alpha(self)
@@ -195,7 +195,7 @@ class Leaves:
 
 def by_bilinear_rule(step: BesideCore) -> Array:
     """|(1 - h L/2)^-1 s| h^3/12 sup of the third derivatives of z. Raises: `Unbounded`."""
-    resolvent, _ = realised.by_bilinear_rule(step.L, step.plant.h)
+    resolvent, _ = inequality.by_bilinear_rule(step.L, step.plant.h)
     return np.asarray(np.abs(resolvent @ step.lifted) @ step.most(2, step.plant.flow) * (step.h**3 / 12))
 
 
@@ -203,7 +203,7 @@ def by_matrix_exponential(step: BesideCore) -> Array:
     """By the integral, and by what a program's polynomials may be beside the exponential. Raises: `Unbounded`."""
     source, bent = np.hstack([step.entering, step.lifted]), step.most(1, step.plant.flow)
     driven = _integral(step.L, step.plant.h, source) @ np.concatenate([bent, step.most(2, step.plant.rest)])
-    any_of_it = 0 * step.L + number(realised.WITHIN)
+    any_of_it = 0 * step.L + number(inequality.WITHIN)
     turned = identity(len(step.L)) + np.abs(step.L) * (step.h / 2)
     return np.asarray(driven + any_of_it @ turned @ np.abs(step.lifted) @ bent * step.h**2)
 

@@ -17,11 +17,11 @@ from fractions import Fraction
 import numpy as np
 from flint import fmpq_mat
 
-from hgogen.algebra.definite import fraction, number, positive, root
+from hgogen.algebra.definite import fraction, positive, root
 from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.inequality import Inputs, flow
 from hgogen.guarantees.quadratic import Array, Quadratic, Seen, Weights, even, floats, identity, on_grid
 from hgogen.guarantees.semidefinite import cheapest
-from hgogen.guarantees.stagewise import pushed
 
 _WHAT = "a bound of an L2 gain"
 _MARGINS = (1e-7, 1e-6, 1e-5, 1e-4)  # by which a form is negative, so that it is when it is rounded
@@ -38,7 +38,7 @@ class Driven:
 
     def form(self, alpha: Fraction = Fraction(0)) -> Quadratic:
         """The form but for C'C; the lambda are the last q of its multipliers."""
-        return pushed(self.e, number(alpha))
+        return flow(self.e).driven(alpha, Inputs(self.e.B, self.e.E))
 
     @property
     def counted(self) -> Array:

@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from hgogen.algebra.definite import number
 from hgogen.evidence.grounds import Evidence
 from hgogen.guarantees.contracting import farthest
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.inequality import NOW, corners, falling, flow
 from hgogen.guarantees.lmi import NoSolver, cones
 from hgogen.guarantees.quadratic import (
     Array,
@@ -43,12 +43,10 @@ from hgogen.guarantees.quadratic import (
 )
 from hgogen.guarantees.semidefinite import Margin, widest
 from hgogen.guarantees.slope_of_error import Slope
-from hgogen.guarantees.stagewise import corners, flowing
 from hgogen.intervals import outward
 from hgogen.intervals.digits import up
 from hgogen.sentence import NONE, Reason, because, point
 
-WORK = 2**13  # corners times fields^3, up to which corners are taken one by one
 ROWS = 48  # of one form with multipliers: beyond, a solver takes longer than a check may
 _WHAT = "one norm for all slopes"
 LOWEST = Fraction(1, 100)  # theta that is looked for
@@ -105,14 +103,9 @@ class Moved:
         k = shifted[0].size - len(e.M)
         still = replace(e, G=0 * e.G[:, :k], H=0 * e.H[:k])
         for core in self.cores:
-            yield flowing(replace(still, M=known(core * number(theta))), alpha)
+            yield flow(replace(still, M=known(core * number(theta)))).falls(alpha)
         for way in self.ways:
-            yield flowing(replace(still, M=known(way * number(theta))), 0 * alpha)
-
-
-def one_by_one(n: int, m: int) -> bool:
-    """Whether the corners of m slopes of n fields are taken one by one."""
-    return bool(2**m * n**3 <= WORK)
+            yield flow(replace(still, M=known(way * number(theta)))).falls(NOW)
 
 
 def worth_trying(last: Fraction, first: Fraction, declared: Fraction) -> Iterator[Fraction]:
@@ -120,21 +113,6 @@ def worth_trying(last: Fraction, first: Fraction, declared: Fraction) -> Iterato
     on; below the declared one where that is the first."""
     tried = [Fraction(up(last * share, 3)) for share in _BEYOND] + [first * share for share in _BELOW] + [first]
     return (theta for theta in tried if first > declared or theta < first)
-
-
-def falling(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """The forms that are all negative where V' <= -alpha V, in the arithmetic of e and alpha; of slopes that keep to a
-    `hull`, where they do."""
-    return tuple(flowing(each, alpha) for each in ends(e, hull))
-
-
-def ends(e: Uncertain, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Uncertain, ...]:
-    """e with its slopes held at each corner of their ranges, or of a hull; e itself where these are too many."""
-    n, m = e.G.shape
-    if not (hull or one_by_one(n, m)):
-        return (e,)
-    places: Sequence[Sequence[Any]] = hull or tuple(product((-1, 1), repeat=m))
-    return tuple(map(e.held, np.array(places, dtype=float) if e.G.dtype == float else rational(places)))
 
 
 STILL = Moved(rational([[0]]))  # of a constant gain
@@ -315,7 +293,7 @@ class Flow:
         return P, np.linalg.norm(P @ forms[0].pairs[0][1][:, n:], axis=0)
 
     def _exactly(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
-        return self._forms(self._moving(theta), theta, number(alpha))
+        return self._forms(self._moving(theta), theta, alpha)
 
     def _floats(self, theta: Fraction, alpha: Fraction) -> tuple[Quadratic, ...]:
         return self._forms(self._moving(theta).floats, theta, float(alpha))

@@ -36,7 +36,7 @@ def confined(steps: Steps, h: Fraction, corners: Array, rows: Mapping[int, Array
 
     Raises: `NoSolver`.
     """
-    form, W = steps.at(h).contraction(_NOTHING), steps.coordinates
+    form, W = steps.at(h).falls(_NOTHING), steps.coordinates
     if W is None:
         return None
     asked = form.floats, floats(corners), floats(np.array(list(rows.values())))

@@ -12,11 +12,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from hgogen.algebra.definite import number
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.inequality import NOW, ErrorStep, Inequality, corners, flow
 from hgogen.guarantees.quadratic import Array, Weights, inverse_root, negative, proved
 from hgogen.guarantees.semidefinite import sought
-from hgogen.guarantees.stagewise import ErrorStep, Stagewise, corners, flowing
 
 ROWS = 48  # fields and slopes of all stages: beyond, a solver takes longer than a check may
 CLOSE = 1.02  # a search ends where its ends are that close
@@ -55,7 +54,7 @@ class Steps:
     theta: Fraction
 
     @cached_property
-    def at(self) -> Callable[[Fraction], Stagewise]:
+    def at(self) -> Callable[[Fraction], Inequality]:
         """The step of a length h, made once for the last lengths, as each is asked for at several rates."""
         return lru_cache(maxsize=_LENGTHS)(lambda h: self.way(h, self._uncertain))
 
@@ -78,7 +77,7 @@ class Steps:
         """
         if self.coordinates is None:
             return None
-        form = self.at(h).contraction(alpha)
+        form = self.at(h).falls(alpha)
         weights = sought((form,), _WHAT, self.coordinates)
         return weights if weights is not None and negative((form.floats,), *weights, self.coordinates) else None
 
@@ -88,7 +87,7 @@ class Steps:
         sought near that of the linear part, and where that is far off once more."""
         W = self.error.coordinates
         for _ in range(_PASSES):
-            weights = sought((flowing(self._uncertain, number(_NOTHING)),), _WHAT, W)
+            weights = sought((flow(self._uncertain).falls(NOW),), _WHAT, W)
             if weights is None:
                 return None
             W = inverse_root(weights[0])
@@ -117,7 +116,7 @@ class Steps:
         Raises: `NoSolver`.
         """
         weights = self.weights(h, alpha)
-        return weights and proved((self.at(h).contraction(alpha),), *weights)
+        return weights and proved((self.at(h).falls(alpha),), *weights)
 
 
 def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, close: float = CLOSE) -> Fraction:
@@ -130,13 +129,13 @@ def farthest(holds: Callable[[Fraction], bool], start: Fraction, end: Fraction, 
     return start
 
 
-def unstable(step: Stagewise) -> Array | None:
+def unstable(step: Inequality) -> Array | None:
     """Slopes d (m) in [-1, 1] at which, held, errors do not decay; None where none of those tried is so."""
     radius, d = _frozen(step)
     return d if radius >= 1 else None
 
 
-def _frozen(step: Stagewise) -> tuple[float, Array]:
+def _frozen(step: Inequality) -> tuple[float, Array]:
     """The largest factor by which errors decay at slopes that are held, of those tried, and these slopes."""
     d = corners(step.slopes)
     radius = np.abs(np.linalg.eigvals(step.frozen(d))).max(axis=1)

@@ -25,14 +25,13 @@ from typing import Any
 import numpy as np
 from flint import fmpq, fmpq_mat
 
-from hgogen.algebra.definite import number
-from hgogen.guarantees.common_norm import Falls, ends
+from hgogen.guarantees.common_norm import Falls
 from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.inequality import falling
 from hgogen.guarantees.lmi import NoSolver
 from hgogen.guarantees.quadratic import Array, Quadratic, Weights, floats, on_grid, rational, verified
 from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, solved
 from hgogen.guarantees.slope_of_error import Slope
-from hgogen.guarantees.stagewise import flowing
 from hgogen.sentence import NONE, Reason, because
 
 _WHAT = "one norm for slopes without an end"
@@ -115,7 +114,7 @@ class OneSided:
         e, basis = self.error.at(theta), self._basis
         if not len(basis):
             return None
-        forms = [flowing(each, number(alpha)) for each in ends(e)]
+        forms = falling(e, alpha)
         shares = self._shares([form.floats for form in forms])
         if shares is None:
             return None

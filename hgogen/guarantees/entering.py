@@ -18,8 +18,8 @@ from hgogen.algebra.points import exact
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.inclusion import Inclusion
+from hgogen.guarantees.inequality import Inequality, Inputs
 from hgogen.guarantees.quadratic import identity, rational
-from hgogen.guarantees.stagewise import Inputs, Stagewise
 from hgogen.guarantees.under_inputs import InputBound
 from hgogen.structure.polytope import fixed
 from hgogen.structure.spare import heads
@@ -64,7 +64,7 @@ class Sizes:
         samples, beside, fields = (tuple(x / size for x in each) for each in (self.samples, self.beside, self.fields))
         return Sizes(samples, rows, beside, fields)
 
-    def inputs(self, step: Stagewise, error: Inclusion, scales: Sequence[Fraction], shown: Heads) -> Inputs:
+    def inputs(self, step: Inequality, error: Inclusion, scales: Sequence[Fraction], shown: Heads) -> Inputs:
         """The inputs of a step that are not 0; `scales` (N) as `Inclusion.scales` gives them."""
         each = list[Inputs]()
         for output, size in enumerate(self.samples):

@@ -19,16 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.algebra.definite import number
 from hgogen.chains.integrators import Integrators, integrators
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.inclusion import Inclusion, of_state, on_integrators
-from hgogen.guarantees.noise_in_time import driven
+from hgogen.guarantees.inequality import NOW, driven, flow
 from hgogen.guarantees.quadratic import Array, floats, inverse_root
 from hgogen.guarantees.semidefinite import sought
 from hgogen.guarantees.slope_of_error import Layout
-from hgogen.guarantees.stagewise import flowing
 from hgogen.guarantees.under_inputs import Bounded, InputBound, bound_at, bound_in_floats
 from hgogen.intervals.digits import up
 from hgogen.reading.door import Misfit
@@ -196,11 +194,11 @@ class _Search:
             return None
         e = error.at(self.theta)
         if W is None:
-            weights = sought((flowing(e, number(Fraction(0))),), "an injection's filter")
+            weights = sought((flow(e).falls(NOW),), "an injection's filter")
             if weights is None:
                 return None
             W = inverse_root(weights[0])
-        return lambda alpha: driven(e, number(alpha)), W, 1, of_state(scales, self.state), 2 * self.rate
+        return lambda alpha: driven(e, alpha), W, 1, of_state(scales, self.state), 2 * self.rate
 
     def _numbers(self, filter_: Filter) -> np.ndarray:
         """The diagonal of F and the one above it, and H."""

@@ -18,8 +18,8 @@ from itertools import product
 
 import numpy as np
 
-from hgogen.guarantees.common_norm import one_by_one
 from hgogen.guarantees.inclusion import Uncertain
+from hgogen.guarantees.inequality import one_by_one
 from hgogen.guarantees.quadratic import Array
 from hgogen.guarantees.semidefinite import CLOSER, Rows, definite, solved
 

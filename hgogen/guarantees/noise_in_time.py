@@ -6,7 +6,7 @@ Then V <= 1 stays so, and from elsewhere what V is above 1 falls at least like e
 than sqrt(c P^-1 c'). P is sought for the least of that at an alpha that is searched, for each state by itself.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -16,10 +16,10 @@ import numpy as np
 from hgogen.algebra.definite import number
 from hgogen.form import Form
 from hgogen.guarantees.bounded_theta import Nothing
-from hgogen.guarantees.common_norm import Falls, Flow, ends
+from hgogen.guarantees.common_norm import Falls, Flow
 from hgogen.guarantees.inclusion import NO_SCALES, Inclusion, Uncertain, of_state
+from hgogen.guarantees.inequality import driven
 from hgogen.guarantees.quadratic import Array, Quadratic, floats, inverse_root, rational
-from hgogen.guarantees.stagewise import pushed
 from hgogen.guarantees.under_inputs import input_bound, weights_in_floats
 from hgogen.intervals.outward import number as outward
 from hgogen.observer import Observer, asks_an_observer
@@ -30,12 +30,6 @@ _TRIED = (0.5, 0.7, 1.0, 1.4)  # times an alpha, at which all states are bounded
 _MARGIN = 1e-6
 
 Bounds = Mapping[tuple[str, str], float]  # by the name of a state of the form, and of an output
-
-
-def driven(e: Uncertain, alpha: Any, hull: Sequence[Sequence[Fraction]] = ()) -> tuple[Quadratic, ...]:
-    """The forms that are negative where V' <= -alpha V + sum_j lambda_j v_j^2, the lambda_j the last multipliers, in
-    the arithmetic of e and alpha."""
-    return tuple(pushed(each, alpha) for each in ends(e, hull))
 
 
 @asks_an_observer
@@ -81,7 +75,7 @@ def bounds(flow: Flow, falls: Falls) -> Mapping[tuple[int, int], float] | Reason
         alone = e.driven_by(np.eye(len(every), dtype=int)[:, [j]])
 
         def forms(alpha: Fraction, of: Uncertain = alone) -> tuple[Quadratic, ...]:
-            return driven(of, number(alpha), error.hull)
+            return driven(of, alpha, error.hull)
 
         for i, field in picks:
             one = input_bound(forms, W, 1, of_state(scales, field), Fraction(1))

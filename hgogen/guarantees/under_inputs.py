@@ -16,6 +16,7 @@ import numpy as np
 
 from hgogen.algebra.definite import root
 from hgogen.guarantees.contracting import Steps
+from hgogen.guarantees.inequality import Inputs
 from hgogen.guarantees.quadratic import (
     MARGINS,
     Array,
@@ -29,7 +30,6 @@ from hgogen.guarantees.quadratic import (
     inverse_root,
 )
 from hgogen.guarantees.semidefinite import Solution, settled, shortest, together
-from hgogen.guarantees.stagewise import Inputs
 
 _WHAT = "a bound of what inputs do"
 _SHARES = tuple(Fraction(k, 100) for k in (5, 10, 20, 30, 40, 50, 60, 70, 80, 87, 93))  # of the rate, for alpha
@@ -84,7 +84,7 @@ def input_bound(bounded: Bounded, W: Array | None, q: int, c: Array, most: Fract
 def of_step(steps: Steps, h: Fraction, inputs: Inputs, c: Array, most: Fraction) -> InputBound | None:
     """That of a step which is proved with the rate `most`. Raises: `NoSolver`."""
     step, q = steps.at(h), inputs.D.shape[1]
-    return input_bound(lambda alpha: (step.bounded(alpha, inputs),), steps.coordinates, q, c, most)
+    return input_bound(lambda alpha: (step.driven(alpha, inputs),), steps.coordinates, q, c, most)
 
 
 def _walk(bound: Callable[[Fraction], float]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from hgogen.chains.core import Core
 from hgogen.chains.sampled import Matrices, balanced, spread
-from hgogen.guarantees import beside_core, realised
+from hgogen.guarantees import beside_core, inequality
 from hgogen.method import Realising
 from hgogen.program import Kernel, Place
 
@@ -42,5 +42,5 @@ def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.nda
 
 EQUATIONS = ("(1 - h/2 M) x+ = (1 + h/2 M) x + h/2 B (v_0 + v_1) + h/2 (r_0 + r_1)",)
 
-_PROVED = realised.by_bilinear_rule, beside_core.BILINEAR
+_PROVED = inequality.by_bilinear_rule, beside_core.BILINEAR
 bilinear = Realising("the bilinear rule", _matrices, _numbers, EQUATIONS, *_PROVED)

@@ -19,8 +19,8 @@ from hgogen.discretisation.runge_kutta import RK4, Tableau
 from hgogen.guarantees.beside_stages import BesideStages
 from hgogen.guarantees.entering import Entering
 from hgogen.guarantees.inclusion import Inclusion, Uncertain
+from hgogen.guarantees.inequality import Inequality, stagewise
 from hgogen.guarantees.plant_step import PlantStep
-from hgogen.guarantees.stagewise import Stagewise, stagewise
 from hgogen.kalman.chosen import chosen
 from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati
@@ -49,7 +49,7 @@ class ContinuousDiscrete:
         """None, as of every tableau."""
         return NONE
 
-    def error_step(self, h: Fraction, e: Uncertain) -> Stagewise:
+    def error_step(self, h: Fraction, e: Uncertain) -> Inequality:
         """Its stages."""
         return stagewise(RK4, h, e)
 

@@ -13,7 +13,7 @@ import numpy as np
 from hgogen.chains.core import Core
 from hgogen.chains.sampled import Matrices, balanced, spread
 from hgogen.discretisation import kernels
-from hgogen.guarantees import beside_core, realised
+from hgogen.guarantees import beside_core, inequality
 from hgogen.method import Realising
 from hgogen.program import Kernel, Place
 
@@ -46,5 +46,5 @@ EQUATIONS = (
     "phi_0 = exp X, phi_1 = (phi_0 - 1) X^-1, phi_2 = (phi_1 - 1) X^-1",
 )
 
-_PROVED = realised.by_matrix_exponential, beside_core.EXPONENTIAL
+_PROVED = inequality.by_matrix_exponential, beside_core.EXPONENTIAL
 exponential = Realising("the matrix exponential", _matrices, _numbers, EQUATIONS, *_PROVED)
