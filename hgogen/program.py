@@ -13,10 +13,10 @@ An expression is an SX graph over the symbols of `sym`, so a block knows what it
 
 # Takes apart: the name of a symbol, which can carry nothing else.
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import casadi as ca
 
@@ -168,8 +168,37 @@ class Limit:
     nominal: float
 
 
+Sized = tuple[tuple[Place, int], ...]  # places with their sizes
+
+
+class _Statement:
+    """What every statement has; the names of its members that are a place it reads, one it writes, a program in it."""
+
+    _read: tuple[str, ...] = ()
+    _write: tuple[str, ...] = ()
+    _inner: tuple[str, ...] = ()
+
+    @property
+    def reads(self) -> Sized:
+        """The places, with their sizes, whose values it needs itself."""
+        return self._scalars(self._read)
+
+    @property
+    def written(self) -> Sized:
+        """The places, with their sizes, that it writes itself."""
+        return self._scalars(self._write)
+
+    @property
+    def bodies(self) -> dict[str, "Program"]:
+        """The programs in it."""
+        return {name: getattr(self, name) for name in self._inner}
+
+    def _scalars(self, names: Iterable[str]) -> Sized:
+        return tuple((place, 1) for place in (getattr(self, name) for name in names) if place)
+
+
 @dataclass(frozen=True, eq=False)
-class Block:
+class Block(_Statement):
     """Straight-line code: every right-hand side is evaluated before anything is written.
 
     `writes`: place to SX column; a write to a place of `status` raises the bit of its name when the value is not 0.
@@ -187,14 +216,14 @@ class Block:
     spelled: bool = False
 
     @cached_property
-    def reads(self) -> tuple[tuple[Place, int], ...]:
+    def reads(self) -> Sized:
         """The places read, with their sizes, sorted."""
         values = list(map(sx, (*self.writes.values(), *self.names.values())))
         symbols = ca.Function("reads", [], values, {"allow_free": True}).free_sx()
         return tuple(sorted({(place, size) for place, _, size in map(address, symbols)}))
 
     @cached_property
-    def written(self) -> tuple[tuple[Place, int], ...]:
+    def written(self) -> Sized:
         """The places written, with their sizes, in the order of `writes`."""
         return tuple((place, sx(value).numel()) for place, value in self.writes.items())
 
@@ -217,7 +246,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class Loop(_Statement):
     """Run `body` for members `start`, `start` + 1, ... of `group`, `count` of them, wrapping round.
 
     `start` and `active` name index places: the first member (0 if none), and how many of `count` are wanted; `index`
@@ -231,9 +260,11 @@ class Loop:
     active: Place | None = None
     index: Place | None = None
 
+    _read, _write, _inner = ("start", "active"), ("index",), ("body",)
+
 
 @dataclass(frozen=True, eq=False)
-class When:
+class When(_Statement):
     """Run `body` if the scalar `flag` is not 0, else `otherwise`.
 
     `idle`: where it is 0 the body changes nothing, and is left out for its cost alone; so a proof may take it to run in
@@ -245,13 +276,22 @@ class When:
     otherwise: tuple["Statement", ...] = ()
     idle: bool = False
 
+    _read, _inner = ("flag",), ("body", "otherwise")
+
 
 @dataclass(frozen=True, eq=False)
-class Repeat:
+class Repeat(_Statement):
     """Run `body` once for each row of numbers, which the places of `given`, scalars of work, take in turn."""
 
     given: Mapping[Place, tuple[float, ...]]
     body: tuple["Statement", ...]
+
+    _inner = ("body",)
+
+    @property
+    def written(self) -> Sized:
+        """The places that take its numbers."""
+        return tuple((place, 1) for place in self.given)
 
     @cached_property
     def count(self) -> int:
@@ -267,16 +307,18 @@ class Repeat:
 
 
 @dataclass(frozen=True, eq=False)
-class Copy:
+class Copy(_Statement):
     """Member number `target` of `group`, all of it, becomes what member number `source` is; both name index places."""
 
     group: str
     source: Place
     target: Place
 
+    _read = ("source", "target")
+
 
 @dataclass(frozen=True, eq=False)
-class Kernel:
+class Kernel(_Statement):
     """A matrix operation too large to unroll: `name` of `discretisation.kernels`, on places in its argument order.
 
     The first is a group's field of columns, None for a kernel that has none, the others arrays, or numbers that are
@@ -290,9 +332,19 @@ class Kernel:
     result: Place | None = None
     counts: tuple[int, ...] = ()
 
+    @property
+    def reads(self) -> Sized:
+        """Its arguments."""
+        return self.arguments
+
+    @property
+    def written(self) -> Sized:
+        """Its arguments, any of which it may change, and what takes its result."""
+        return self.arguments + (((self.result, 1),) if self.result else ())
+
 
 @dataclass(frozen=True, eq=False)
-class Call:
+class Call(_Statement):
     """Run a section of the same step, whose work values are its own."""
 
     section: "Section"
@@ -300,7 +352,6 @@ class Call:
 
 Statement = Block | Loop | Repeat | When | Copy | Kernel | Call
 Program = tuple[Statement, ...]
-_AROUND = (Loop, Repeat, When)  # others; a union would be made anew at each statement
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,57 +369,28 @@ def walk(program: Sequence[Statement]) -> Iterator[Statement]:
     left = list(reversed(program))
     while left:
         yield (statement := left.pop())
-        if isinstance(statement, When):
-            left += reversed(statement.otherwise)
-        if isinstance(statement, _AROUND):
-            left += reversed(statement.body)
+        for body in reversed(statement.bodies.values()):
+            left += reversed(body)
+
+
+def blocks(program: Sequence[Statement]) -> Iterator[Block]:
+    """Every block, also of the programs within."""
+    return (statement for statement in walk(program) if isinstance(statement, Block))
 
 
 def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
     """Every (place, size) that a program reads or writes, but for sections that it calls."""
-    accessed: set[tuple[Place, int]] = set()
-    for statement in walk(program):
-        if isinstance(statement, Block):
-            accessed.update(statement.reads)
-            accessed.update(statement.written)
-        elif isinstance(statement, Kernel):
-            accessed.update(statement.arguments)
-            accessed.update((place, 1) for place in (statement.result,) if place)
-        elif isinstance(statement, Loop):
-            accessed.update((place, 1) for place in (statement.start, statement.active, statement.index) if place)
-        elif isinstance(statement, Repeat):
-            accessed.update((place, 1) for place in statement.given)
-        elif isinstance(statement, Copy):
-            accessed.update((place, 1) for place in (statement.source, statement.target))
-        elif isinstance(statement, When):
-            accessed.add((statement.flag, 1))
-    return accessed
+    return {each for statement in walk(program) for each in (*statement.reads, *statement.written)}
 
 
 def read(program: Sequence[Statement]) -> set[Place]:
     """Every place whose value some statement needs."""
-    needed: set[Place] = set()
-    for statement in walk(program):
-        if isinstance(statement, Block):
-            needed.update(place for place, _ in statement.reads)
-        elif isinstance(statement, Kernel):
-            needed.update(place for place, _ in statement.arguments)
-        elif isinstance(statement, Loop):
-            needed.update(place for place in (statement.start, statement.active) if place)
-        elif isinstance(statement, Copy):
-            needed.update((statement.source, statement.target))
-        elif isinstance(statement, When):
-            needed.add(statement.flag)
-    return needed
+    return {place for statement in walk(program) for place, _ in statement.reads}
 
 
 def dangling(program: Sequence[Statement]) -> set[Place]:
     """Work places that the program reads but never writes: another section's would not be there in the emitted code."""
-    written = {place for s in walk(program) if isinstance(s, Block) for place in s.writes}
-    written |= {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
-    written |= {s.result for s in walk(program) if isinstance(s, Kernel) and s.result}
-    written |= {s.index for s in walk(program) if isinstance(s, Loop) and s.index}
-    written |= {place for s in walk(program) if isinstance(s, Repeat) for place in s.given}
+    written = {place for statement in walk(program) for place, _ in statement.written}
     return {place for place in read(program) if place.struct == "work"} - written
 
 
@@ -376,20 +398,49 @@ def pruned(program: Sequence[Statement]) -> Program:
     """The program without work values that nothing reads."""
     needed = read(program)
 
-    def without_unused(statement: Statement) -> Statement | None:
-        if isinstance(statement, Block):
-            writes = {p: v for p, v in statement.writes.items() if p.struct != "work" or p in needed}
-            if len(writes) == len(statement.writes):
-                return statement
-            return replace(statement, writes=writes) if writes else None
-        if isinstance(statement, Loop | Repeat):
-            return replace(statement, body=below(statement.body))
-        if isinstance(statement, When):
-            return replace(statement, body=below(statement.body), otherwise=below(statement.otherwise))
-        return statement
-
     def below(statements: Sequence[Statement]) -> Program:
-        return tuple(s for s in map(without_unused, statements) if s is not None)
+        return tuple(each for statement in statements for each in without_unused(statement))
+
+    def without_unused(statement: Statement) -> Program:
+        if not isinstance(statement, Block):
+            return (within(statement, below),) if statement.bodies else (statement,)
+        writes = {p: v for p, v in statement.writes.items() if p.struct != "work" or p in needed}
+        if len(writes) == len(statement.writes):
+            return (statement,)
+        return (replace(statement, writes=writes),) if writes else ()
 
     result = below(program)
     return result if read(result) == needed else pruned(result)
+
+
+def within(statement: Statement, change: Callable[[Program], Program]) -> Statement:
+    """The statement with other programs in it."""
+    bodies: dict[str, Any] = {name: change(body) for name, body in statement.bodies.items()}
+    return replace(statement, **bodies)
+
+
+T = TypeVar("T")
+
+
+class Reader(Generic[T]):
+    """A fold over programs: what a reader makes of each statement, by its method of that kind, joined in their order.
+
+    `known`: what the statements around it tell a statement. A `Repeat` is read without its loop, unless a reader has a
+    method for it.
+    """
+
+    def program(self, program: Iterable[Statement], *known: Any) -> T:
+        """What is made of statements."""
+        return self.joined(self.statement(statement, *known) for statement in program)
+
+    def statement(self, statement: Statement, *known: Any) -> T:
+        """What is made of one statement."""
+        made: T = getattr(self, f"_{type(statement).__name__.lower()}")(statement, *known)
+        return made
+
+    def joined(self, parts: Iterable[T]) -> T:
+        """What is made of several, of what is made of each."""
+        raise NotImplementedError
+
+    def _repeat(self, repeat: Repeat, *known: Any) -> T:
+        return self.program(repeat.unrolled, *known)

@@ -6,7 +6,7 @@ program's instructions: an addition, a product, a comparison, a choice, a functi
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from hgogen.algebra.lookup import called, instructions
 from hgogen.discretisation.kernels import KERNELS
-from hgogen.program import Block, Call, Kernel, Loop, Repeat, Statement, When, walk
+from hgogen.program import Block, Call, Copy, Kernel, Loop, Reader, Statement, When, blocks, walk
 
 _FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
 OPERATION, FUNCTION = -1, -2  # of a kernel: an instruction, a root
@@ -25,28 +25,46 @@ KERNEL = 20  # operations that the text of a kernel is as long as
 def carried_out(program: Sequence[Statement]) -> Counter[int]:
     """How often each instruction is carried out in a period, by CasADi's number of it: every section runs, a `When`
     takes its longer branch, a loop all its members."""
-    return sum(map(_statement, program), Counter())
+    return _Counting().program(program)
 
 
 def written(program: Sequence[Statement]) -> int:
     """How many operations the text of a program holds, where each statement is written out."""
-    blocks = (statement.graph for statement in walk(program) if isinstance(statement, Block))
-    kernels = (statement for statement in walk(program) if isinstance(statement, Kernel))
-    return sum(instructions_of(graph).total() for graph in blocks) + sum(KERNEL for _ in kernels)
+    kernels = sum(isinstance(statement, Kernel) for statement in walk(program))
+    return sum(instructions_of(block.graph).total() for block in blocks(program)) + KERNEL * kernels
 
 
-def _statement(statement: Statement) -> Counter[int]:
-    if isinstance(statement, Block):
-        return instructions_of(statement.graph)
-    if isinstance(statement, Loop):
-        return Counter({op: statement.count * times for op, times in carried_out(statement.body).items()})
-    if isinstance(statement, Repeat):
-        return carried_out(statement.unrolled)
-    if isinstance(statement, When):
-        return max(carried_out(statement.body), carried_out(statement.otherwise), key=Counter.total)
-    if isinstance(statement, Call):
-        return carried_out(statement.section.program)
-    return _kernel(statement) if isinstance(statement, Kernel) else Counter()
+class _Counting(Reader[Counter[int]]):
+    """How often each instruction is carried out."""
+
+    def joined(self, parts: Iterable[Counter[int]]) -> Counter[int]:
+        return sum(parts, Counter())
+
+    def _block(self, block: Block) -> Counter[int]:
+        return instructions_of(block.graph)
+
+    def _loop(self, loop: Loop) -> Counter[int]:
+        return Counter({op: loop.count * times for op, times in self.program(loop.body).items()})
+
+    def _when(self, when: When) -> Counter[int]:
+        return max(self.program(when.body), self.program(when.otherwise), key=Counter.total)
+
+    def _call(self, call: Call) -> Counter[int]:
+        return self.program(call.section.program)
+
+    def _copy(self, _: Copy) -> Counter[int]:
+        return Counter()
+
+    def _kernel(self, kernel: Kernel) -> Counter[int]:
+        """By running it on numbers that count what is done to them."""
+        done: Counter[int] = Counter()
+
+        def counted(*shape: int) -> np.ndarray:
+            return np.array([_Counted(done) for _ in range(math.prod(shape))], dtype=object).reshape(shape)
+
+        columns = [counted(kernel.size, kernel.size)] if kernel.columns else []
+        KERNELS[kernel.name](*columns, *(counted(size) for _, size in kernel.arguments), *kernel.counts)
+        return done
 
 
 @lru_cache(maxsize=256)  # a routine is called at each stage, and a program is asked twice
@@ -58,18 +76,6 @@ def instructions_of(graph: ca.Function) -> Counter[int]:
     times[ca.OP_CALL] -= len(routines)
     times = Counter({op: count for op, count in times.items() if op not in _FREE and count})
     return sum(map(instructions_of, routines), times)
-
-
-def _kernel(kernel: Kernel) -> Counter[int]:
-    """By running it on numbers that count what is done to them."""
-    done: Counter[int] = Counter()
-
-    def counted(*shape: int) -> np.ndarray:
-        return np.array([_Counted(done) for _ in range(math.prod(shape))], dtype=object).reshape(shape)
-
-    columns = [counted(kernel.size, kernel.size)] if kernel.columns else []
-    KERNELS[kernel.name](*columns, *(counted(size) for _, size in kernel.arguments), *kernel.counts)
-    return done
 
 
 class _Counted:

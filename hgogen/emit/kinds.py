@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-from hgogen.program import Block, Field, Group, Loop, Place, Program, When, lines_of, places, walk
+from hgogen.program import Block, Field, Group, Loop, Place, Program, When, blocks, lines_of, places, walk
 from hgogen.step import Step
 
 
@@ -45,7 +45,7 @@ class Kinds:
     def members(self) -> dict[Place, int]:
         """Work places that are the number of a member that a loop is at, and nothing else: how many members there
         are."""
-        written = {place for s in walk(self._all) if isinstance(s, Block) for place in s.writes}
+        written = {place for block in blocks(self._all) for place in block.writes}
         loops = [s for s in walk(self._all) if isinstance(s, Loop) and s.index]
         counts = [(s.index, self.groups[s.group][-1].count) for s in loops if s.index]
         return {p: max(n for q, n in counts if q == p) for p, _ in counts if p.struct == "work" and p not in written}
@@ -69,11 +69,10 @@ class Kinds:
     def _reals(self, indices: set[Place]) -> set[Place]:
         """Work places that take more than a copy of a counter, or of one of `indices`."""
         counters = {place for place, item in self.fields.items() if item.kind == "index"} | indices
-        blocks = [s for s in walk(self._all) if isinstance(s, Block)]
-        unwritten = self.work - {place for block in blocks for place in block.writes}
+        unwritten = self.work - {place for block in blocks(self._all) for place in block.writes}
         return unwritten | {
             place
-            for block in blocks
+            for block in blocks(self._all)
             for place in block.writes
             if place not in block.copies or not block.copies[place] <= counters
         }

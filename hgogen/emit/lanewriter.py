@@ -23,7 +23,7 @@ from hgogen.emit.portable import functions_of, writes
 from hgogen.emit.statements import Writer
 from hgogen.emit.syntax import Real
 from hgogen.errors import HgogenError
-from hgogen.program import Call, Copy, Kernel, Loop, Place, Program, Repeat, Statement, When, places, walk
+from hgogen.program import Call, Copy, Kernel, Loop, Place, Program, Repeat, When, walk
 
 # kernels whose way depends on counts alone, but for a scaling by ones in lanes that need none
 TOGETHER = frozenset({"expand", "triangularise", "add", "correct", "cap", "renew"})
@@ -73,12 +73,11 @@ class LaneWriter(Writer):
         self.counted.pop()
         return text
 
-    def _statement(self, statement: Statement, taken: frozenset[str]) -> Code:
-        if isinstance(statement, Call):
-            return braced("{", self.function(statement.section.program))
-        if isinstance(statement, Repeat):
-            return self.statements(statement.unrolled, taken)
-        return super()._statement(statement, taken)
+    def _call(self, call: Call, taken: frozenset[str]) -> Code:
+        return braced("{", self.function(call.section.program))
+
+    def _repeat(self, repeat: Repeat, taken: frozenset[str]) -> Code:
+        return self.program(repeat.unrolled, taken)
 
     # --- where lanes part ways
 
@@ -130,7 +129,7 @@ class LaneWriter(Writer):
             place for place, n in _counted(body).items() if everywhere[place] == n and place.struct == "work"
         )
         with self._masked(Mask(name, inner)):
-            return braced(f"if ({self._any(name)}) {{", self.statements(body, taken))
+            return braced(f"if ({self._any(name)}) {{", self.program(body, taken))
 
     # --- members
 
@@ -158,7 +157,7 @@ class LaneWriter(Writer):
         with self._masked(Mask(name := self._named()) if tests else self.masks[-1]):
             if loop.index:
                 member += code(self._assigned(loop.index, self.whole(loop.index), self._number(k)))
-            inner = member + self.statements(loop.body, taken)
+            inner = member + self.program(loop.body, taken)
         if tests:
             inner = self._declared(name, " & ".join(tests)) + braced(f"if ({self._any(name)}) {{", inner)
         return braced(head, inner) + Code((), uses)
@@ -169,7 +168,7 @@ class LaneWriter(Writer):
 
     # --- lane by lane
 
-    def _copy(self, copy: Copy) -> Code:
+    def _copy(self, copy: Copy, taken: frozenset[str]) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
         numbers = [self.within(self.whole(place), total) for place in (copy.target, copy.source)]
         whole, size = self.syntax.types["unsigned"], f"sizeof({self.real})"
@@ -183,7 +182,7 @@ class LaneWriter(Writer):
         every = braced(f"for (int lane = 0; lane < {self.width}; ++lane) {{", one)
         return braced("{", declared + every) + Code((), self.uses(array, copy.target, copy.source))
 
-    def _kernel(self, kernel: Kernel) -> Code:
+    def _kernel(self, kernel: Kernel, taken: frozenset[str]) -> Code:
         """A call for all lanes at once, after which those that do not run have back what they had."""
         if kernel.name not in TOGETHER:
             raise NoLanes(kernel.name)
@@ -195,7 +194,7 @@ class LaneWriter(Writer):
                 back = self.syntax.choice.format(test=mask.name, yes=each.element, no=was.element)
                 before += code(f"{kind} {was.text}[{each.size}];") + each.all(f"{was.element} = {each.element};")
                 after += each.all(f"{each.element} = {back};")
-        return braced("{", before + super()._kernel(kernel) + after)
+        return braced("{", before + super()._kernel(kernel, taken) + after)
 
     def _changed(self, kernel: Kernel) -> Iterator["_Array"]:
         """The arrays that a kernel may write."""
@@ -240,15 +239,5 @@ def table(prefix: str, real: Real, lookup: Lookup) -> Code:
 
 def _counted(program: Program) -> Counter[Place]:
     """How many statements know each place."""
-    return Counter(chain.from_iterable({place for place, _ in places((_alone(s),))} for s in walk(program)))
-
-
-def _alone(statement: Statement) -> Statement:
-    """A statement without those in it."""
-    if isinstance(statement, When):
-        return When(statement.flag, ())
-    if isinstance(statement, Repeat):
-        return Repeat(statement.given, ())
-    if isinstance(statement, Loop):
-        return Loop(statement.group, statement.count, (), statement.start, statement.active, statement.index)
-    return statement
+    known = ({place for place, _ in (*statement.reads, *statement.written)} for statement in walk(program))
+    return Counter(chain.from_iterable(known))

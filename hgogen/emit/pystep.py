@@ -28,9 +28,8 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
-    Repeat,
+    Reader,
     Section,
-    Statement,
     When,
     lines_of,
     places,
@@ -56,7 +55,7 @@ def tuned(step: Step, real: Real) -> np.ndarray:
     return record["params"]
 
 
-class _Writer:
+class _Writer(Reader[list[str]]):
     """Writes the functions of a step."""
 
     def __init__(self, step: Step, record: np.ndarray, real: Real) -> None:
@@ -133,28 +132,17 @@ class _Writer:
             if place in self.work and (size == 1 or place in self.filled):  # which a kernel may be the first to write
                 elements = (self._local(place, element) for element in range(size))
                 start.append(f"{' = '.join(elements)} = {'0' if self.kinds.is_index(place) else 'zero'}")
-        return [f"def {name}():", *indented([*start, *self._statements(program), *after, "return status"])]
+        return [f"def {name}():", *indented([*start, *self.program(program), *after, "return status"])]
 
-    def _statements(self, program: Iterable[Statement]) -> list[str]:
-        return [line for statement in program for line in self._statement(statement)]
+    def joined(self, parts: Iterable[list[str]]) -> list[str]:
+        return [line for part in parts for line in part]
 
-    def _statement(self, statement: Statement) -> list[str]:
-        match statement:
-            case Block():
-                return self._block(statement)
-            case Loop():
-                return self._loop(statement)
-            case Repeat():
-                return self._statements(statement.unrolled)
-            case When(flag=flag, body=body, otherwise=otherwise):
-                lines = [f"if {self._read(flag, 0, 'double')}:", *indented(self._statements(body) or ["pass"])]
-                return [*lines, *(["else:", *indented(self._statements(otherwise))] if otherwise else [])]
-            case Copy():
-                return self._copy(statement)
-            case Call():
-                return [f"status |= {self._called(statement.section)}()"]
-            case Kernel():
-                return self._kernel(statement)
+    def _when(self, when: When) -> list[str]:
+        lines = [f"if {self._read(when.flag, 0, 'double')}:", *indented(self.program(when.body) or ["pass"])]
+        return [*lines, *(["else:", *indented(self.program(when.otherwise))] if when.otherwise else [])]
+
+    def _call(self, call: Call) -> list[str]:
+        return [f"status |= {self._called(call.section)}()"]
 
     # --- memory
 
@@ -196,7 +184,7 @@ class _Writer:
     def _loop(self, loop: Loop) -> list[str]:
         group = self.groups[loop.group][-1]
         number, member, total = self.numbers[group.name], self._at(group), group.count
-        body = self._statements(loop.body)
+        body = self.program(loop.body)
         if loop.index:
             body = [f"{self._text(loop.index, 0)} = {member}", *body]
         if loop.active:

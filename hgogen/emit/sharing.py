@@ -15,7 +15,7 @@ import numpy as np
 from hgogen.emit.cfunction import Prototype, own, status_type, structs
 from hgogen.emit.code import Code, code, joined
 from hgogen.emit.statements import Writer
-from hgogen.program import Block, Loop, Place, Program, Repeat, Statement, When, lines_of, places, walk
+from hgogen.program import Block, Loop, Place, Program, Statement, blocks, lines_of, places, walk
 from hgogen.stepping.machine import Reading
 
 FEWEST = 4  # numbers that a part writes
@@ -41,12 +41,12 @@ class Part:
 class SharingWriter(Writer):
     """Writes a part that stands more than once as a call."""
 
-    def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> Code:
+    def program(self, program: Iterable[Statement], *known: frozenset[str]) -> Code:
         """Every statement in order."""
         texts = list[Code]()
         for run in _runs(program):
             part = self._parts.get(self._alone(run).lines) if _name(run) else None
-            texts.append(part.call if part else super().statements(run, taken))
+            texts.append(part.call if part else super().program(run, *known))
         return joined(texts)
 
     @cached_property
@@ -100,11 +100,8 @@ class SharingWriter(Writer):
 def _everywhere(program: Program) -> Iterator[Program]:
     """The parts, and what is between them, of a program and of every program in it."""
     yield from _runs(program)
-    for statement in program:
-        if isinstance(statement, Loop | Repeat | When):
-            yield from _everywhere(statement.body)
-        if isinstance(statement, When):
-            yield from _everywhere(statement.otherwise)
+    for body in (body for statement in program for body in statement.bodies.values()):
+        yield from _everywhere(body)
 
 
 def _runs(program: Iterable[Statement]) -> Iterator[Program]:
@@ -134,10 +131,9 @@ def _closed(statement: Statement) -> bool:
 
 
 def _written(run: Program) -> set[Place]:
-    return {place for block in walk(run) if isinstance(block, Block) for place in block.writes}
+    return {place for block in blocks(run) for place in block.writes}
 
 
 def _numbers(run: Program) -> int:
     """How many numbers the text of a part writes."""
-    blocks = (block for block in walk(run) if isinstance(block, Block))
-    return sum(size for block in blocks for place, size in block.written if place.struct != "status")
+    return sum(size for block in blocks(run) for place, size in block.written if place.struct != "status")

@@ -28,9 +28,9 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
+    Reader,
     Repeat,
     Section,
-    Statement,
     When,
     places,
     walk,
@@ -43,7 +43,7 @@ ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
 
 
 @dataclass(frozen=True, eq=False)
-class Writer:
+class Writer(Reader[Code]):
     """The text of a step's programs."""
 
     syntax: Syntax
@@ -108,7 +108,7 @@ class Writer:
         taken |= set(self.syntax.parameters.values())
         depths = (len(self.kinds.groups[s.group]) for s in walk(program) if isinstance(s, Loop))
         taken |= {f"{letter}{depth}" for depth in range(2, max(depths, default=0) + 1) for letter in "ik"}
-        return declared + self.statements(program, frozenset(taken))
+        return declared + self.program(program, frozenset(taken))
 
     def _declaration(self, place: Place, size: int) -> Code:
         flag, types = place in self.kinds.flags and size == 1, self.syntax.types
@@ -124,41 +124,27 @@ class Writer:
         """A number."""
         return self.syntax.literal(value, kind)
 
-    def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> Code:
-        """Every statement in order."""
-        return joined(self._statement(statement, taken) for statement in program)
+    def joined(self, parts: Iterable[Code]) -> Code:
+        """One after the other."""
+        return joined(parts)
 
-    def _statement(self, statement: Statement, taken: frozenset[str]) -> Code:
-        match statement:
-            case Block():
-                return self._block(statement, taken)
-            case Loop():
-                return self._loop(statement, taken)
-            case Repeat():
-                return self._repeat(statement, taken)
-            case When():
-                return self._when(statement, taken)
-            case Copy():
-                return self._copy(statement)
-            case Call():
-                return called(self.syntax, self.step, statement.section)
-            case Kernel():
-                return self._kernel(statement)
+    def _call(self, call: Call, taken: frozenset[str]) -> Code:
+        return called(self.syntax, self.step, call.section)
 
     def _when(self, when: When, taken: frozenset[str]) -> Code:
         idle = when.idle and self.syntax.analysed
         flag = f"{self.prefix}_acts({when.flag.name})" if idle else when.flag.name
         head = Code((self.syntax.condition.format(flag),), Uses(helpers=frozenset({"acts"})) if idle else Uses())
-        lines = head + self.statements(when.body, taken).indented()
+        lines = head + self.program(when.body, taken).indented()
         if when.otherwise:
-            lines += code("} else {") + self.statements(when.otherwise, taken).indented()
+            lines += code("} else {") + self.program(when.otherwise, taken).indented()
         return lines + code("}")
 
     def _loop(self, loop: Loop, taken: frozenset[str]) -> Code:
         group, array = loop.group, self.whole(self._array(loop.group))
         depth, total = len(self.kinds.groups[group]), self.kinds.groups[group][-1].count
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
-        inner = self.statements(loop.body, taken)
+        inner = self.program(loop.body, taken)
         uses = self.uses(self._array(group), loop.start, loop.active, loop.index)
         uses |= Uses(widest=max(loop.count, total if loop.start else 0))
         bound, active = self.literal(loop.count, "unsigned"), f"{k} < {self.whole(loop.active)}" if loop.active else ""
@@ -188,7 +174,7 @@ class Writer:
             fixed += code(self.syntax.fixed.format(**named, values=values))
         head, *first = self.syntax.loop(k, self.syntax.number(0), self.syntax.number(repeat.count), "", True)
         taking = [f"{self.whole(place)} = each_{place.name}[{k}];" for place in repeat.given]
-        inner = code(*first, *taking) + self.statements(repeat.body, taken | {k})
+        inner = code(*first, *taking) + self.program(repeat.body, taken | {k})
         return braced("{", fixed + braced(head, inner))
 
     def _member(self, group: str, array: str, k: str) -> str:
@@ -203,14 +189,14 @@ class Writer:
             texts["test"] = f"({texts['test']})"
         return self.syntax.choice.format(**texts, no=self.literal(0, "unsigned"))
 
-    def _copy(self, copy: Copy) -> Code:
+    def _copy(self, copy: Copy, taken: frozenset[str]) -> Code:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
         numbers = (self.within(self.whole(place), total) for place in (copy.target, copy.source))
         target, source = (self.syntax.index(self.whole(array), number) for number in numbers)
         text = self.syntax.copied.format(target=target, source=source)
         return Code((text,), self.uses(array, copy.target, copy.source) | Uses(widest=total))
 
-    def _kernel(self, kernel: Kernel) -> Code:
+    def _kernel(self, kernel: Kernel, taken: frozenset[str]) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []
         operands += [place for place, _ in kernel.arguments]
         values = [*map(self.whole, operands), *map(self.syntax.number, kernel.counts)]

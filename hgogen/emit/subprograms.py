@@ -14,7 +14,7 @@ from hgogen.algebra.lookup import calls
 from hgogen.discretisation.routine import Argument, Routine
 from hgogen.emit.interface import reached
 from hgogen.emit.node import Node, columns, ordered, read
-from hgogen.program import Block, walk
+from hgogen.program import Block, blocks
 from hgogen.step import Step
 
 REGISTERS = 8  # that take numbers in a call on x86-64; a Cortex-M4F has 16
@@ -90,8 +90,7 @@ def _distinct(routines: dict[str, Routine]) -> list[str]:
 def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
     """Every call of a routine, with the block that it stands in."""
     programs = (*(section.program for section in step.called), step.estimate, step.tuning)
-    blocks = (statement for program in programs for statement in walk(program) if isinstance(statement, Block))
-    for block in blocks:
+    for block in (each for program in programs for each in blocks(program)):
         if calls(block.graph):
             nodes = ordered(node for output in read(block.graph) for node in output)
             yield from ((block, node) for node in nodes if node.routine)

@@ -104,7 +104,7 @@ class Graphs:
         memory[Place("work", "y")] = ca.if_else(valid, self._y, 0)  # which leaves no trace, see `Ode`
         rates = [ca.SX(self._rates.get(field.name, ca.SX.zeros(field.size))) for field in fields]
         moved = {Place("work", "rate"): ca.vertcat(*rates)}
-        rate = self._symbolic.after((Block("the rates", moved),), memory)[Place("work", "rate")]
+        rate = self._symbolic.program((Block("the rates", moved),), memory)[Place("work", "rate")]
         arguments = ["state", "u", "y", "p"]
         return Flow(
             ca.Function(f"{name}_derivative", [state, self._u, self._y, self._p], [rate], arguments, ["rate"]),

@@ -17,7 +17,7 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
-    Repeat,
+    Reader,
     When,
     lines_of,
     places,
@@ -47,7 +47,7 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
     return run, results[: len(block.writes)]
 
 
-class Reading:
+class Reading(Reader[Action]):
     """Programs as closures over one memory.
 
     `memory` maps each place to an array, 0 at first: (size), (count, size) for a field of a group, (count, count, size)
@@ -86,22 +86,20 @@ class Reading:
 
     def action(self, program: Program) -> Action:
         """The program, to be run whenever it is called."""
-        makers: Mapping[type, Callable[[Any], Action]] = {
-            Block: self._block,
-            Loop: self._loop,
-            Repeat: lambda repeat: self.action(repeat.unrolled),
-            When: self._when,
-            Copy: self._copy,
-            Call: lambda call: self._sections[call.section.name],
-            Kernel: self._kernel,
-        }
-        actions = [makers[type(statement)](statement) for statement in program]
+        return self.program(program)
+
+    def joined(self, parts: Iterable[Action]) -> Action:
+        """One after the other."""
+        actions = list(parts)
 
         def run() -> None:
             for action in actions:
                 action()
 
         return run
+
+    def _call(self, call: Call) -> Action:
+        return self._sections[call.section.name]
 
     def _array(self, place: Place) -> np.ndarray:
         return self._rows[place] if place.struct in self._groups else self.memory[place]
@@ -161,11 +159,7 @@ class Reading:
         return run
 
     def _when(self, when: When) -> Action:
-        flag, body, otherwise = (
-            self._array(when.flag),
-            self.action(when.body),
-            self.action(when.otherwise),
-        )
+        flag, body, otherwise = self._array(when.flag), self.action(when.body), self.action(when.otherwise)
 
         def run() -> None:
             (body if flag[0] != 0 else otherwise)()

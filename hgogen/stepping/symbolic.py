@@ -23,7 +23,7 @@ from hgogen.program import (
     Loop,
     Place,
     Program,
-    Repeat,
+    Reader,
     Statement,
     When,
     lines_of,
@@ -46,7 +46,7 @@ def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shap
 
 
 @dataclass(frozen=True, eq=False)
-class Symbolic:
+class Symbolic(Reader[Memory]):
     """A reader of programs over groups, each by its name with those that it lies in, the outermost first; `graph` gives
     the function of a block."""
 
@@ -56,42 +56,39 @@ class Symbolic:
     def section(self, program: Program, memory: Memory) -> Memory:
         """The memory after a program whose work values are its own."""
         work = {place: ca.MX.zeros(size) for place, size in places(program) if place.struct == "work"}
-        return self.after(program, {**memory, **work})
+        return self.program(program, {**memory, **work})
 
-    def after(self, program: Program, memory: Memory) -> Memory:
-        """The memory after statements, whose work values are in it."""
+    def program(self, program: Iterable[Statement], *known: Memory) -> Memory:
+        """The memory after statements, of that before them, which has their work values."""
+        (memory,) = known
         for statement in program:
-            memory = {**memory, **self._written(statement, memory)}
+            memory = {**memory, **self.statement(statement, memory)}
         return memory
 
-    def _written(self, statement: Statement, memory: Memory) -> Memory:
-        """The places that a statement writes, with their values after it."""
-        match statement:
-            case Block(writes=writes, reads=reads):
-                results = self.graph(statement).call([memory[place] for place, _ in reads])
-                after = dict(zip(writes, results, strict=False))
-                raised = {p: ca.logic_or(memory[p], value != 0) for p, value in after.items() if p.struct == "status"}
-                return after | raised
-            case When(flag=flag, body=body, otherwise=otherwise):
-                symbols = _symbols(memory)
-                ends = self.after(body, symbols), self.after(otherwise, symbols)
-                return _Choice(symbols, ends).at(memory[flag], memory)
-            case Loop():
-                return self._loop(statement, memory)
-            case Repeat():
-                return self.after(statement.unrolled, memory)
-            case Copy(group=group):
-                total = self.lines[group][-1].count
-                source, target = (_number(memory[place], total) for place in (statement.source, statement.target))
-                tables = {place: memory[place] for place in self._inside(group, memory)}
-                return {place: _with_column(table, target, _column(table, source)) for place, table in tables.items()}
-            case Kernel(name=name, size=size, columns=columns, arguments=arguments, result=result):
-                changed = [*([columns] if columns else []), *(place for place, _ in arguments)]
-                graph = kernel_graph(name, size, tuple(length for _, length in arguments), statement.counts)
-                *values, returned = graph.call([memory[place] for place in changed])
-                return dict(zip(changed, values, strict=True)) | ({result: returned} if result else {})
-            case Call():
-                return self.section(statement.section.program, memory)
+    def _block(self, block: Block, memory: Memory) -> Memory:
+        results = self.graph(block).call([memory[place] for place, _ in block.reads])
+        after = dict(zip(block.writes, results, strict=False))
+        return after | {p: ca.logic_or(memory[p], value != 0) for p, value in after.items() if p.struct == "status"}
+
+    def _when(self, when: When, memory: Memory) -> Memory:
+        symbols = _symbols(memory)
+        ends = self.program(when.body, symbols), self.program(when.otherwise, symbols)
+        return _Choice(symbols, ends).at(memory[when.flag], memory)
+
+    def _copy(self, copy: Copy, memory: Memory) -> Memory:
+        total = self.lines[copy.group][-1].count
+        source, target = (_number(memory[place], total) for place in (copy.source, copy.target))
+        tables = {place: memory[place] for place in self._inside(copy.group, memory)}
+        return {place: _with_column(table, target, _column(table, source)) for place, table in tables.items()}
+
+    def _kernel(self, kernel: Kernel, memory: Memory) -> Memory:
+        changed = [*([kernel.columns] if kernel.columns else []), *(place for place, _ in kernel.arguments)]
+        graph = kernel_graph(kernel.name, kernel.size, tuple(size for _, size in kernel.arguments), kernel.counts)
+        *values, returned = graph.call([memory[place] for place in changed])
+        return dict(zip(changed, values, strict=True)) | ({kernel.result: returned} if kernel.result else {})
+
+    def _call(self, call: Call, memory: Memory) -> Memory:
+        return self.section(call.section.program, memory)
 
     def _loop(self, loop: Loop, memory: Memory) -> Memory:
         total = self.lines[loop.group][-1].count
@@ -101,7 +98,7 @@ class Symbolic:
             deeper = line[[each.name for each in line].index(loop.group) + 1 :]
             rows[place] = (size // deeper[0].count, deeper[0].count) if deeper else (size, 1)
         symbols = _symbols(memory, rows)
-        body = _Choice(symbols, (self.after(loop.body, symbols), symbols))
+        body = _Choice(symbols, (self.program(loop.body, symbols), symbols))
         first, memory = _number(memory[loop.start], total) if loop.start else None, dict(memory)
         for k in range(loop.count):
             member = k if first is None else ca.fmod(first + k, total)
