@@ -13,8 +13,10 @@ import pytest
 
 import hgogen as hg
 from hgogen.calling import native
+from hgogen.discretisation import kernels as matrix_loops
+from hgogen.discretisation import notation
 from hgogen.discretisation.kernels import KERNELS
-from hgogen.emit import helpers, matrix_loops, notation
+from hgogen.emit import helpers
 from hgogen.emit.csyntax import C
 from hgogen.emit.portable import functions_of, kernels, passed, small
 from hgogen.emit.routines import routines

@@ -12,7 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.discretisation.kernels import DEGREE, HALVINGS, KERNELS, SWEEPS, share, variances
+from hgogen.discretisation.kernels import KERNELS
+from hgogen.discretisation.notation import DEGREE, HALVINGS, SWEEPS
 from hgogen.graph import Graph
 
 
@@ -68,23 +69,44 @@ def _array(matrix: Graph) -> np.ndarray:
     return made if columns > 1 else made[0]
 
 
+def _variances(columns: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """P_ii, summed from the diagonal's own, then from the first column on."""
+    variance = d.copy()
+    for k in range(len(d)):
+        variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
+    return variance
+
+
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
     """A factor of 1 where a variance does not exceed its cap changes no bit, nor does a choice of D where D >= 0."""
-    values = [_value(v) for v in variances(columns, d)]
+    values = [_value(v) for v in _variances(columns, d)]
     pairs = [(v, _value(c)) for v, c in zip(values, caps, strict=True)]
     scale = np.array([_Scalar(ca.if_else(v > c, c / v, 1.0)) for v, c in pairs], dtype=object)
     for k in range(len(d)):
         columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
-    sound = [ca.logic_and(v <= c, _value(pivot) >= 0) for (v, c), pivot in zip(pairs, d, strict=True)]
+    each = [ca.logic_and(v <= c, _value(pivot) >= 0) for (v, c), pivot in zip(pairs, d, strict=True)]
+    sound = reduce(ca.logic_and, each)
+    for k in range(len(d)):
+        columns[k, k] = _Scalar(ca.if_else(sound, _value(columns[k, k]), 1.0))
     scaled = [_value(pivot * s * s) for pivot, s in zip(d, scale, strict=True)]
     d[:] = [_Scalar(ca.if_else(ca.logic_and(v >= 0, v <= c), v, c)) for v, (_, c) in zip(scaled, pairs, strict=True)]
-    return ca.logic_not(reduce(ca.logic_and, sound))
+    return ca.logic_not(sound)
+
+
+def _renewed(columns: np.ndarray, d: np.ndarray, caps: np.ndarray, c: np.ndarray) -> Graph:
+    """A measurement of each state by itself."""
+    one, zero = _Scalar(ca.SX(1)), _Scalar(ca.SX(0))
+    for i, each in enumerate(c):
+        row = np.array([each if j == i else zero for j in range(len(c))], dtype=object)
+        KERNELS["correct"](columns, d, row, np.array([one]), np.array([zero] * len(c)), i + 1)
+    shares = zip(_variances(columns, d), caps, strict=True)
+    return ca.logic_not(reduce(add, (_value(variance / limit) for variance, limit in shares)) <= 0.5)
 
 
 _ON_ARRAYS: Mapping[str, Callable[..., Any]] = {
     **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "correct")},
     "cap": _capped,
-    "renew": lambda *arguments: ca.logic_not(_value(share(*arguments)) <= 0.5),
+    "renew": _renewed,
 }
 
 

@@ -1,10 +1,10 @@
-"""Matrix operations as loops, for states too many to unroll: Python's reading.
+"""Matrix operations as loops, for states too many to unroll; see `discretisation.notation`.
 
-Each kernel is written once here and once as loops (`emit.matrix_loops`), which every language prints, in the same order
-of operations, so both give the same bits.
+Each is written once, here: every language prints it, and Python runs it, in the same order of operations, so all give
+the same bits.
 
-On P = L D L', the columns of L in the members of a group: `columns[k, i]` is row i of column k, of which i > k counts,
-the diagonal being 1.
+On P = L D L', the columns of L in the members of a group: `L[k].v[i]` is row i of column k, of which i > k counts, the
+diagonal being 1.
 
     expand         unit diagonal and zeros above it, so that a column can be multiplied by Phi
     triangularise  L, D of M diag(D) M' for a matrix M with `band` >= 1 diagonals above the main one, by rotations of
@@ -21,219 +21,304 @@ On a matrix X (n, n) by rows, in one array:
                    (Parlett, Reinsch 1969); a high gain enters X by its powers, which S takes out
     exponential    phi_0 = exp X, phi_1 = (phi_0 - 1)/X, phi_2 = (phi_1 - 1)/X by scaling and squaring
     resolvent      (1 - X)^-1 by Gauss-Jordan with row pivots
+
+A loop that begins at an `aligned` row may pass the diagonal of L and zeros above it, which it leaves as they are: what
+it would subtract from a row it has made 0 before. A column that is no number is lost with its diagonal.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
+from hgogen.discretisation.notation import (
+    DEGREE,
+    HALVINGS,
+    SWEEPS,
+    Columns,
+    FixedMatrix,
+    FixedVector,
+    Matrix,
+    Vector,
+    aligned,
+    array,
+    half,
+    line,
+    n,
+    on_arrays,
+    real,
+    square,
+)
 
-Array = np.ndarray
-SWEEPS = 12  # of balancing; it has settled long before, and need not have
-HALVINGS = 64  # at most, of a norm or in a scale: 2^64 is beyond what a gain of a float can be
-DEGREE = 13  # of the series of phi_2: (1/2)^14/16! is below the rounding of a double
 
-
-def expand(columns: Array) -> None:
-    """Unit diagonal, zeros above."""
-    n = len(columns)
+@on_arrays
+def expand(L: Columns) -> None:
+    """unit diagonal and zeros above it in the columns of L"""
     for k in range(n):
-        columns[k, k] = 1
-        columns[k, :k] = 0
+        for i in range(k):
+            L[k].v[i] = 0.0
+        L[k].v[k] = 1.0
 
 
-def triangularise(columns: Array, d: Array, band: int) -> None:
-    """M = columns' and d in; L (strict lower) and D out."""
-    n = len(d)
+@on_arrays
+def triangularise(L: Columns, D: Vector, band: int) -> None:
+    """L, D of M diag(D) M', M in L with so many diagonals above the main one, by rotations without square roots"""
     for i in range(n):
-        pivot = columns[i, i]
-        for k in range(i + 1, min(i + 1 + band, n)):
-            other = columns[k, i]
-            a, b = d[i] * pivot, d[k] * other
-            total = a * pivot + b * other
-            f, g = a / total, b / total
-            d[k] = d[i] * (d[k] / total)
-            d[i] = total
-            x, y = columns[i, i + 1 :].copy(), columns[k, i + 1 :].copy()
-            columns[i, i + 1 :] = f * x + g * y
-            columns[k, i + 1 :] = pivot * y - other * x
-            pivot, columns[k, i] = d.dtype.type(1), 0
-        d[i] = d[i] * pivot * pivot
-        columns[i, i] = 1
+        pivot = L[i].v[i]
+        for step in range(band):
+            k = i + 1 + step
+            if k < n:
+                other = L[k].v[i]
+                a = D[i] * pivot
+                b = D[k] * other
+                sum = a * pivot + b * other
+                f = a / sum
+                g = b / sum
+                D[k] = D[i] * (D[k] / sum)
+                D[i] = sum
+                for m in range(aligned(i + 1), n):
+                    x = L[i].v[m]
+                    y = L[k].v[m]
+                    L[i].v[m] = f * x + g * y
+                    L[k].v[m] = pivot * y - other * x
+                L[k].v[i] = 0.0
+                pivot = 1.0
+        D[i] = D[i] * pivot * pivot
+        L[i].v[i] = 1.0
 
 
-def add(columns: Array, d: Array, w: Array) -> None:
-    """Add diag(w), w >= 0."""
-    n = len(d)
-    for k in range(n):
-        vector, weight = np.zeros(n, d.dtype), w[k]
-        vector[k] = 1
-        for j in range(k, n):
-            pivot, before, rest, below = vector[j], d[j], vector[j + 1 :], columns[j, j + 1 :]
-            grown = before + weight * pivot * pivot
-            factor = weight * pivot / grown
-            weight = weight * before / grown
-            d[j] = grown
-            rest -= pivot * below
-            below += factor * rest
+@on_arrays
+def add(L: Columns, D: Vector, w: FixedVector) -> None:
+    """L, D of L D L' + diag(w), by rank-one updates, two at a time"""
+    first = array(n)
+    second = array(n)
+    first[0] = 0.0
+    second[0] = 0.0
+    for pair in range(half):
+        k = 2 * pair
+        pivot = D[k] + w[k]
+        share = w[k] / pivot
+        weight = w[k] * D[k] / pivot
+        other = w[k + 1]
+        D[k] = pivot
+        for i in range(k + 1, n):
+            first[i] = 0.0 - L[k].v[i]
+            second[i] = 0.0
+            L[k].v[i] = L[k].v[i] + share * first[i]
+        second[k + 1] = 1.0
+        for j in range(k + 1, n):
+            a = first[j]
+            b = second[j]
+            grown = D[j] + weight * a * a
+            f = weight * a / grown
+            weight = weight * D[j] / grown
+            sum = grown + other * b * b
+            g = other * b / sum
+            other = other * grown / sum
+            D[j] = sum
+            for i in range(aligned(j + 1), n):
+                first[i] = first[i] - a * L[j].v[i]
+                x = L[j].v[i] + f * first[i]
+                second[i] = second[i] - b * x
+                L[j].v[i] = x + g * second[i]
+    for i in range(2 * half, n):
+        D[i] = D[i] + w[i]
 
 
-def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array, read: int) -> None:
-    """Measurement of row c and variance r; the gain goes to `gain`."""
-    alpha = r[0]
-    gain[:] = 0
-    for j in reversed(range(read)):
+@on_arrays
+def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector, read: int) -> None:
+    """L, D after a measurement of row c, of which so many elements may not be 0, and variance r; its gain"""
+    alpha = r
+    for i in range(n):
+        gain[i] = 0.0
+    for k in range(read):
+        j = read - 1 - k
         f = c[j]
         for i in range(j + 1, read):
-            f = f + columns[j, i] * c[i]
-        v, before = d[j] * f, alpha
+            f = f + L[j].v[i] * c[i]
+        v = D[j] * f
+        before = alpha
         alpha = before + v * f
-        d[j] = d[j] * before / alpha
-        old = columns[j, j + 1 :].copy()
-        columns[j, j + 1 :] = old - f * gain[j + 1 :] / before
-        gain[j + 1 :] = gain[j + 1 :] + old * v
+        D[j] = D[j] * before / alpha
+        for i in range(j + 1, n):
+            old = L[j].v[i]
+            L[j].v[i] = old - f * gain[i] / before
+            gain[i] = gain[i] + old * v
         gain[j] = v
-    gain[:] = gain / alpha
-
-
-def cap(columns: Array, d: Array, caps: Array) -> bool:
-    """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did, or is not a number, or a D is negative. A D that
-    then is none of a covariance below its cap, as no step makes it, is the cap."""
-    n, variance = len(d), variances(columns, d)
-    scale = np.where(variance > caps, caps / variance, np.ones(n, d.dtype))
-    if (variance <= caps).all() and (d >= 0).all():
-        return False
-    for k in range(n):
-        columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
-    scaled = d * scale * scale
-    d[:] = np.where((scaled >= 0) & (scaled <= caps), scaled, caps)
-    return True
-
-
-def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
-    """Measure each state to the variance 1/c_i^2; whether the P_ii/cap_i then do not add up to 1/2 or less."""
-    return not share(columns, d, caps, c) <= 0.5
-
-
-def share(columns: Array, d: Array, caps: Array, c: Array) -> Any:
-    """Measure each state to the variance 1/c_i^2; what the P_ii/cap_i then add up to."""
-    n = len(d)
     for i in range(n):
-        alpha, gain = d.dtype.type(1), np.zeros(n, d.dtype)
-        for j in reversed(range(i + 1)):
-            f = c[i] if j == i else columns[j, i] * c[i]
-            v, before = d[j] * f, alpha
+        gain[i] = gain[i] / alpha
+
+
+@on_arrays
+def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
+    """scale row i of L where P_ii exceeds its cap; whether one did, or is not a number, or a D is negative; a
+    D that is none then is its cap"""
+    scale = array(n)
+    capped = False
+    for i in range(n):
+        variance = D[i]
+        for k in range(i):
+            variance = variance + L[k].v[i] * L[k].v[i] * D[k]
+        scale[i] = caps[i] / variance if variance > caps[i] else 1.0
+        capped = capped if variance <= caps[i] and D[i] >= 0.0 else True
+    if capped:
+        for k in range(n):
+            for i in range(k + 1, n):
+                L[k].v[i] = L[k].v[i] * scale[i] / scale[k]
+            L[k].v[k] = 1.0
+            d = D[k] * scale[k] * scale[k]
+            D[k] = d if d >= 0.0 and d <= caps[k] else caps[k]
+    return capped
+
+
+@on_arrays
+def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
+    """L, D after a measurement of each state to the variance 1/c_i^2; whether the P_ii/caps_i do not add up to 1/2 or
+    less"""
+    gain = array(n)
+    share = 0.0
+    for i in range(n):
+        alpha = 1.0
+        for k in range(n):
+            gain[k] = 0.0
+        for k in range(i + 1):
+            j = i - k
+            f = c[i] if j == i else L[j].v[i] * c[i]
+            v = D[j] * f
+            before = alpha
             alpha = before + v * f
-            d[j] = d[j] * before / alpha
-            old = columns[j, j + 1 :].copy()
-            columns[j, j + 1 :] = old - f * gain[j + 1 :] / before
-            gain[j + 1 :] = gain[j + 1 :] + old * v
+            D[j] = D[j] * before / alpha
+            for m in range(j + 1, n):
+                old = L[j].v[m]
+                L[j].v[m] = old - f * gain[m] / before
+                gain[m] = gain[m] + old * v
             gain[j] = v
-    total = d.dtype.type(0)
-    for variance, limit in zip(variances(columns, d), caps, strict=True):
-        total = total + variance / limit
-    return total
+    for i in range(n):
+        variance = D[i]
+        for k in range(i):
+            variance = variance + L[k].v[i] * L[k].v[i] * D[k]
+        share = share + variance / caps[i]
+    return not share <= 0.5
 
 
-def variances(columns: Array, d: Array) -> Array:
-    """P_ii, summed from the diagonal's own, then from the first column on."""
-    variance = d.copy()
-    for k in range(len(d)):
-        variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
-    return variance
-
-
-def balance(x: Array, scale: Array) -> None:
-    """x in and out; the diagonal of S."""
-    n = len(scale)
-    X, two = x.reshape(n, n), x.dtype.type(2)
-    scale[:] = 1
-    for _ in range(SWEEPS):
+@on_arrays
+def balance(x: Matrix, scale: Vector) -> None:
+    """X <- S^-1 X S, S diagonal of powers of two: row i and column i of about the same size"""
+    for i in range(n):
+        scale[i] = 1.0
+    for sweep in range(SWEEPS):  # noqa: B007
         for i in range(n):
-            column, row, f = _sum(X[:, i], i), _sum(X[i], i), x.dtype.type(1)
-            if not (column > 0 and row > 0):
-                continue
-            for _ in range(HALVINGS):
-                if column >= row / two:
-                    break
-                f, column, row = f * two, column * two, row / two
-            for _ in range(HALVINGS):
-                if column < row * two:
-                    break
-                f, column, row = f / two, column / two, row * two
-            X[i] = X[i] / f
-            X[:, i] = X[:, i] * f
-            scale[i] = scale[i] * f
+            f = 1.0
+            column = 0.0
+            row = 0.0
+            for j in range(n):
+                if j != i:
+                    above = x[n * j + i]
+                    beside = x[n * i + j]
+                    column = column + (-above if above < 0.0 else above)
+                    row = row + (-beside if beside < 0.0 else beside)
+            if column > 0.0 and row > 0.0:
+                for k in range(HALVINGS):  # noqa: B007
+                    if not column < row / 2.0:
+                        break
+                    f = f * 2.0
+                    column = column * 2.0
+                    row = row / 2.0
+                for k in range(HALVINGS):  # noqa: B007
+                    if not column >= row * 2.0:
+                        break
+                    f = f / 2.0
+                    column = column / 2.0
+                    row = row * 2.0
+                for j in range(n):
+                    x[n * i + j] = x[n * i + j] / f
+                for j in range(n):
+                    x[n * j + i] = x[n * j + i] * f
+                scale[i] = scale[i] * f
 
 
-def _sum(values: Array, but: int) -> Any:
-    """The sum of |values| but one, from the first to the last."""
-    total = values.dtype.type(0)
-    for j in range(len(values)):
-        if j != but:
-            total = total + abs(values[j])
-    return total
+@on_arrays
+def product(c: Matrix, a: FixedMatrix, b: FixedMatrix) -> None:
+    """c = a b"""
+    for i in range(n):
+        for j in range(n):
+            sum = 0.0
+            for k in range(n):
+                sum = sum + a[n * i + k] * b[n * k + j]
+            c[n * i + j] = sum
 
 
-def exponential(x: Array, phi_0: Array, phi_1: Array, phi_2: Array) -> None:
-    """phi_2 by its series for X/2^k of norm at most 1/2, to the 14th power; then k doublings of X."""
-    n = math.isqrt(len(x))
-    X, one, doublings = x.reshape(n, n).copy(), np.eye(n, dtype=x.dtype), 0
-    norm = max(_sum(X[i], n) for i in range(n))
-    for _ in range(HALVINGS):
-        if not norm > 0.5:
-            break
-        norm, X, doublings = norm / 2, X / 2, doublings + 1
-    a2 = one
-    for j in range(DEGREE, 0, -1):
-        a2 = one + _product(X, a2) / (j + 2)
-    a2 = a2 / 2
-    a1 = one + _product(X, a2)
-    a0 = one + _product(X, a1)
-    for _ in range(doublings):
-        a2 = (_product(a0, a2) + a1 + a2) / 4
-        a1 = (_product(a0, a1) + a1) / 2
-        a0 = _product(a0, a0)
-    phi_0[:], phi_1[:], phi_2[:] = a0.ravel(), a1.ravel(), a2.ravel()
+@on_arrays
+def exponential(x: Matrix, phi_0: Matrix, phi_1: Matrix, phi_2: Matrix) -> None:
+    """phi_0 = exp X, phi_1 = (phi_0 - 1)/X, phi_2 = (phi_1 - 1)/X: series of phi_2 for X/2^k, then k doublings"""
+    norm = 0.0
+    doublings = 0
+    c = array(square)
+    for i in range(n):
+        row = 0.0
+        for j in range(n):
+            v = x[n * i + j]
+            row = row + (-v if v < 0.0 else v)
+            phi_2[n * i + j] = 1.0 if i == j else 0.0
+        norm = row if row > norm else norm
+    while doublings < HALVINGS and norm > 0.5:
+        norm = norm / 2.0
+        doublings += 1
+        for i in range(square):
+            x[i] = x[i] / 2.0
+    for j in range(DEGREE + 2, 2, -1):
+        product(c, x, phi_2)
+        for i in range(square):
+            phi_2[i] = (1.0 if i % line == 0 else 0.0) + c[i] / real(j)
+    for i in range(square):
+        phi_2[i] = phi_2[i] / 2.0
+    product(c, x, phi_2)
+    for i in range(square):
+        phi_1[i] = (1.0 if i % line == 0 else 0.0) + c[i]
+    product(c, x, phi_1)
+    for i in range(square):
+        phi_0[i] = (1.0 if i % line == 0 else 0.0) + c[i]
+    for k in range(doublings):  # noqa: B007
+        product(c, phi_0, phi_2)
+        for i in range(square):
+            phi_2[i] = (c[i] + phi_1[i] + phi_2[i]) / 4.0
+        product(c, phi_0, phi_1)
+        for i in range(square):
+            phi_1[i] = (c[i] + phi_1[i]) / 2.0
+        product(c, phi_0, phi_0)
+        for i in range(square):
+            phi_0[i] = c[i]
 
 
-def _product(a: Array, b: Array) -> Array:
-    """a b, summed from the first to the last."""
-    total = np.zeros_like(b)
-    for k in range(len(a)):
-        total = total + a[:, k, None] * b[None, k]
-    return total
-
-
-def resolvent(x: Array, inverse: Array) -> None:
-    """(1 - X)^-1; x is left in pieces."""
-    n = math.isqrt(len(x))
-    A, R = x.reshape(n, n), inverse.reshape(n, n)
-    one = np.eye(n, dtype=x.dtype)
-    A[:], R[:] = one - A, one
+@on_arrays
+def resolvent(x: Matrix, inverse: Matrix) -> None:
+    """(1 - X)^-1 by Gauss-Jordan with row pivots; x is left in pieces"""
+    for i in range(square):
+        inverse[i] = 1.0 if i % line == 0 else 0.0
+        x[i] = inverse[i] - x[i]
     for k in range(n):
         best = k
-        for i in range(k + 1, n):
-            if abs(A[i, k]) > abs(A[best, k]):
+        most = 0.0
+        for i in range(k, n):
+            v = x[n * i + k]
+            size = -v if v < 0.0 else v
+            if size > most:
                 best = i
-        A[[k, best]], R[[k, best]] = A[[best, k]], R[[best, k]]
-        pivot = A[k, k]
-        A[k], R[k] = A[k] / pivot, R[k] / pivot
+                most = size
+        pivot = x[n * best + k]
+        for j in range(n):
+            mine = x[n * best + j] / pivot
+            other = inverse[n * best + j] / pivot
+            x[n * best + j] = x[n * k + j]
+            inverse[n * best + j] = inverse[n * k + j]
+            x[n * k + j] = mine
+            inverse[n * k + j] = other
         for i in range(n):
-            factor = A[i, k]
             if i != k:
-                A[i], R[i] = A[i] - factor * A[k], R[i] - factor * R[k]
+                factor = x[n * i + k]
+                for j in range(n):
+                    x[n * i + j] = x[n * i + j] - factor * x[n * k + j]
+                    inverse[n * i + j] = inverse[n * i + j] - factor * inverse[n * k + j]
 
 
 KERNELS: Mapping[str, Callable[..., Any]] = {
-    "expand": expand,
-    "triangularise": triangularise,
-    "add": add,
-    "correct": correct,
-    "cap": cap,
-    "renew": renew,
-    "balance": balance,
-    "exponential": exponential,
-    "resolvent": resolvent,
+    each.__name__: each for each in (expand, triangularise, add, correct, cap, renew, balance, exponential, resolvent)
 }

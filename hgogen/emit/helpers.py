@@ -1,6 +1,6 @@
-"""The small functions of emitted code, in the order in which they call each other; see `emit.notation`."""
+"""The small functions of emitted code, in the order in which they call each other; see `discretisation.notation`."""
 
-from hgogen.emit.notation import ALL_WHOLE, FIRST, LARGE, ROUNDS, n, real, start
+from hgogen.discretisation.notation import ALL_WHOLE, FIRST, LARGE, ROUNDS, n, real, start
 
 
 def abs(v: float) -> float:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 
 from hgogen.algebra.lookup import Lookup
-from hgogen.emit import matrix_loops
+from hgogen.discretisation import kernels
 from hgogen.emit.code import Code, braced, code
 from hgogen.emit.lanesyntax import own
 from hgogen.emit.portable import functions_of, writes
@@ -199,7 +199,7 @@ class LaneWriter(Writer):
     def _changed(self, kernel: Kernel) -> Iterator["_Array"]:
         """The arrays that a kernel may write."""
         operands = [*([(kernel.columns, kernel.size)] if kernel.columns else []), *kernel.arguments]
-        parameters = functions_of(matrix_loops)[kernel.name].args.args
+        parameters = functions_of(kernels)[kernel.name].args.args
         for parameter, (place, size) in zip(parameters, operands, strict=False):  # and counts
             if writes(parameter):
                 columns = place == kernel.columns

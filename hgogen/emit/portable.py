@@ -1,4 +1,4 @@
-"""Functions that are written once, as Python in the words of `emit.notation`, printed in a `Syntax`.
+"""Functions that are written once, as Python in the words of `discretisation.notation`, printed in a `Syntax`.
 
 A docstring without a full stop is printed above its function; one with it is for the reader of the file.
 """
@@ -12,8 +12,9 @@ from functools import cache
 from types import ModuleType
 
 from hgogen.algebra.lookup import Lookup
-from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
-from hgogen.emit import helpers, matrix_loops
+from hgogen.discretisation import kernels as matrix_loops
+from hgogen.discretisation.notation import sizes
+from hgogen.emit import helpers
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
 from hgogen.emit.primitives import ALL_WHOLE, BIASED, ROUNDS, SHIFT
 from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax, demand_apart
@@ -128,9 +129,7 @@ def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str,
     there, written = functions_of(matrix_loops), []
     for kernel in there:
         for size in sorted(size for name, size in used if name == kernel):
-            counts = {"n": size, "square": size * size, "line": size + 1, "half": size // 2}
-            counts |= {"SWEEPS": SWEEPS, "HALVINGS": HALVINGS, "DEGREE": DEGREE}
-            words = _Words(syntax, prefix, real, there, {}, {}, counts)
+            words = _Words(syntax, prefix, real, there, {}, {}, sizes(size))
             written += [_Function(words, there[name]).text() for name in (*sorted(_calls(there, kernel)), kernel)]
     return joined(each + code("") for each in written)
 

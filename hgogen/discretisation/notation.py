@@ -1,0 +1,114 @@
+"""The words in which functions are written once, as Python: `emit.portable` prints them in every language, and
+`on_arrays` runs them here.
+
+A number with a point is real, one without counts. Sizes and limits are compiled in. Such a function has assignments,
+loops over `range`, `while`, `if`, and expressions of numbers and elements.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, wraps
+from math import isqrt
+from types import FunctionType, SimpleNamespace
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+Vector = list[float]  # n numbers, which the function may write
+FixedVector = list[float]  # n numbers that it only reads
+Matrix = list[float]  # n by n numbers, row after row
+FixedMatrix = list[float]
+
+
+class Column(Protocol):
+    """A column of a matrix: the member of a group."""
+
+    v: Vector
+
+
+Columns = list[Column]  # n of them
+
+n = square = line = half = 0  # n, n^2, n + 1, n/2 or the whole number below
+SWEEPS = 12  # of balancing; it has settled long before, and need not have
+HALVINGS = 64  # at most, of a norm or in a scale: 2^64 is beyond what a gain of a float can be
+DEGREE = 13  # of the series of phi_2: (1/2)^14/16! is below the rounding of a double
+FIRST = 0  # of a search: the largest power of two that is not above the number n of breakpoints
+start: FixedVector = []  # of a search: the breakpoint below each cell
+LARGE = 0.0  # so that its square is infinite
+ALL_WHOLE = 0.0  # numbers from here on are whole
+ROUNDS = 0.0  # three halves of it: added to a number, it rounds it to a whole one
+
+
+def array(size: int) -> list[float]:
+    """A local array of numbers, which hold nothing yet."""
+    return [0.0] * size
+
+
+def real(count: int) -> float:
+    """A count as a real number."""
+    return float(count)
+
+
+def aligned(first: int) -> int:
+    """Where a loop begins that may begin earlier, at a multiple of the numbers that an instruction takes at once."""
+    return first
+
+
+def sizes(n: int) -> dict[str, int]:
+    """The counts that are compiled into a function of size n."""
+    return {"n": n, "square": n * n, "line": n + 1, "half": n // 2} | {
+        "SWEEPS": SWEEPS,
+        "HALVINGS": HALVINGS,
+        "DEGREE": DEGREE,
+    }
+
+
+_WRITTEN: dict[str, FunctionType] = {}  # the functions that `on_arrays` runs, by name
+
+
+def on_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function on numpy's arrays, each operation rounded to their type: columns (n, n) with column k in row k,
+    else first a matrix (n n); a number is an array (1)."""
+    written = _WRITTEN[function.__name__] = cast(FunctionType, function)
+    numbers = [kind is float for name, kind in written.__annotations__.items() if name != "return"]
+
+    @wraps(function)
+    def run(*arguments: Any) -> Any:
+        first = arguments[0]
+        size = len(first) if first.ndim == 2 else isqrt(len(first))
+        for kind in _KINDS.get(first.dtype.type, (first.dtype.type,)):
+            values = [_elements(each, one, kind) for each, one in zip(arguments, numbers, strict=True)]
+            with suppress(ZeroDivisionError):  # which Python refuses, and numpy carries out
+                result = _bound(written.__name__, size, kind)(*values)
+                break
+        for argument, value, one in zip(arguments, values, numbers, strict=True):
+            if isinstance(argument, np.ndarray) and not one:
+                argument[:] = [column.v for column in value] if argument.ndim == 2 else value
+        return result
+
+    return run
+
+
+_KINDS: dict[Any, tuple[Any, ...]] = {np.float64: (float, np.float64), np.object_: (object,)}  # in this order
+
+
+def _elements(argument: Any, one: bool, kind: Any) -> Any:
+    """An argument in the words of a function, of numbers of this type."""
+    if not isinstance(argument, np.ndarray):
+        return argument
+    values = argument.tolist() if kind is float else list(argument)
+    if argument.ndim == 2:
+        return [SimpleNamespace(v=list(row)) for row in values]
+    return values[0] if one else values
+
+
+@cache
+def _bound(name: str, size: int, kind: Any) -> FunctionType:
+    """A function of one size, with real constants of this type; of objects they are Python's."""
+    real = float if kind is object else kind
+    words: dict[str, Any] = {**sizes(size), "range": range, "aligned": aligned, "real": real}
+    words["array"] = lambda size: [real(0)] * size
+    for each, written in _WRITTEN.items():
+        constants = (real(value) if isinstance(value, float) else value for value in written.__code__.co_consts)
+        words[each] = FunctionType(written.__code__.replace(co_consts=tuple(constants)), words)
+    return cast(FunctionType, words[name])
