@@ -8,10 +8,10 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from hgogen.errors import HgogenError, nearest
-from hgogen.sentence import Reason, Sentence, because
+from hgogen.sentence import Encoded, Reason, Sentence, because
 
 ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form original is for any plant with finite slopes."
 
@@ -62,21 +62,21 @@ class Claims:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Encoded):
     """One claim with its verdict.
 
-    `id` is stable and names the claim in `accept=`; `claim`: a text, or a sentence where expressions enter it; `reason`
-    says how the verdict was reached; `witness` is the point that refutes; `fix` says what a user can do about it;
-    `consequence` what follows for him who accepts a refuted claim; `proofs`: what proves it, and `disproof`: what
-    refutes it, values whose evidence a certificate holds (`evidence.grounds`); `subject`: the expression that the claim
-    is about, such as a_i, where it is about one.
+    `fix`: what a user can do about it; `consequence`: what follows for him who accepts a refuted claim; `proofs`: what
+    proves it, and `disproof`: what refutes it, values whose evidence a certificate holds (`evidence.grounds`);
+    `subject`: the expression that the claim is about, such as a_i, where it is about one.
     """
 
-    id: ClaimId
-    claim: Sentence | str
-    verdict: Verdict
-    reason: Reason
-    witness: Mapping[str, float] = field(default_factory=dict, hash=False)
+    json_keys = ("id", "claim", "verdict", "reason", "reason_data=reason.as_dict", "witness", "fix=advice")
+
+    id: Annotated[ClaimId, "stable name of the claim, for `accept`"]
+    claim: Annotated[Sentence | str, "the claim, a sentence where expressions enter it"]
+    verdict: Annotated[Verdict, "what is known of the claim"]
+    reason: Annotated[Reason, "how the verdict was reached"]
+    witness: Annotated[Mapping[str, float], "the point that refutes it"] = field(default_factory=dict, hash=False)
     fix: str = ""
     consequence: str = ""
     proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
@@ -106,12 +106,6 @@ class Check:
 
     def __str__(self) -> str:
         return f"{self.verdict:8} {self.sentence}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON; the proofs go into a certificate."""
-        fields = {"id": self.id, "claim": str(self.claim), "verdict": str(self.verdict), "reason": str(self.reason)}
-        data = {"reason_data": self.reason.as_dict()}
-        return {**fields, **data, "witness": dict(self.witness), "fix": self.advice}
 
 
 @dataclass(eq=False)

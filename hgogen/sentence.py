@@ -1,17 +1,23 @@
-"""A sentence of a verdict as data: a constant pattern, which is the kind of sentence, and the values that it names.
+"""Answers as data: the sentence of a verdict, and any result in JSON.
+
+A sentence is a constant pattern, which is the kind of sentence, and the values that it names.
 
     because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
 
 A value is a number, exact or float, `Down` or `Up` where it is a bound that is printed on the safe side, an expression,
 a name, another sentence, or several of one of these. The text is made where it is printed, so that no code reads a
 number off it.
+
+A result is a dataclass. Its keys in JSON are its fields, or those that its `json_keys` list; what a key means stands
+behind the type of the field, `dt: Annotated[float, "sampling period"]`, or in the docstring of the property.
 """
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from string import Formatter
-from typing import Any, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 from hgogen.intervals.digits import Down, Up, same
 
@@ -21,6 +27,7 @@ class Sentence:
     """A `pattern`, as of `str.format`, and its `values` by name. Of several values the pattern says, in the place of a
     format, what stands between them: {conditions: and }; by default a comma. Without a pattern it is false."""
 
+    json_keys: ClassVar[None] = None
     pattern: str
     values: tuple[tuple[str, Any], ...] = ()
 
@@ -44,7 +51,7 @@ class Sentence:
         return _Written(text).format(self.pattern, **dict(self.values))
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The pattern and the values that it names, a bound as its value and how it is rounded."""
         return {"pattern": self.pattern, "values": {name: _data(value) for name, value in self.values}}
 
 
@@ -104,3 +111,73 @@ def _data(value: Any) -> Any:
         return {"value": _data(value.value), "rounded": value.direction}
     number = isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
     return value if number else plain(value)
+
+
+# --- results in JSON ----------------------------------------------------------------------------------------
+
+
+class Encoded:
+    """A result, a dataclass, as data for JSON; a dataclass whose `json_keys` is None is its text.
+
+    `json_keys`: its keys, by default its fields. A key is the name of a field or property; "key=path" reads it
+    elsewhere, with dots between names and indices; "*path" has all keys of the value there, none where it is None;
+    "key?" is left out where it is None.
+    """
+
+    json_keys: ClassVar[tuple[str, ...]] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as plain data for JSON."""
+        data: dict[str, Any] = encoded(self)
+        return data
+
+
+class Key(NamedTuple):
+    """A key of a result in JSON, "" for all keys of the value at `path`; `optional`: left out where it is None."""
+
+    name: str
+    path: str
+    optional: bool = False
+
+
+@cache
+def keys_of(result: type) -> tuple[Key, ...]:
+    """The keys of a result in JSON."""
+    return tuple(map(_key, getattr(result, "json_keys", ()) or [one.name for one in fields(result)]))
+
+
+def _key(text: str) -> Key:
+    name, _, path = text.partition("=")
+    if name.startswith("*"):
+        return Key("", name[1:])
+    bare = name.rstrip("?")
+    return Key(bare, path or bare, optional=name != bare)
+
+
+def encoded(value: Any) -> Any:
+    """A value as plain data for JSON, which has no infinite number and none that is none: they are None."""
+    if isinstance(value, Mapping):
+        return {key: encoded(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [encoded(each) for each in value]
+    if is_dataclass(value) and getattr(value, "json_keys", ()) is not None:
+        return _of_result(value)
+    if hasattr(value, "tolist"):
+        return encoded(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
+
+
+def _of_result(value: Any) -> dict[str, Any]:
+    data: dict[str, Any] = {}
+    for key in keys_of(value.__class__):
+        part = value
+        for name in key.path.split("."):
+            part = part[int(name)] if name.isdigit() else getattr(part, name)
+        part = part() if callable(part) else part
+        if key.name and not (key.optional and part is None):
+            data[key.name] = encoded(part)
+        elif not key.name:
+            data |= {} if part is None else encoded(part)
+    return data

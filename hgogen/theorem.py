@@ -7,10 +7,10 @@ or by the way the observer is built; what remains is about the plant in operatio
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from hgogen.check import Check, ClaimId, Claims, Verdict, worst
-from hgogen.sentence import NONE, Reason, because, joined
+from hgogen.sentence import NONE, Encoded, Reason, because, joined
 
 YOURS = "left to you"
 
@@ -82,31 +82,21 @@ class Theorem:
 
 
 @dataclass(frozen=True)
-class Row:
-    """A hypothesis with what is known of it: `verdict`, None where it is left to the user; `checks`: the ids behind
-    it."""
+class Row(Encoded):
+    """A hypothesis with what is known of it: `verdict`, None where it is left to the user."""
 
-    claim: str
+    json_keys = ("claim", "verdict=standing", "reason", "reason_data=reason.as_dict", "checks", "reference")
+
+    claim: Annotated[str, "the hypothesis"]
     verdict: Verdict | None
-    reason: Reason
-    checks: tuple[ClaimId, ...]
-    reference: str
+    reason: Annotated[Reason, "how the verdict was reached, or what the user should see to"]
+    checks: Annotated[tuple[ClaimId, ...], "the ids of the checks behind it"]
+    reference: Annotated[str, "where the theorem says so"]
 
     @property
     def standing(self) -> str:
         """The verdict as text, or "left to you"."""
         return YOURS if self.verdict is None else str(self.verdict)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "claim": self.claim,
-            "verdict": self.standing,
-            "reason": str(self.reason),
-            "reason_data": self.reason.as_dict(),
-            "checks": list(self.checks),
-            "reference": self.reference,
-        }
 
 
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:

@@ -6,7 +6,7 @@ real input and does not know of the box. What one says of the plant as a whole i
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import sympy as sp
 
@@ -17,7 +17,7 @@ from hgogen.check import Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.reading.door import asks_a_plant, switches
-from hgogen.sentence import Reason, because, point
+from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
 
 NOT_ASKED = because("not asked, may take seconds; ask with --deep, or survey(plant, deep=True)")
@@ -29,21 +29,21 @@ def asking(name: str) -> Asking:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One form, its name `kind`, and what is known of the plant in it.
+class Row(Encoded):
+    """One form, its name `kind`, and what is known of the plant in it; `options`: those with which it was asked.
 
     `verdict`: the worst of the checks'; None where the form does not take the plant, or was not asked, and `why` says
-    which. `order`: the plant's states in the form's order, with their signs; () where the form has other coordinates,
-    or there is no order. `why`: the reason of the first of the worst checks, with its `witness`; `fix`: what may help.
-    `options`: those with which the form was asked.
+    which.
     """
 
+    json_keys = ("name", "verdict", "why", "why_data=why.as_dict", "fix", "order", "witness")
+
     kind: str
-    verdict: Verdict | None
-    order: tuple[str, ...]
-    why: Reason
-    witness: Mapping[str, float] = field(default_factory=dict, hash=False)
-    fix: str = ""
+    verdict: Annotated[Verdict | None, "the worst of the checks'; null: not asked, or refuses the plant"]
+    order: Annotated[tuple[str, ...], "the plant's states in the form's order, with signs; none in other coordinates"]
+    why: Annotated[Reason, "the reason of the first of the worst checks"]
+    witness: Annotated[Mapping[str, float], "the point that refutes it"] = field(default_factory=dict, hash=False)
+    fix: Annotated[str, "what may help"] = ""
     form: Form | None = field(default=None, repr=False)
     options: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
@@ -51,11 +51,6 @@ class Row:
     def name(self) -> str:
         """The form with its options, such as "triangular, measured=True"."""
         return ", ".join([self.kind, *(f"{key}={value!r}" for key, value in self.options.items())])
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        known = {"name": self.name, "verdict": self.verdict, "why": str(self.why), "why_data": self.why.as_dict()}
-        return {**known, "fix": self.fix, "order": list(self.order), "witness": dict(self.witness)}
 
 
 @dataclass(frozen=True)
@@ -103,8 +98,9 @@ class Survey:
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
 
     def as_dict(self) -> list[dict[str, Any]]:
-        """For JSON."""
-        return [row.as_dict() for row in self.rows]
+        """The rows as plain data for JSON."""
+        rows: list[dict[str, Any]] = encoded(self.rows)
+        return rows
 
     def __str__(self) -> str:
         lines = [f"{row.verdict or '-':8} {row.name}: {row.why}" for row in self.rows]

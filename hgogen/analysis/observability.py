@@ -11,7 +11,7 @@ as it stays there: what one branch hides, as a shaft in its backlash the load, a
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import flint
 import sympy as sp
@@ -38,7 +38,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.glance import enclose
 from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.reading.given import BadGain, signals_named
-from hgogen.sentence import NONE, Reason, because, joined
+from hgogen.sentence import NONE, Encoded, Reason, because, joined
 from hgogen.system import System
 
 Exprs = Sequence[sp.Expr]
@@ -47,25 +47,28 @@ _CONDITIONS, _SHOWN = 4, 3  # of a branch, and branches, that a sentence names
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(Encoded):
     """One question, states alone or states with unknown parameters, on a branch of the plant.
 
-    `orders`: the order of derivatives of the outputs at which each observable unknown is first observable;
-    `symmetries`: what hides the others; `hidden`: those of them that are proved to be unobservable; `direction`: where
-    the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`; `repairs`: each
-    unknown whose measurement alone would make all observable. `where`: the conditions of the branch, none of a plant
-    without branches; `elsewhere`: the answers on other branches that hide something.
+    `orders`: the order of derivatives of the outputs at which each observable unknown is first observable; `direction`:
+    where the symmetries are fewer than the deficiency, an unobservable direction at a random point, `point`.
     """
+
+    json_keys = (
+        *("rank=rank.rank", "dimension=rank.dimension", "order=rank.order", "observable=rank.observable"),
+        *("unobservable=rank.unobservable", "proved_unobservable=hidden"),
+        *("symmetries", "repairs", "where", "elsewhere"),
+    )
 
     rank: Rank
     orders: tuple[tuple[sp.Symbol, int], ...]
-    symmetries: tuple[Symmetry, ...]
+    symmetries: Annotated[tuple[Symmetry, ...], "what hides the unobservable unknowns"]
     direction: tuple[tuple[sp.Symbol, float], ...]
     point: tuple[tuple[sp.Symbol, float], ...]
-    repairs: tuple[sp.Symbol, ...]
-    hidden: tuple[sp.Symbol, ...] = ()
-    where: tuple[sp.Basic, ...] = ()
-    elsewhere: tuple["Answer", ...] = ()
+    repairs: Annotated[tuple[sp.Symbol, ...], "each unknown whose measurement alone would make all observable"]
+    hidden: Annotated[tuple[sp.Symbol, ...], "the unknowns that are proved to be unobservable"] = ()
+    where: Annotated[tuple[sp.Basic, ...], "the conditions of the branch, none of a plant without branches"] = ()
+    elsewhere: Annotated[tuple["Answer", ...], "the answers on other branches that hide something"] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -124,22 +127,6 @@ class Answer:
         more = because("so on {more} other branches", more=len(said) - _SHOWN)
         return (*said[:_SHOWN], *((more,) if len(said) > _SHOWN else ()))
 
-    def as_dict(self) -> dict[str, Any]:
-        """The answer as plain data for JSON."""
-        rank = self.rank
-        return {
-            "rank": rank.rank,
-            "dimension": rank.dimension,
-            "order": rank.order,
-            "observable": [s.name for s in rank.observable],
-            "unobservable": [s.name for s in rank.unobservable],
-            "proved_unobservable": [s.name for s in self.hidden],
-            "symmetries": [str(symmetry) for symmetry in self.symmetries],
-            "repairs": [s.name for s in self.repairs],
-            "where": [str(condition) for condition in self.where],
-            "elsewhere": [answer.as_dict() for answer in self.elsewhere],
-        }
-
     def __str__(self) -> str:
         rank = self.rank
         lines = [f"rank {rank.rank} of {rank.dimension}, by derivatives up to order {rank.order}"]
@@ -156,18 +143,16 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Observability:
-    """What is generically observable of a plant: `known` with known parameters, `joint` with those that have a range.
+class Observability(Encoded):
+    """What is generically observable of a plant."""
 
-    `joint` is None where no parameter has a range; `method` names the arithmetic; `asked` says of which branches, found
-    by how many points of which ranges, and what was left out: `NONE` of a plant without branches.
-    """
+    json_keys = ("known", "joint", "method", "asked", "checks")
 
     system: System
-    known: Answer
-    joint: Answer | None
-    method: str
-    asked: Reason
+    known: Annotated[Answer, "with known parameters, on the branch where most is observable"]
+    joint: Annotated[Answer | None, "with the parameters that have a range as unknowns; null where none has"]
+    method: Annotated[str, "the arithmetic"]
+    asked: Annotated[Reason, "branches, by how many points of which ranges they were found, and what was left out"]
 
     @property
     def n(self) -> int:
@@ -209,13 +194,6 @@ class Observability:
             claim = "states and ranged parameters are locally observable together"
             checks.append(_check(ClaimId("observability", "joint"), claim, self.joint, self))
         return tuple(checks)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The answer as plain data for JSON."""
-        joint = self.joint.as_dict() if self.joint else None
-        checks = [check.as_dict() for check in self.checks]
-        known = {"known": self.known.as_dict(), "joint": joint, "method": self.method, "asked": str(self.asked)}
-        return {**known, "checks": checks}
 
     def __str__(self) -> str:
         parts = [("parameters known", self.known), ("with the parameters that have a range", self.joint)]

@@ -10,7 +10,6 @@ R. Hermann, A. Krener, "Nonlinear controllability and observability", IEEE TAC 2
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
 
 import sympy as sp
 from sympy.combinatorics import Permutation
@@ -30,7 +29,7 @@ from hgogen.intervals.glance import Interval
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.reading.door import asks_a_plant, remembers
-from hgogen.sentence import NONE, Reason, Sentence, because, equations, joined
+from hgogen.sentence import NONE, Encoded, Reason, Sentence, because, equations, joined
 from hgogen.system import System
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
@@ -72,12 +71,14 @@ class Jet:
 
 
 @dataclass(frozen=True)
-class Singularity:
+class Singularity(Encoded):
     """The zero sets where the plant is not observable by its first derivatives, and what the next ones show there.
 
     `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix is
     too large, or the plant jumps, as `reason` says.
     """
+
+    json_keys = ("factors", "inputs", "determinants", "checks")
 
     plant: System
     jets: tuple[Jet, ...]
@@ -100,6 +101,11 @@ class Singularity:
         return _open(self.plant, self.factors or ())
 
     @property
+    def determinants(self) -> tuple[sp.Expr, ...]:
+        """The determinant of each jet, without abbreviations."""
+        return tuple(jet.text for jet in self.jets)
+
+    @property
     def checks(self) -> tuple[Check, ...]:
         """One for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
         if not self.jets:
@@ -115,13 +121,6 @@ class Singularity:
 
     def __str__(self) -> str:
         return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])
-
-    def as_dict(self) -> dict[str, Any]:
-        """The answer as plain data for JSON, without abbreviations; `determinants`: one for each check."""
-        known = None if self.factors is None else [str(e) for e in self.factors]
-        inputs, whole = ([str(e) for e in row] for row in (self.inputs, (jet.text for jet in self.jets)))
-        checks = [check.as_dict() for check in self.checks]
-        return {"factors": known, "inputs": inputs, "determinants": whole, "checks": checks}
 
     def latex(self) -> str:
         """The determinants as LaTeX, one line of an align environment a jet."""

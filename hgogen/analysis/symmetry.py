@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations_with_replacement
 from math import lcm, prod
-from typing import Any
+from typing import Any, ClassVar
 
 import flint
 import sympy as sp
@@ -33,6 +33,8 @@ class Symmetry:
 
     `proved`: exactly, by SymPy; otherwise it holds at every random point that was tried.
     """
+
+    json_keys: ClassVar[None] = None
 
     field: tuple[tuple[sp.Symbol, sp.Expr], ...]
     proved: bool

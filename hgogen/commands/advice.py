@@ -10,7 +10,7 @@ import json
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 from hgogen import forms, observers
 from hgogen.analysis.observability import Observability
@@ -41,20 +41,20 @@ KNOWN = {  # of the convergence, with the rank of those of which it is known; No
 
 @dataclass(frozen=True)
 class Admitted:
-    """An observer that the plant admits.
+    """An observer that the plant admits; `convergence`: None where no theorem covers it."""
 
-    `name`: its tuning's, "" of a first proposal; `form`; `convergence`: None where no theorem covers it; `cost` of a
-    call; `where` to take it; `line`: of Python, or for plain text the command or the entry of the model, that makes its
-    step.
-    """
+    json_keys = (
+        *("observer", "name", "form", "known", "where", "line", "proposed"),
+        *("operations=cost.operations", "functions=cost.functions"),
+    )
 
-    observer: str
-    name: str
-    form: str
+    observer: Annotated[str, "name of the observer"]
+    name: Annotated[str, "name of its tuning, empty for a first proposal"]
+    form: Annotated[str, "the form it is built on"]
     convergence: Convergence | None
     cost: Cost
-    where: str
-    line: str
+    where: Annotated[str, "where to take it"]
+    line: Annotated[str, "code, command or entry of the model that makes its step"]
 
     @property
     def known(self) -> str:
@@ -71,26 +71,17 @@ class Admitted:
         """Whether its gains are a first proposal, and not those of the model's tuning."""
         return not self.name
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        names = ("observer", "name", "form", "known", "where", "line", "proposed")
-        shown = {name: getattr(self, name) for name in names}
-        return {**shown, "operations": self.cost.operations, "functions": self.cost.functions}
-
 
 @dataclass(frozen=True)
 class Advice:
-    """The observers admitted, best first, and sentences on what else to do; `plain`: whether the model is plain text,
-    whose language the lines are in."""
+    """What to take for a model; `plain`: whether it is plain text, whose language the lines are in."""
+
+    json_keys = ("take=admitted", "advice=notes")
 
     plant: str
-    admitted: tuple[Admitted, ...]
-    notes: tuple[str, ...]
+    admitted: Annotated[tuple[Admitted, ...], "the observers admitted, best first"]
+    notes: Annotated[tuple[str, ...], "what else to do"]
     plain: bool = False
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"take": [one.as_dict() for one in self.admitted], "advice": list(self.notes)}
 
 
 def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *, deep: bool = False) -> Advice:

@@ -46,6 +46,7 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
+from hgogen.sentence import encoded
 from hgogen.target import Files, Sources
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
@@ -163,7 +164,7 @@ def build_(
         "c_names": dict(files.names),
         "compiler": native.compiler(),
         "self_check": self_check,
-        "trials": trial_runs.as_dicts(summaries, done),
+        "trials": trial_runs.trial_rows(summaries, done),
         "comparison": comparison,
         "files": list(map(str, paths)),
     }
@@ -292,7 +293,7 @@ def simulate_(
         Folder(out).demand(*(f"{one.name}_states.svg" for one in chosen))
     done = _tried(step, chosen, engine, seeds)
     summaries = trial_runs.summaries(step, done, engine, note)
-    pairs = zip(trial_runs.as_dicts(summaries, done), done, strict=True)
+    pairs = zip(encoded(trial_runs.trial_rows(summaries, done)), done, strict=True)
     known = stated_bounds.proved(step, loaded, note)
     worst = [seen(step.states, one.first, known) if known else () for one in done]
     falls = [falling(step, one, engine) for one in chosen]

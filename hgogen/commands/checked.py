@@ -1,8 +1,8 @@
 """The claims about a model, as commands show them: of its step's observer, or of a form alone."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import hgogen as hg
 from hgogen.call import CallableStep
@@ -16,34 +16,58 @@ from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import Model
 from hgogen.program import Field
 from hgogen.reading.named import by_name, written
-from hgogen.sentence import Sentence, equations
+from hgogen.sentence import Encoded, Sentence, equations
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows
 from hgogen.which_forms import Survey
 
 
 @dataclass(frozen=True)
-class Checked:
+class ListedCheck:
+    """A check of a list, as JSON has it."""
+
+    json_keys = ("*check", "accepted")
+
+    check: Check
+    accepted: Annotated[bool, "whether the model accepts it where it is refuted"]
+
+
+@dataclass(frozen=True)
+class AppliedTheorem:
+    """A theorem on a step, as JSON has it."""
+
+    json_keys = ("conclusion=theorem.conclusion", "reference=theorem.reference", "hypotheses")
+
+    theorem: Theorem
+    hypotheses: Annotated[tuple[Row, ...], "what the theorem assumes, and what is known of it"]
+
+
+@dataclass(frozen=True)
+class Checked(Encoded):
     """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
 
-    `observer`: its name, or ""; `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`:
-    whether there is an observer, which needs what is refuted; `step`: the step that was built, of the tuning `tuning`,
-    "" of the model's own; `known`: how far its errors go under what the model says of noise and the like, None where it
-    says nothing; `dt`: up to which dt its step is certified, advised and admitted, where the first may be.
+    `observer`: its name, or ""; `demanded`: whether there is an observer, which needs what is refuted; `step`: the step
+    that was built, of the tuning `tuning`, "" of the model's own; `known`: how far its errors go under what the model
+    says of noise and the like, None where it says nothing.
     """
 
-    plant: str
+    json_keys = (
+        *("plant", "form=form.kind", "coordinates", "flow", "outputs", "gains=gain_values", "dt", "checks=listed"),
+        *("refuted", "theorem=applied", "notes"),
+    )
+
+    plant: Annotated[str, "name of the plant"]
     form: Form
     checks: tuple[Check, ...]
     accepted: tuple[str, ...]
     observer: str = ""
     theorem: Theorem | None = None
-    notes: tuple[str, ...] = ()
+    notes: Annotated[tuple[str, ...], "what is not claimed, and why"] = ()
     demanded: bool = True
     step: CallableStep | None = None
     tuning: str = ""
     known: ErrorBound | None = None
-    dt: Admitted | None = None
+    dt: Annotated[Admitted | None, "limits of dt; null for an observer whose step cannot be certified"] = None
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -78,25 +102,40 @@ class Checked:
         """The refuted checks that nobody accepted."""
         return refuted(self.checks, self.accepted)
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        listed = [{**c.as_dict(), "accepted": c.id in self.accepted} for c in self.checks]
-        z, y = self.form.states, self.form.system.outputs
-        equations = {
-            "coordinates": _texts(z, self.form.to_form),
-            "flow": _texts(z, self.form.flow),
-            "outputs": _texts(y, self.form.output),
-        }
-        theorem = self.theorem and {
-            "conclusion": self.theorem.conclusion,
-            "reference": self.theorem.reference,
-            "hypotheses": [row.as_dict() for row in self.hypotheses],
-        }
-        refused = [c.id for c in self.open]
-        said = {"checks": listed, "refuted": refused, "theorem": theorem, "notes": list(self.notes)}
-        gains = {gain.name: by_name(gain) for gain in self.gains}
-        own = {"gains": gains, "dt": self.dt and asdict(self.dt)}
-        return {"plant": self.plant, "form": self.form.kind, **equations, **own, **said}
+    @property
+    def coordinates(self) -> dict[str, str]:
+        """The form's coordinates z by the plant's states."""
+        return _texts(self.form.states, self.form.to_form)
+
+    @property
+    def flow(self) -> dict[str, str]:
+        """The rates z' in the form's coordinates."""
+        return _texts(self.form.states, self.form.flow)
+
+    @property
+    def outputs(self) -> dict[str, str]:
+        """The outputs y in the form's coordinates."""
+        return _texts(self.form.system.outputs, self.form.output)
+
+    @property
+    def gain_values(self) -> dict[str, Any]:
+        """The observer's gains, those of several coordinates or outputs by the name of each."""
+        return {gain.name: by_name(gain) for gain in self.gains}
+
+    @property
+    def listed(self) -> tuple[ListedCheck, ...]:
+        """The claims, each with its verdict."""
+        return tuple(ListedCheck(check, check.id in self.accepted) for check in self.checks)
+
+    @property
+    def refuted(self) -> tuple[str, ...]:
+        """The ids of refuted checks that nobody accepted; with an observer, the exit status is 1 if there are any."""
+        return tuple(check.id for check in self.open)
+
+    @property
+    def applied(self) -> AppliedTheorem | None:
+        """The theorem behind the observer; null without an observer."""
+        return AppliedTheorem(self.theorem, self.hypotheses) if self.theorem else None
 
 
 def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, str]:

@@ -21,6 +21,7 @@ from hgogen.commands.process import note, results
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.sentence import encoded
 from hgogen.target import demand as demand_place
 from hgogen.trial import Trial
 from hgogen.trials.sight import Sight, sight
@@ -187,7 +188,7 @@ def _one(
         listed = [{"expression": text, **one.as_dict()} for text, one in ranges.items()]
         known = {"observability": shown, "forms": forms.as_dict(), "bounds": listed}
         whole = {"model": loaded.path, "headline": first, **known, **claims.as_dict(), "undefined": gaps}
-        whole |= {"singular": singular.as_dict(), **(take.as_dict() if take else {})}
+        whole |= {"singular": singular.as_dict(), **(encoded(take) if take else {})}
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)
     note(*(sentence for sentence in claims.notes if sentence not in folded))

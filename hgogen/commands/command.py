@@ -1,11 +1,10 @@
 """What every command of the command line has: the app, errors as one sentence and an exit status, a progress bar."""
 
 import json
-import math
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import wraps
 from inspect import Parameter, Signature, signature
@@ -33,6 +32,7 @@ from hgogen.errors import HgogenError
 from hgogen.modelfiles.raised import ends_python
 from hgogen.modelfiles.setting import SEEDS, Setting
 from hgogen.recheck.errors import RecheckError
+from hgogen.sentence import encoded
 from hgogen.target import demand, remove, write
 
 if TYPE_CHECKING:  # what takes a second to import, and `hgogen list` and `recheck` do not need
@@ -286,21 +286,8 @@ def show(as_json: bool, value: Any, *shown: Any) -> None:
 
 
 def json_text(value: Any, indent: int = 2) -> str:
-    """A value as JSON: a dataclass by its fields, or by what its `as_dict` gives. JSON has no infinite number and none
-    that is none: they are null."""
-    return json.dumps(_plain(value), indent=indent, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "as_dict"):
-        return _plain(value.as_dict())
-    if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    """The text of a value in JSON, as `encoded` makes it."""
+    return json.dumps(encoded(value), indent=indent, allow_nan=False)
 
 
 def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:

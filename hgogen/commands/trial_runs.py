@@ -1,9 +1,9 @@
 """A model's trials over their seeds, and what commands say of them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import chain
-from typing import Any
+from typing import Annotated
 
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
@@ -41,14 +41,28 @@ def trials_of(model: Model, step: CallableStep) -> tuple[Trial, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A trial over its seeds: the first seed's trajectory, every seed's metrics, where the plant itself leaves its
-    ranges, and when guards acted on the estimate."""
+    """A trial over its seeds; `first`: the first seed's trajectory."""
 
     trial: Trial
     first: Trajectory
-    each: tuple[Metrics, ...]
-    left: tuple[Left, ...]
-    acted: Interventions
+    each: Annotated[tuple[Metrics, ...], "the metrics of every seed"]
+    left: Annotated[tuple[Left, ...], "the plant's own states and inputs that leave their declared ranges"]
+    acted: Annotated[Interventions, "when guards acted on the estimate"]
+
+
+@dataclass(frozen=True, eq=False)
+class TrialRow:
+    """A trial as JSON has it."""
+
+    json_keys = ("*summary", "left=tried.left", "acted=tried.acted")
+
+    summary: Summary
+    tried: Tried
+
+
+def trial_rows(summaries: Iterable[Summary], done: Iterable[Tried]) -> tuple[TrialRow, ...]:
+    """The trials as JSON has them."""
+    return tuple(map(TrialRow, summaries, done))
 
 
 def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
@@ -78,12 +92,6 @@ def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Ca
 def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
     """A sentence for each trial whose plant leaves its ranges."""
     return chain.from_iterable(leaving_notes(one.trial.name, one.left, unit) for one in done)
-
-
-def as_dicts(summaries: Iterable[Summary], done: Iterable[Tried]) -> list[dict[str, Any]]:
-    """The trials for JSON: the summary of each, where the plant leaves its ranges, and when guards acted."""
-    pairs = zip(summaries, done, strict=True)
-    return [{**asdict(one), "left": tried.left, "acted": tried.acted} for one, tried in pairs]
 
 
 def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:

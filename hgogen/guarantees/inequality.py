@@ -30,7 +30,7 @@ import numpy as np
 from flint import arb, arb_mat, ctx, fmpq_mat
 
 from hgogen.algebra.definite import fraction, number
-from hgogen.discretisation.kernels import DEGREE, HALVINGS
+from hgogen.discretisation.notation import DEGREE, HALVINGS
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.guarantees.inclusion import Uncertain
 from hgogen.guarantees.quadratic import BALLS, Array, Quadratic, floats, identity, rational, times

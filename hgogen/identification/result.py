@@ -1,15 +1,16 @@
 """What a fit found, and what it is worth."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from hgogen.identification.solution import Solution
 from hgogen.identification.structural import Structure
 from hgogen.identification.whiteness import Whiteness
+from hgogen.sentence import Encoded
 from hgogen.system import System
 
 Array = np.ndarray
@@ -32,69 +33,95 @@ class Estimate:
     at: Place
 
 
+@dataclass(frozen=True)
+class SearchEnd:
+    """How a search ended."""
+
+    cost: Annotated[float, "cost without the pull"]
+    status: Annotated[str, "how IPOPT ended"]
+    iterations: Annotated[int, "number of iterations"]
+
+
+def _by_name(each: Iterable[Estimate], what: str) -> dict[str, Any]:
+    return {one.name: getattr(one, what) for one in each}
+
+
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Encoded):
     """What `fit` found.
 
-    `by`: "simulation" or "prediction", the error that is least, of which the residuals are; `plant`: with the fitted
-    values; `parameters`, `offsets` and `lags` of outputs: their estimates; `first`: the state of each record at its
-    first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`: RMS of each output's
-    residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the residual of the plant as
-    it was given, its states fitted alone; `alike`: how many residuals of each output tell as much as one that is
-    independent of the others; `untold`: directions of parameters that the records do not tell, each by its parts in
-    units of ranges; `joint`: where there are some, what no record tells; `confined`: the states that lie at an end of
-    their range; `starts`: how each ended, of a robust fit its last pass; `outlying`: of each output the share of the
-    residuals beyond 5 deviations, these by their median; `whiteness`: Ljung and Box's test of each output's residuals,
-    of innovations over their deviations; `rivals`: parameters, lags and offsets of starts that ended elsewhere at the
-    same cost, as two time constants that may be exchanged do; `noise`: by prediction, the density of process noise by
-    state, next to nothing of one whose rate is by definition another state, and the deviation of a sample by output: Q,
-    and R over the period, of a `riccati` on the plant's own coordinates.
+    `plant`: with the fitted values; `parameters`, `offsets` and `lags` of outputs: their estimates; `fitted`: the
+    outputs (N, p) of each record, NaN where nothing was measured; `starts`: how each ended, of a robust fit its last
+    pass; `noise`: by prediction, the density of process noise by state, next to nothing of one whose rate is by
+    definition another state, and the deviation of a sample by output: Q, and R over the period, of a `riccati` on the
+    plant's own coordinates.
     """
 
-    by: str
+    json_keys = (
+        *("by", "parameters=values", "deviation", "nominal", "at_end", "lags=lag_values", "offsets=offset_values"),
+        *("first", "error", "spread", "unfitted", "alike", "untold", "joint", "confined", "outlying", "whiteness"),
+        *("rivals", "noise=levels", "starts=ends"),
+    )
+
+    by: Annotated[str, "the error that is least, of which the residuals are: simulation or prediction"]
     plant: System
     parameters: tuple[Estimate, ...]
     lags: tuple[Estimate, ...]
     offsets: tuple[Estimate, ...]
-    first: tuple[dict[str, float], ...]
+    first: Annotated[tuple[dict[str, float], ...], "the state of each record at its first sample"]
     fitted: tuple[Array, ...]
-    error: dict[str, float]
-    spread: dict[str, float]
-    unfitted: dict[str, float]
-    alike: dict[str, float]
-    untold: tuple[dict[str, float], ...]
-    joint: Structure | None
-    confined: tuple[str, ...]
+    error: Annotated[dict[str, float], "RMS of each output's residual, in its unit"]
+    spread: Annotated[dict[str, float], "RMS of each output about its mean"]
+    unfitted: Annotated[dict[str, float], "RMS residual of the plant as it was given, its states fitted alone"]
+    alike: Annotated[dict[str, float], "by output, how many residuals tell as much as one that is independent"]
+    untold: Annotated[tuple[dict[str, float], ...], "directions that the records do not tell, in units of ranges"]
+    joint: Annotated[Structure | None, "what no record tells; null where the records tell all"]
+    confined: Annotated[tuple[str, ...], "the states that lie at an end of their range"]
     starts: tuple[Solution, ...]
-    outlying: dict[str, float]
-    whiteness: dict[str, Whiteness | None]
-    rivals: tuple[dict[str, float], ...]
+    outlying: Annotated[dict[str, float], "by output, the share of residuals beyond 5 robust deviations"]
+    whiteness: Annotated[dict[str, Whiteness | None], "test of each output's residuals, of innovations over deviations"]
+    rivals: Annotated[tuple[dict[str, float], ...], "estimates of starts that ended elsewhere at the same cost"]
     noise: tuple[dict[str, float], dict[str, float]]
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "by": self.by,
-            "parameters": {one.name: one.value for one in self.parameters},
-            "deviation": {one.name: one.deviation for one in self.parameters},
-            "nominal": {one.name: one.nominal for one in self.parameters},
-            "at_end": {one.name: one.at for one in self.parameters if one.at},
-            "lags": {one.name: one.value for one in self.lags},
-            "offsets": {one.name: one.value for one in self.offsets},
-            "first": list(self.first),
-            "error": self.error,
-            "spread": self.spread,
-            "unfitted": self.unfitted,
-            "alike": self.alike,
-            "untold": list(self.untold),
-            "joint": asdict(self.joint) if self.joint else None,
-            "confined": list(self.confined),
-            "outlying": self.outlying,
-            "whiteness": {name: test.as_dict() if test else None for name, test in self.whiteness.items()},
-            "rivals": list(self.rivals),
-            "noise": dict(zip(("process", "sample"), self.noise, strict=True)),
-            "starts": [{"cost": s.cost, "status": s.status, "iterations": s.iterations} for s in self.starts],
-        }
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted values of parameters by name."""
+        return _by_name(self.parameters, "value")
+
+    @property
+    def deviation(self) -> dict[str, float]:
+        """Standard errors of parameters, infinite (null) where the records do not tell."""
+        return _by_name(self.parameters, "deviation")
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Values of parameters before the fit."""
+        return _by_name(self.parameters, "nominal")
+
+    @property
+    def at_end(self) -> dict[str, Place]:
+        """The end of its range, low or high, at which a parameter lies."""
+        return _by_name([one for one in self.parameters if one.at], "at")
+
+    @property
+    def lag_values(self) -> dict[str, float]:
+        """Time constants of the lags of outputs."""
+        return _by_name(self.lags, "value")
+
+    @property
+    def offset_values(self) -> dict[str, float]:
+        """Offsets of outputs."""
+        return _by_name(self.offsets, "value")
+
+    @property
+    def levels(self) -> dict[str, dict[str, float]]:
+        """Noise by prediction: process, the density by state, and sample, the deviation by output."""
+        return dict(zip(("process", "sample"), self.noise, strict=True))
+
+    @property
+    def ends(self) -> tuple[SearchEnd, ...]:
+        """How each start ended."""
+        return tuple(SearchEnd(one.cost, one.status, one.iterations) for one in self.starts)
 
     def notes(self) -> tuple[str, ...]:
         """What the result is worth, a sentence each."""

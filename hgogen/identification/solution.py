@@ -17,6 +17,7 @@ import numpy as np
 from hgogen.calling.interrupt import heard
 from hgogen.identification.problem import Problem
 from hgogen.identification.records import BadLog, Log
+from hgogen.sentence import Encoded
 from hgogen.system import System
 
 Array = np.ndarray
@@ -140,7 +141,7 @@ class CannotGoOn(BadLog):
 
 
 @dataclass(frozen=True, eq=False)
-class Progress:
+class Progress(Encoded):
     """Of a fit whose `task` is told by these digests: the searches that have `ended`, and of the one that runs the
     `iteration` and its unknowns (v), `at`."""
 
@@ -154,14 +155,9 @@ class Progress:
         """The number of the search that runs, from 0: those of the starts, then, of a robust fit, its passes."""
         return len(self.ended)
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON, of which `progress_of` makes the value again."""
-        ended = [{**vars(one), "unknowns": one.unknowns.tolist()} for one in self.ended]
-        return {"task": dict(self.task), "ended": ended, "iteration": self.iteration, "at": self.at.tolist()}
-
 
 def progress_of(table: Mapping[str, Any]) -> Progress:
-    """From what `as_dict` gave. Raises: `CannotGoOn`."""
+    """The progress that `as_dict` gave. Raises: `CannotGoOn`."""
     try:
         ended = tuple(
             Solution(

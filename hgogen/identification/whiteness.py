@@ -16,10 +16,12 @@ Statistics (1981), chapters 5 and 7.
 """
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+
+from hgogen.sentence import Encoded
 
 Array = np.ndarray
 LAGS = 20  # correlations that a test of whiteness asks at most
@@ -28,21 +30,24 @@ NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantil
 
 
 @dataclass(frozen=True)
-class Whiteness:
-    """Ljung and Box's `statistic` of `lags` correlations, and the `limit` that one in 20 white sequences exceeds."""
+class Whiteness(Encoded):
+    """Ljung and Box's test of a sequence."""
 
-    statistic: float
-    limit: float
-    lags: int
+    json_keys = ("test", "statistic", "limit", "lags", "white")
+
+    statistic: Annotated[float, "the statistic of the correlations"]
+    limit: Annotated[float, "what one in 20 white sequences exceeds"]
+    lags: Annotated[int, "number of correlations"]
+
+    @property
+    def test(self) -> str:
+        """Name of the test."""
+        return "Ljung-Box"
 
     @property
     def white(self) -> bool:
         """Whether the limit is kept."""
         return self.statistic <= self.limit
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"test": "Ljung-Box", **asdict(self), "white": self.white}
 
 
 def whiteness(e: Array) -> Whiteness | None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import sympy as sp
 
@@ -24,7 +24,7 @@ from hgogen.intervals.outward import Array
 from hgogen.intervals.search import Cover, Goal, Outcome, search, tight
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.intervals.zeros import special_point
-from hgogen.sentence import NONE, Reason, because, equations
+from hgogen.sentence import NONE, Encoded, Reason, because, equations
 
 # --- forms of one expression
 
@@ -112,22 +112,23 @@ class Attained:
 
 
 @dataclass(frozen=True)
-class Range:
+class Range(Encoded):
     """The range of an expression on a box.
 
-    low <= value <= high wherever it and its parts are finite and real; -inf and inf where nothing is proved. `defined`:
-    proved finite and real on the whole closed box. `least`, `most`: points where a value as small, as large is
-    attained. `boxes`: how many were tried; `note`: why it is not tighter, or "". `variables`: what the tree's indices
-    count; `tree`: the bisection, ("split", index, left, right) and "leaf", sides cut as `floats.middle` says.
+    low <= value <= high wherever it and its parts are finite and real; -inf and inf where nothing is proved. `least`,
+    `most`: points where a value as small, as large is attained. `variables`: what the tree's indices count; `tree`: the
+    bisection, ("split", index, left, right) and "leaf", sides cut as `floats.middle` says.
     """
 
-    low: float
-    high: float
-    defined: bool
+    json_keys = ("low", "high", "defined", "boxes", "note")
+
+    low: Annotated[float, "lower bound; null where there is none"]
+    high: Annotated[float, "upper bound; null where there is none"]
+    defined: Annotated[bool, "whether it is proved finite and real on the whole closed box"]
     least: Attained | None
     most: Attained | None
-    boxes: int
-    note: Reason
+    boxes: Annotated[int, "number of boxes that were tried"]
+    note: Annotated[Reason, "why the range is not tighter, or empty"]
     variables: tuple[sp.Symbol, ...]
     tree: Tree = field(repr=False)
 
@@ -145,11 +146,6 @@ class Range:
             if one is not None
         ]
         return "; ".join([*parts, *map(str, filter(None, [self.note]))])
-
-    def as_dict(self) -> dict[str, Any]:
-        """The range as plain data for JSON, which has no infinity: an unbounded end is None."""
-        low, high = (end if math.isfinite(end) else None for end in (self.low, self.high))
-        return {"low": low, "high": high, "defined": self.defined, "boxes": self.boxes, "note": str(self.note)}
 
 
 def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:

@@ -10,13 +10,14 @@ where samples at which one of them is no number do not count.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from hgogen.calling.samples import Run
 from hgogen.errors import HgogenError
+from hgogen.sentence import Encoded
 from hgogen.signal import Signal
 from hgogen.trial import Trajectory
 from hgogen.trials.metrics import Metrics, crossings
@@ -25,31 +26,27 @@ ROUNDING = 1e-11  # of the trajectory's peak: some 1e3 operations a step, each 1
 
 
 @dataclass(frozen=True)
-class Agreement:
+class Agreement(Encoded):
     """How two readers of a step differ, relative to each state's peak.
 
-    `until` (s): the first rise of theta through 1.5, or the end; `before`, `after`: the largest difference
-    until then and from then on; `settled`: times to settle after each event, (C, Python); `dt` (s): they
-    may differ by one sample, because an error that just touches the band may lie on either side of it.
+    Times to settle may differ by one sample, because an error that just touches the band may lie on either side of it.
     """
 
-    trial: str
-    seed: int
-    until: float
-    before: float
-    after: float
-    settled: tuple[tuple[float | None, float | None], ...]
-    dt: float
+    json_keys = ("trial", "seed", "until", "before", "after", "settled", "dt", "agreed")
+
+    trial: Annotated[str, "name of the trial"]
+    seed: Annotated[int, "seed of its noise"]
+    until: Annotated[float, "time of the first rise of theta through 1.5, else the end (s)"]
+    before: Annotated[float, "largest difference until then"]
+    after: Annotated[float, "largest difference from then on"]
+    settled: Annotated[tuple[tuple[float | None, float | None], ...], "times to settle after each event: C, Python (s)"]
+    dt: Annotated[float, "sampling period (s)"]
 
     @property
     def agreed(self) -> bool:
         """Whether C and Python say the same."""
         c, python = np.array(self.settled, dtype=float).reshape(-1, 2).T  # NaN where never
         return self.before <= ROUNDING and np.allclose(c, python, rtol=0, atol=1.5 * self.dt, equal_nan=True)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self) | {"agreed": self.agreed}
 
 
 def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Agreement:

@@ -12,8 +12,8 @@ The range of a state: `metrics.ranges`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
 from hgogen.certificates.error_bound import ErrorBound
 from hgogen.emit.cost import Cost, cost
+from hgogen.sentence import Encoded
 from hgogen.signal import Signal
 from hgogen.trial import Trajectory, Trial, try_out
 from hgogen.trials.incidents import Interventions, interventions
@@ -28,35 +29,31 @@ from hgogen.trials.metrics import median, metrics, ranges
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
-    """What an observer does on a trial; `name` is that of its tuning.
+class Measured(Encoded):
+    """What an observer does on a trial; `first`: the trajectory of the first seed."""
 
-    `settled` is the time (s) to settle after each event, None where it never does; `rms` and `peak` are by state;
-    `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed;
-    `acted`: when guards acted on the estimate, over all seeds. By state that has a bound, `proved` is the bound and
-    `worst` the largest error from when on it holds, None where no trial lasts so long; `unproved` says what is not
-    known of them, and why.
-    """
+    json_keys = (
+        *("name", "observer", "method", "settled", "rms", "peak", "clamped", "acted", "proved", "worst", "unproved"),
+        "*cost",
+    )
 
-    name: str
-    observer: str
-    method: str
+    name: Annotated[str, "name of its tuning"]
+    observer: Annotated[str, "name of the observer"]
+    method: Annotated[str, "method of its step"]
     states: tuple[Signal, ...]
-    settled: tuple[float | None, ...]
-    rms: Mapping[str, float]
-    peak: Mapping[str, float]
-    clamped: int
+    settled: Annotated[tuple[float | None, ...], "median time to settle after each event; null: never"]
+    rms: Annotated[Mapping[str, float], "steady error by state, the median of the seeds"]
+    peak: Annotated[Mapping[str, float], "largest rise of the error after an event, over the state's range"]
+    clamped: Annotated[int, "samples outside the box after the first 5%"]
     cost: Cost
     first: Trajectory
-    acted: Interventions
-    proved: Mapping[str, float] = field(default_factory=dict)
-    worst: Mapping[str, float | None] = field(default_factory=dict)
-    unproved: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        values = {key: value for key, value in vars(self).items() if key not in ("states", "first", "cost")}
-        return {**values, "settled": list(self.settled), "acted": asdict(self.acted), **asdict(self.cost)}
+    acted: Annotated[Interventions, "when guards acted on the estimate, over all seeds"]
+    proved: Annotated[Mapping[str, float], "the bound by state that has one"] = field(default_factory=dict)
+    worst: Annotated[
+        Mapping[str, float | None],
+        "by state, the largest error of all seeds from when on the bound holds; null where the trial ends before",
+    ] = field(default_factory=dict)
+    unproved: Annotated[str, "what is not known of the bounds, and why"] = ""
 
 
 def measured(

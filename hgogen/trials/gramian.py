@@ -11,7 +11,7 @@ J.-P. Gauthier, Automatica 46 (2010), the innovation and its lemma on observabil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -22,6 +22,7 @@ from hgogen.graph import CVODES, to_casadi
 from hgogen.reading.door import Misfit, asks_a_plant
 from hgogen.reading.given import real
 from hgogen.reading.time_unit import plural
+from hgogen.sentence import Encoded
 from hgogen.system import System
 from hgogen.trial import Trial, simulate, t
 
@@ -36,14 +37,16 @@ class BadWindows(BadArgument):
 
 
 @dataclass(frozen=True, eq=False)
-class Gramian:
-    """The window d (s) along a trajectory.
+class Gramian(Encoded):
+    """The observability Gramian of a window along a trajectory.
 
     `start` (N): where each window begins; `smallest`, `largest` (N): eigenvalues of its Gramian; `direction` (N, n):
     the unit eigenvector of the smallest; `states`: names.
     """
 
-    d: float
+    json_keys = ("d", "least=range.0", "median", "most=range.1", "weakest=weakest.0", "share=weakest.1")
+
+    d: Annotated[float, "length of the window, in the plant's time"]
     states: tuple[str, ...]
     start: np.ndarray
     smallest: np.ndarray
@@ -65,11 +68,6 @@ class Gramian:
         """The state with the largest share in the direction that shows least, and its mean square share (0..1)."""
         shares = (self.direction**2).mean(axis=0)
         return self.states[int(np.argmax(shares))], float(shares.max())
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        (low, high), (name, share) = self.range, self.weakest
-        return {"d": self.d, "least": low, "median": self.median, "most": high, "weakest": name, "share": share}
 
     def __str__(self) -> str:
         (low, high), (name, share) = self.range, self.weakest

@@ -20,7 +20,7 @@ reciprocal of the smallest singular value.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 import sympy as sp
@@ -29,6 +29,7 @@ from hgogen.algebra.rank import NowhereDefined, observability
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.pace import NoSight, linear, on_box, ranged
 from hgogen.intervals.box import box
+from hgogen.sentence import Encoded
 from hgogen.system import System
 from hgogen.trial import Trial, simulate
 
@@ -41,34 +42,24 @@ _GROWTH, _SAMPLES = 5.0, (20, 1000)
 
 
 @dataclass(frozen=True)
-class Sight:
-    """What the outputs show of the least seen direction of the state.
+class Sight(Encoded):
+    """What the outputs show of the least seen direction of the state, v."""
 
-    `least`, `median`: of sigma, over the windows of a trial or the points of the box; `window`: d, the longest of
-    them, in the plant's time `unit`; `trial`: its name, "" for points; `where`: the least one is attained there, the
-    time at which its window begins, or the point; `direction`: v there, by state, in half ranges, largest first.
-    `by_motion`: whether the plant, frozen at points, hides v at most of them: what it shows of v comes by its motion.
-    """
+    json_keys = ("least", "median", "window", "unit", "trial", "by_motion", "hopeless", "where", "direction")
 
-    least: float
-    median: float
-    window: float
-    unit: str
-    trial: str
-    where: Mapping[str, float]
-    direction: Mapping[str, float]
-    by_motion: bool = False
+    least: Annotated[float, "least sigma over the windows of a trial, or the points of the box"]
+    median: Annotated[float, "median of sigma over them"]
+    window: Annotated[float, "the longest window d"]
+    unit: Annotated[str, "unit of the plant's time"]
+    trial: Annotated[str, "name of the trial, empty for points of the box"]
+    where: Annotated[Mapping[str, float], "where the least one is attained: begin of its window, or the point"]
+    direction: Annotated[Mapping[str, float], "the direction v there by state, in half ranges, largest first"]
+    by_motion: Annotated[bool, "whether the plant frozen at points hides v, so that only its motion shows v"] = False
 
     @property
     def hopeless(self) -> bool:
         """Whether half of all windows or points show less than any usual sensor resolves."""
         return self.median < HOPELESS and not self.by_motion
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        names = ("least", "median", "window", "unit", "trial", "by_motion", "hopeless")
-        values = {name: getattr(self, name) for name in names}
-        return {**values, "where": dict(self.where), "direction": dict(self.direction)}
 
     def __str__(self) -> str:
         (weak, _), *_ = self.direction.items()
