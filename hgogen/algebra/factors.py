@@ -296,7 +296,8 @@ def factored_form(
         if len(total) > _ANGLE_TERMS:
             raise TooLarge("the form in sines and cosines")
     for g in field.angles:
-        total = min(total, _less_cosine(total, ring.gens().index(cosines[g]), sines[g]), key=len)
+        (without,), _ = reduced([total], ring.gens().index(cosines[g]), 2, (one - sines[g] ** 2, one))
+        total = min(total, without, key=len)
     meaning = [*field.meaning, *(f(m) for m in field.angles.values() for f in (sp.cos, sp.sin))]
     content, parts = total.factor()
     return _primitive(number(content), [(written(p, meaning), int(k)) for p, k in parts])
@@ -305,15 +306,3 @@ def factored_form(
 def _primitive(content: sp.Rational, parts: list[tuple[sp.Expr, int]]) -> tuple[sp.Rational, list[tuple[sp.Expr, int]]]:
     split = [(*e.primitive(), k) for e, k in parts]
     return content * sp.Mul(*(c**k for c, _, k in split)), [(e, k) for _, e, k in split]
-
-
-def _less_cosine(polynomial: Any, index: int, s: Any) -> Any:
-    """The polynomial with cos^2 written as 1 - sin^2."""
-    ring = polynomial.context()
-    layers: dict[int, dict[tuple[int, ...], Any]] = {}
-    for powers, coefficient in polynomial.terms():
-        half, left = divmod(int(powers[index]), 2)
-        rest = tuple(left if i == index else int(k) for i, k in enumerate(powers))
-        layers.setdefault(half, {})[rest] = coefficient
-    square = ring.constant(1) - s**2
-    return sum((ring.from_dict(terms) * square**half for half, terms in layers.items()), ring.constant(0))

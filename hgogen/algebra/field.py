@@ -17,7 +17,7 @@ from typing import Any
 import sympy as sp
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
-from hgogen.algebra.rewrite import Exp, Half, Relation, TooLarge, Writer, rational
+from hgogen.algebra.rewrite import Exp, Half, Relation, TooLarge, Writer
 from hgogen.algebra.tape import Instruction, NoTape, tape
 
 # --- quotients
@@ -251,17 +251,21 @@ def vanishes(expression: sp.Expr) -> bool | None:
     Source: normal forms of rational functions over a tower of radicals; B. F. Caviness, R. J. Fateman,
     "Simplification of radical expressions", SYMSAC 1976.
     """
+    writer = Writer()
     try:
-        form = rational(expression)
-        parts = (form.value, *(relation.value for relation in form.relations))
-        (top, _), *values = quotients(parts, form.generators, ring_of(form.generators))
-        for relation, value in reversed(list(zip(form.relations, values, strict=True))):
-            (top,), _ = reduced([top], form.generators.index(relation.generator), relation.degree, value)
+        writer.measure(expression)
+        parts = [writer.write(expression), *(relation.value for relation in writer.relations)]
+        read = {s for part in parts for s in part.free_symbols} | {r.generator for r in writer.relations}
+        every = (*sorted(expression.free_symbols, key=str), *writer.kernels.values())
+        generators = [s for s in every if s in read]
+        (top, _), *values = quotients(parts, generators, ring_of(generators))
+        for relation, value in reversed(list(zip(writer.relations, values, strict=True))):
+            (top,), _ = reduced([top], generators.index(relation.generator), relation.degree, value)
     except (TooLarge, ZeroDivisionError, NoTape):
         return None
     if top.is_zero():
         return True
-    return False if set(form.generators) <= expression.free_symbols else None
+    return False if read <= expression.free_symbols else None
 
 
 def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[list[Any], int]:

@@ -52,30 +52,6 @@ class Relation:
     value: sp.Expr
 
 
-@dataclass(frozen=True)
-class Rational:
-    """`value`: a rational function of `generators`, that stand for the symbols, kernels and constants of an
-    expression; `relations` in the order in which generators were met, inner ones first.
-    """
-
-    value: sp.Expr
-    generators: tuple[sp.Symbol, ...]
-    relations: tuple[Relation, ...]
-
-
-def rational(expression: sp.Expr) -> Rational:
-    """The expression, whose numbers are exact, as a rational function of generators.
-
-    Raises: `TooLarge`.
-    """
-    writer = Writer()
-    writer.measure(expression)
-    value = writer.write(expression)
-    generators = (*value.free_symbols, *(s for r in writer.relations for s in (r.generator, *r.value.free_symbols)))
-    order = {s: i for i, s in enumerate((*sorted(expression.free_symbols, key=str), *writer.kernels.values()))}
-    return Rational(value, tuple(sorted(set(generators), key=lambda s: order[s])), tuple(writer.relations))
-
-
 @dataclass(frozen=True, eq=False)
 class Writer:
     """Kernels and relations as they are met; `units`: each exponential's or angle's monomial with its g."""

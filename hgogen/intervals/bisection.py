@@ -1,11 +1,16 @@
 """Boxes of floats that are cut in two, the tree of these cuts, and points of a box."""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hgogen.intervals.outward import Array, Pair
+from hgogen.intervals.outward import Array, Flags
+
+Indices = NDArray[np.int64]
 
 
 def middle(low: Array, high: Array) -> Array:
@@ -57,20 +62,82 @@ def corners(low: Array, high: Array) -> Array:
 Tree = tuple[object, ...] | str
 
 
-def halves(low: Array, high: Array, cut: NDArray[np.int64]) -> Pair:
-    """The ends (m x 2k) of both children in turn of boxes (m x k), each cut in that variable."""
-    columns = np.arange(low.shape[1])
-    centre = middle(low, high)[cut, columns]
-    low, high = np.repeat(low, 2, axis=1), np.repeat(high, 2, axis=1)
-    high[cut, 2 * columns] = centre
-    low[cut, 2 * columns + 1] = centre
-    return low, high
+@dataclass(frozen=True)
+class Leaves:
+    """n boxes (m x n ends); `node`: the place of each in the tree; `cut`: the variable to bisect, or -1."""
+
+    low: Array
+    high: Array
+    node: Indices
+    cut: Indices
+
+    def only(self, rows: Indices | Flags) -> Self:
+        """The leaves of the given rows alone."""
+        return type(self)(**{name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__})
+
+    def with_more(self, other: Self) -> Self:
+        """The leaves of both."""
+        names = self.__dataclass_fields__
+        return type(self)(**{n: np.concatenate((getattr(self, n), getattr(other, n)), axis=-1) for n in names})
 
 
-def split_tree(splits: list[tuple[int, int]]) -> Tree:
-    """Nested ("split", variable, left, right) and "leaf"; node 0 is the root, the j-th split makes 2j+1 and 2j+2."""
-    made: dict[int, Tree] = {}
-    for j in range(len(splits) - 1, -1, -1):
-        node, variable = splits[j]
-        made[node] = ("split", variable, made.pop(2 * j + 1, "leaf"), made.pop(2 * j + 2, "leaf"))
-    return made.get(0, "leaf")
+_Leaves = TypeVar("_Leaves", bound=Leaves)
+_Inner = TypeVar("_Inner")
+
+
+@dataclass(frozen=True)
+class Cover(Generic[_Leaves, _Inner]):
+    """A bisection so far: the leaves of its tree, of whose nodes the `splits` were cut, and where; and what is attained
+    at points of the box (`inner`)."""
+
+    leaves: _Leaves
+    inner: _Inner
+    splits: list[tuple[int, int]]
+
+    @property
+    def boxes(self) -> int:
+        """How many were tried."""
+        return 1 + 2 * len(self.splits)
+
+    @property
+    def tree(self) -> Tree:
+        """Nested ("split", variable, left, right) and "leaf"; node 0 is the root, split j makes 2j+1 and 2j+2."""
+        made: dict[int, Tree] = {}
+        for j in range(len(self.splits) - 1, -1, -1):
+            node, variable = self.splits[j]
+            made[node] = ("split", variable, made.pop(2 * j + 1, "leaf"), made.pop(2 * j + 2, "leaf"))
+        return made.get(0, "leaf")
+
+
+Look = Callable[[Array, Array, Indices, _Inner], tuple[_Leaves, _Inner]]
+
+
+def bisected(
+    cover: Cover[_Leaves, _Inner],
+    doubtful: Callable[[Cover[_Leaves, _Inner]], Indices],
+    look: Look[_Inner, _Leaves],
+    limit: int,
+) -> tuple[Cover[_Leaves, _Inner], Cover[_Leaves, _Inner]]:
+    """Cut leaves until none is `doubtful`, which gives the rows of a batch, the worst first, or `limit` boxes were
+    tried; and the cover from which a bisection with a higher limit goes on. `look`: what is known on boxes (m x k)."""
+    while True:
+        rows, room = doubtful(cover), (limit - cover.boxes) // 2
+        if len(rows) == 0 or room < 1:
+            return cover, cover
+        if room < len(rows):  # a higher limit makes the whole batch: it goes on from before
+            return _cut(cover, rows[:room], look), cover
+        cover = _cut(cover, rows, look)
+
+
+def _cut(cover: Cover[_Leaves, _Inner], rows: Indices, look: Look[_Inner, _Leaves]) -> Cover[_Leaves, _Inner]:
+    """With these leaves cut in two; both children of one are neighbours."""
+    parents, columns = cover.leaves.only(rows), np.arange(len(rows))
+    centre = middle(parents.low, parents.high)[parents.cut, columns]
+    low, high = np.repeat(parents.low, 2, axis=1), np.repeat(parents.high, 2, axis=1)
+    high[parents.cut, 2 * columns] = centre
+    low[parents.cut, 2 * columns + 1] = centre
+    children, inner = look(low, high, cover.boxes + np.arange(2 * len(rows), dtype=np.int64), cover.inner)
+    left = np.ones(len(cover.leaves.node), dtype=bool)
+    left[rows] = False
+    splits = [*cover.splits, *zip(parents.node.tolist(), parents.cut.tolist(), strict=True)]
+    return Cover(cover.leaves.only(left).with_more(children), inner, splits)

@@ -16,12 +16,12 @@ import sympy as sp
 from hgogen.algebra.interpolation import Stepped
 from hgogen.algebra.points import STRANGE, exact, largest_exponent, put
 from hgogen.algebra.tape import Tape, tape
-from hgogen.intervals.bisection import Tree
+from hgogen.intervals.bisection import Cover, Tree
 from hgogen.intervals.box import Box, End, Sides, box, sides
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.glance import taken
 from hgogen.intervals.outward import Array
-from hgogen.intervals.search import Cover, Goal, Outcome, search, tight
+from hgogen.intervals.search import Goal, Inner, Known, Outcome, search, tight
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.intervals.zeros import special_point
 from hgogen.sentence import NONE, Encoded, Reason, because, equations
@@ -187,7 +187,7 @@ class Problem:
     sides: Sides
     program: Tape
 
-    def search(self, goal: Goal, boxes: int, begun: Cover | None = None) -> Outcome:
+    def search(self, goal: Goal, boxes: int, begun: Cover[Known, Inner] | None = None) -> Outcome:
         """The outcome of a bisection of its box for a goal, or of one that was begun for it."""
         return search(self.program, self.sides.outer, self.sides.inner, goal, boxes, begun)
 

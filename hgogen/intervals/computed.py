@@ -145,13 +145,9 @@ class Rounding:
 # --- what is exact but for what it takes
 
 
-def _least(a: Computed, b: Computed) -> Computed:
-    low, high = a.value.lower().min(b.value.lower()), a.value.upper().min(b.value.upper())
-    return Computed(low.union(high), _larger(a.error, b.error))
-
-
-def _greatest(a: Computed, b: Computed) -> Computed:
-    low, high = a.value.lower().max(b.value.lower()), a.value.upper().max(b.value.upper())
+def _extreme(pick: Callable[[Any, Any], Any], a: Computed, b: Computed) -> Computed:
+    """The minimum or maximum."""
+    low, high = pick(a.value.lower(), b.value.lower()), pick(a.value.upper(), b.value.upper())
     return Computed(low.union(high), _larger(a.error, b.error))
 
 
@@ -165,28 +161,24 @@ def _truth(known: bool | None, sure: bool) -> Computed:
     return exactly(int(known))
 
 
-def _below(a: Computed, b: Computed) -> Computed:
-    """a < b; where they may be equal in one of both, it is not known."""
-    gap, error = b.value - a.value, a.error + b.error
-    return _truth(True if gap > error else False if gap < -error else None, bool(error.is_zero()))
-
-
-def _at_most(a: Computed, b: Computed) -> Computed:
+def _below(equal: bool, a: Computed, b: Computed) -> Computed:
+    """a < b, or a <= b; where they may be equal in one of both, it is not known."""
     gap, error = b.value - a.value, a.error + b.error
     sure = bool(error.is_zero())
-    return _truth(True if gap > error or (sure and gap >= 0) else False if gap < -error else None, sure)
+    holds = gap > error or (equal and sure and gap >= 0)
+    return _truth(True if holds else False if gap < -error else None, sure)
 
 
 def _and(a: Computed, b: Computed) -> Computed:
     if a.known is False or b.known is False:
         return exactly(0)
-    return Computed(_least(a, b).value, _larger(a.error, b.error))
+    return _extreme(arb.min, a, b)
 
 
 def _or(a: Computed, b: Computed) -> Computed:
     if a.known is True or b.known is True:
         return exactly(1)
-    return Computed(_greatest(a, b).value, _larger(a.error, b.error))
+    return _extreme(arb.max, a, b)
 
 
 def _chosen(test: Computed, value: Computed) -> Computed:
@@ -228,11 +220,11 @@ def _either(a: Computed, b: Computed) -> Computed | None:
 _EXACT: Mapping[int, Callable[..., Computed]] = {
     ca.OP_NEG: lambda a: Computed(-a.value, a.error),
     ca.OP_FABS: lambda a: Computed(a.value.abs_lower().union(a.value.abs_upper()), a.error),
-    ca.OP_FMIN: _least,
-    ca.OP_FMAX: _greatest,
+    ca.OP_FMIN: partial(_extreme, arb.min),
+    ca.OP_FMAX: partial(_extreme, arb.max),
     ca.OP_TWICE: lambda a: Computed(2 * a.value, 2 * a.error),
-    ca.OP_LT: _below,
-    ca.OP_LE: _at_most,
+    ca.OP_LT: partial(_below, False),
+    ca.OP_LE: partial(_below, True),
     ca.OP_NOT: lambda a: Computed(1 - a.value, a.error, negates=a),
     ca.OP_AND: _and,
     ca.OP_OR: _or,

@@ -238,24 +238,23 @@ def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
 
 def _least(args: list[Enclosure]) -> Enclosure:
     a, b = args
-    low, high = np.minimum(a.value[0], b.value[0]), np.minimum(a.value[1], b.value[1])
-    slope = _chosen(a, b, a.value[1] <= b.value[0], b.value[1] <= a.value[0])
-    return Enclosure((low, high), *_both(args), slope)
+    return _extreme(np.minimum, args, a.value[1] <= b.value[0], b.value[1] <= a.value[0])
 
 
 def _most(args: list[Enclosure]) -> Enclosure:
     a, b = args
-    low, high = np.maximum(a.value[0], b.value[0]), np.maximum(a.value[1], b.value[1])
-    slope = _chosen(a, b, a.value[0] >= b.value[1], b.value[0] >= a.value[1])
-    return Enclosure((low, high), *_both(args), slope)
+    return _extreme(np.maximum, args, a.value[0] >= b.value[1], b.value[0] >= a.value[1])
 
 
-def _chosen(a: Enclosure, b: Enclosure, first: Flags, second: Flags) -> Pair | None:
-    if a.slope is None or b.slope is None:
-        return None
-    either = hull(a.slope, b.slope)
-    low, high = (np.where(first, x, np.where(second, y, z)) for x, y, z in zip(a.slope, b.slope, either, strict=True))
-    return low, high
+def _extreme(pick: np.ufunc, args: list[Enclosure], first: Flags, second: Flags) -> Enclosure:
+    """The least or most, which is the first of two, or the second, wherever the flags say so."""
+    a, b = args
+    value, slope = (pick(a.value[0], b.value[0]), pick(a.value[1], b.value[1])), None
+    if a.slope is not None and b.slope is not None:
+        sides = zip(a.slope, b.slope, hull(a.slope, b.slope), strict=True)
+        low, high = (np.where(first, x, np.where(second, y, either)) for x, y, either in sides)
+        slope = low, high
+    return Enclosure(value, *_both(args), slope)
 
 
 def _steps(a: Enclosure, value: Pair) -> Enclosure:
@@ -268,17 +267,12 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
     """The unit step: 0 below 0, 1 above, and the second argument at 0."""
     a, at_zero = args
     low, high = a.value
-    value: Pair = np.where(low > 0, 1.0, np.inf), np.where(high > 0, 1.0, -np.inf)
-    below = low < 0
-    value = np.where(below, 0.0, value[0]), np.where(below, np.maximum(value[1], 0.0), value[1])
-    above = high > 0
-    value = np.where(above, np.minimum(value[0], 1.0), value[0]), value[1]
-    there = (low <= 0) & (high >= 0)
+    below, above, there = low < 0, high > 0, (low <= 0) & (high >= 0)
+    value = np.where(below, 0.0, np.where(above, 1.0, np.inf)), np.where(above, 1.0, np.where(below, 0.0, -np.inf))
     steps = _steps(a, _joined(value, at_zero.value, there))
     defined, continuous = steps.defined & (at_zero.defined | ~there), steps.continuous & (at_zero.continuous | ~there)
-    if steps.slope is None or at_zero.slope is None:
-        return replace(steps, defined=defined, continuous=continuous)
-    slope = _joined(steps.slope, at_zero.slope, there)
+    varies = steps.slope is not None and at_zero.slope is not None
+    slope = _joined(steps.slope, at_zero.slope, there) if varies else steps.slope
     return replace(steps, defined=defined, continuous=continuous, slope=slope)
 
 

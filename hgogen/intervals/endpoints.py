@@ -8,7 +8,7 @@ infinite end takes the function's limit. Boxes of a bisection share ends, so the
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from flint import arb, ctx, fmpq
@@ -82,7 +82,7 @@ def angle(y: Pair, x: Pair) -> tuple[Pair, Flags, Flags]:
     """atan2(y, x), whether it is defined, and whether it is continuous, as it is off the cut y = 0, x <= 0."""
     at_origin = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0) & (x[1] >= 0)
     cut = (y[0] < 0) & (y[1] >= 0) & (x[0] <= 0)
-    corners = [_angles(end, other) for end in y for other in x]
+    corners = [_each(_angle, end, other) for end in y for other in x]
     low = np.min([corner[0] for corner in corners], axis=0)
     high = np.max([corner[1] for corner in corners], axis=0)
     endless = ~np.isfinite(np.stack([*x, *y])).all(axis=0)
@@ -131,16 +131,13 @@ def _tangent(a: Pair) -> tuple[Pair, Flags]:
 
 def _at(name: str, x: Array) -> Pair:
     """Floats below and above the function's value at each x."""
-    values, index = np.unique(x, return_inverse=True)
-    ends = np.array([_value(name, value) for value in values.tolist()], dtype=float).reshape(-1, 2)
-    index = index.reshape(x.shape)
-    return ends[index, 0], ends[index, 1]
+    return _each(partial(_value, name), x)
 
 
-def _angles(y: Array, x: Array) -> Pair:
-    pairs = [_angle(b, a) for b, a in zip(y.ravel().tolist(), x.ravel().tolist(), strict=True)]
-    ends = np.array(pairs, dtype=float).reshape(-1, 2)
-    return ends[:, 0].reshape(y.shape), ends[:, 1].reshape(y.shape)
+def _each(function: Callable[..., tuple[float, float]], *x: Array) -> Pair:
+    pairs = [function(*each) for each in zip(*(part.ravel().tolist() for part in x), strict=True)]
+    low, high = np.array(pairs, dtype=float).reshape(*x[0].shape, 2).T
+    return low.T, high.T
 
 
 @lru_cache(maxsize=1 << 17)

@@ -15,14 +15,14 @@ The search counts boxes and draws nothing at random.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from hgogen.algebra.points import STRANGE, exact
 from hgogen.algebra.tape import NoTape, Tape, tape
-from hgogen.intervals.bisection import Tree, corners, halves, middle, placed, split_tree, spread
+from hgogen.intervals.bisection import Cover, Indices, Leaves, Tree, bisected, corners, middle, placed, spread
 from hgogen.intervals.box import Box, sides
 from hgogen.intervals.enclosure import Enclosure, enclose
 from hgogen.intervals.outward import Array, Flags, Pair, add, meet, negate, scale
@@ -36,27 +36,13 @@ _SPREAD = 160  # first points
 
 
 @dataclass(frozen=True)
-class Leaves:
-    """n boxes (m x n ends) and what is known on each; `node`: its place in the tree; `cut`: where to bisect it."""
+class Known(Leaves):
+    """What is known on boxes: bottom <= value <= top, where it is `defined`, and `continuous`."""
 
-    low: Array
-    high: Array
     bottom: Array
     top: Array
     defined: Flags
     continuous: Flags
-    node: NDArray[np.int64]
-    cut: NDArray[np.int64]
-
-    def only(self, rows: NDArray[np.int64] | Flags) -> "Leaves":
-        """The leaves of the given rows alone."""
-        last = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
-        return Leaves(**last)
-
-    def with_more(self, other: "Leaves") -> "Leaves":
-        """The leaves of both."""
-        names = self.__dataclass_fields__
-        return Leaves(**{n: np.concatenate((getattr(self, n), getattr(other, n)), axis=-1) for n in names})
 
 
 @dataclass(frozen=True)
@@ -74,30 +60,16 @@ class Inner:
 
 
 @dataclass(frozen=True)
-class Cover:
-    """A bisection so far: the leaves of its tree, of whose nodes the `splits` were cut, and where, and inner values."""
-
-    leaves: Leaves
-    inner: Inner
-    splits: list[tuple[int, int]]
-
-    @property
-    def boxes(self) -> int:
-        """How many were tried."""
-        return 1 + 2 * len(self.splits)
-
-
-@dataclass(frozen=True)
 class Outcome:
     """The result of a search: the leaves, the inner values, how many boxes were tried, the bisection tree, and the
     cover from which a search with more boxes goes on."""
 
-    leaves: Leaves
+    leaves: Known
     inner: Inner
     boxes: int
     finished: bool
     tree: Tree
-    cover: Cover
+    cover: Cover[Known, Inner]
 
     @property
     def low(self) -> float:
@@ -121,13 +93,13 @@ class Outcome:
 
 
 # What is still to be done on each leaf: > 0, more for worse; 0 for nothing.
-Goal = Callable[[Leaves, Inner], Array]
+Goal = Callable[[Known, Inner], Array]
 
 
 def tight(relative: float) -> Goal:
     """The goal that low and high are within `relative` of the range's width of values that are attained."""
 
-    def excess(leaves: Leaves, inner: Inner) -> Array:
+    def excess(leaves: Known, inner: Inner) -> Array:
         width = inner.most - inner.least if math.isfinite(inner.least) and math.isfinite(inner.most) else 0.0
         tolerance = relative / 2.0 * max(width, 0.0)
         tolerance = max(tolerance, 1e-13 * max(abs(v) for v in (inner.least, inner.most, 0.0) if math.isfinite(v)))
@@ -138,7 +110,7 @@ def tight(relative: float) -> Goal:
     return excess
 
 
-def one_sign(leaves: Leaves, inner: Inner) -> Array:
+def one_sign(leaves: Known, inner: Inner) -> Array:
     """The goal that the expression is defined and has one sign; the search ends once both signs are attained."""
     if inner.least <= 0.0 <= inner.most:
         return np.zeros(leaves.bottom.shape)
@@ -147,7 +119,7 @@ def one_sign(leaves: Leaves, inner: Inner) -> Array:
     return np.where(~leaves.defined, np.inf, np.where(doubt, np.where(worst > 0, worst, 5e-324), 0.0))
 
 
-def everywhere(leaves: Leaves, inner: Inner) -> Array:
+def everywhere(leaves: Known, inner: Inner) -> Array:
     """The goal that the expression is defined."""
     return np.where(leaves.defined, 0.0, np.inf)
 
@@ -164,29 +136,36 @@ def is_defined(e: sp.Expr, box: Box) -> bool:
     return search(program, around.outer, around.inner, everywhere, _GLANCE).defined
 
 
-def regular(leaves: Leaves, inner: Inner) -> Array:
+def regular(leaves: Known, inner: Inner) -> Array:
     """The goal that the expression is defined and continuous."""
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
 
 
-def search(program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int, begun: Cover | None = None) -> Outcome:
+def search(
+    program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int, begun: Cover[Known, Inner] | None = None
+) -> Outcome:
     """Bisect `root` (m ends each) until nothing is left to do for the goal, or `limit` boxes were tried; what was
     `begun` for the same goal with a lower limit goes on.
 
     `inside`: the largest box of floats in the true box, whose ends lie at most one float inside the root's.
     """
+    problem = _Problem(program, root, inside)
+
+    def doubtful(cover: Cover[Known, Inner]) -> Indices:
+        todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
+        rows = np.nonzero(todo > 0.0)[0]
+        return rows[np.argsort(-todo[rows], kind="stable")][:_BATCH]
+
     with np.errstate(all="ignore"):
-        problem = _Problem(program, root, inside)
-        cover = begun or _whole(problem, goal)
-        while True:
-            todo = np.where(cover.leaves.cut < 0, 0.0, goal(cover.leaves, cover.inner))
-            rows, room = np.nonzero(todo > 0.0)[0], (limit - cover.boxes) // 2
-            worst = rows[np.argsort(-todo[rows], kind="stable")][:_BATCH]
-            if len(worst) == 0 or room < 1:
-                return _outcome(cover, goal, cover)
-            if room < len(worst):  # a higher limit makes the whole batch: it goes on from before
-                return _outcome(_bisected(problem, cover, worst[:room]), goal, cover)
-            cover = _bisected(problem, cover, worst)
+        if begun is None:
+            inner = Inner(math.inf, -math.inf, None, None, None)
+            if goal not in (everywhere, regular):  # these ask for no values
+                inner = _explore(problem, inner)
+            first = _boxes(problem, root[0][:, None], root[1][:, None], np.zeros(1, dtype=np.int64), inner)
+            begun = Cover(*first, [])
+        last, cover = bisected(begun, doubtful, partial(_boxes, problem), limit)
+        finished = not (goal(last.leaves, last.inner) > 0.0).any()
+        return Outcome(last.leaves, last.inner, last.boxes, finished, last.tree, cover)
 
 
 @dataclass(frozen=True)
@@ -204,35 +183,10 @@ class _Problem:
         return np.where(x > last, last, low), np.where(x > last, top, high)
 
 
-def _outcome(last: Cover, goal: Goal, cover: Cover) -> Outcome:
-    unresolved = goal(last.leaves, last.inner) > 0.0
-    return Outcome(last.leaves, last.inner, last.boxes, not unresolved.any(), split_tree(last.splits), cover)
-
-
-def _whole(problem: _Problem, goal: Goal) -> Cover:
-    """The box, not yet cut."""
-    inner = Inner(math.inf, -math.inf, None, None, None)
-    if goal not in (everywhere, regular):  # these ask for no values
-        inner = _explore(problem, inner)
-    low, high = problem.root
-    return Cover(*_boxes(problem, low[:, None], high[:, None], np.zeros(1, dtype=np.int64), inner), [])
-
-
-def _bisected(problem: _Problem, cover: Cover, rows: NDArray[np.int64]) -> Cover:
-    """With these leaves cut in two."""
-    parents = cover.leaves.only(rows)
-    left = np.ones(len(cover.leaves.node), dtype=bool)
-    left[rows] = False
-    children = cover.boxes + np.arange(2 * len(rows), dtype=np.int64)
-    new, inner = _boxes(problem, *halves(parents.low, parents.high, parents.cut), children, cover.inner)
-    splits = [*cover.splits, *zip(parents.node.tolist(), parents.cut.tolist(), strict=True)]
-    return Cover(cover.leaves.only(left).with_more(new), inner, splits)
-
-
 # --- one batch of boxes ---------------------------------------------------------------------------------------------
 
 
-def _boxes(problem: _Problem, low: Array, high: Array, node: NDArray[np.int64], inner: Inner) -> tuple[Leaves, Inner]:
+def _boxes(problem: _Problem, low: Array, high: Array, node: Indices, inner: Inner) -> tuple[Known, Inner]:
     """Ranges on boxes (m x k), and the inner values with their centres'."""
     k = low.shape[1]
     parts = enclose(problem.program, low, high, slopes=True)
@@ -256,7 +210,7 @@ def _boxes(problem: _Problem, low: Array, high: Array, node: NDArray[np.int64], 
         bottom, top = np.where(least.defined, least.value[0], -np.inf), np.where(most.defined, most.value[1], np.inf)
         value = _meet(value, (bottom, top))
     cut = _cuts(problem, low, high, slope, sound)
-    return Leaves(low, high, value[0], value[1], first.defined, first.continuous, node, cut), inner
+    return Known(low, high, node, cut, *value, first.defined, first.continuous), inner
 
 
 @dataclass(frozen=True)
@@ -341,7 +295,7 @@ def _faces(low: Array, high: Array, slope: Pair, sound: Flags) -> list[Pair]:
     return [bottom, top]
 
 
-def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags) -> NDArray[np.int64]:
+def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags) -> Indices:
     """The variable to bisect in each box: that with the largest |slope| times width, or the relatively widest where no
     slope is known; -1 where no side can be cut."""
     m, k = low.shape

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hgogen.algebra.tape import Tape
-from hgogen.intervals.bisection import Tree, corners, halves, middle, split_tree
+from hgogen.intervals.bisection import Cover, Indices, Leaves, Tree, bisected, corners, middle
 from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.outward import (
     Array,
@@ -54,30 +53,14 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Cover:
-    """The boxes (m x k ends) of a bisection so far, each with its `node` in the tree, of whose nodes the `splits` were
-    cut, and where; what is known on each, as `Cut`; and `best` <= |J| at the point `at`."""
+class Known(Leaves):
+    """Upper bounds of |J| on boxes, and where it is smooth."""
 
-    low: Array
-    high: Array
-    node: NDArray[np.int64]
-    splits: list[tuple[int, int]]
     norm: Array
     smooth: Flags
-    cut: NDArray[np.int64]
-    best: float
-    at: Array | None
 
-    @property
-    def boxes(self) -> int:
-        """How many were tried."""
-        return 1 + 2 * len(self.splits)
 
-    def doubtful(self, relative: float) -> NDArray[np.int64]:
-        """The boxes that are worth a cut, the worst first."""
-        todo = ((self.norm > (1.0 + relative) * self.best) | ~self.smooth) & (self.cut >= 0)
-        rows = np.nonzero(todo)[0]
-        return rows[np.argsort(-self.norm[rows], kind="stable")]
+Attained = tuple[float, Array | None]  # a number <= |J| at a point, and the point
 
 
 @dataclass(frozen=True)
@@ -92,7 +75,7 @@ class Steep:
     boxes: int
     finished: bool
     tree: Tree
-    cover: Cover
+    cover: Cover[Known, Attained]
 
     @property
     def bounded(self) -> bool:
@@ -100,51 +83,29 @@ class Steep:
         return self.smooth and math.isfinite(self.high)
 
 
-def steepest(field: Field, root: Pair, relative: float, limit: int, begun: Cover | None = None) -> Steep:
+def steepest(
+    field: Field, root: Pair, relative: float, limit: int, begun: Cover[Known, Attained] | None = None
+) -> Steep:
     """Bisect the box until high is within `relative` of low, or `limit` boxes were tried; what was `begun` with a lower
     limit goes on."""
+
+    def look(low: Array, high: Array, node: Indices, best: Attained) -> tuple[Known, Attained]:
+        return _ends(field, root, (low, high), node, best, middle(low, high))
+
+    def doubtful(cover: Cover[Known, Attained]) -> Indices:
+        leaves = cover.leaves
+        todo = ((leaves.norm > (1.0 + relative) * cover.inner[0]) | ~leaves.smooth) & (leaves.cut >= 0)
+        rows = np.nonzero(todo)[0]
+        return rows[np.argsort(-leaves.norm[rows], kind="stable")][:_BATCH]
+
     with np.errstate(all="ignore"):
-        cover = begun or _whole(field, root, limit)
-        while True:
-            rows, room = cover.doubtful(relative), (limit - cover.boxes) // 2
-            if len(rows) == 0 or room < 1:
-                return _known(cover, relative, cover)
-            if room < len(rows[:_BATCH]):  # a higher limit makes the whole batch: it goes on from before
-                return _known(_bisected(field, root, cover, rows[:room]), relative, cover)
-            cover = _bisected(field, root, cover, rows[:_BATCH])
-
-
-def _known(last: Cover, relative: float, cover: Cover) -> Steep:
-    most, smooth = float(last.norm.max()), bool(last.smooth.all())
-    done = bool(most <= (1.0 + relative) * last.best)
-    return Steep(last.best, most, last.at, smooth, last.boxes, done, split_tree(last.splits), cover)
-
-
-def _whole(field: Field, root: Pair, limit: int) -> Cover:
-    """The box, not yet cut."""
-    low, high = root[0][:, None], root[1][:, None]
-    cut, attained = _ends(field, root, low, high, corners(*root)[:, : limit + 1])
-    return Cover(low, high, np.zeros(1, dtype=np.int64), [], *cut, *attained)
-
-
-def _bisected(field: Field, root: Pair, cover: Cover, rows: NDArray[np.int64]) -> Cover:
-    """With these boxes cut in two."""
-    low, high = halves(cover.low[:, rows], cover.high[:, rows], cover.cut[rows])
-    more, (value, point) = _ends(field, root, low, high, middle(low, high))
-    best, at = (value, point) if value > cover.best else (cover.best, cover.at)
-    left = np.ones(len(cover.norm), dtype=bool)
-    left[rows] = False
-    children = cover.boxes + np.arange(2 * len(rows), dtype=np.int64)
-    before = cover.low, cover.high, cover.node, cover.norm, cover.smooth, cover.cut
-    low, high, node, norm, smooth, cut = (
-        np.concatenate((a[..., left], b), axis=-1) for a, b in zip(before, (low, high, children, *more), strict=True)
-    )
-    splits = [*cover.splits, *zip(cover.node[rows].tolist(), cover.cut[rows].tolist(), strict=True)]
-    return Cover(low, high, node, splits, norm, smooth, cut, best, at)
-
-
-Cut = tuple[Array, Flags, NDArray[np.int64]]  # upper bounds of |J| (k), where it is smooth, and where to cut
-Attained = tuple[float, Array | None]
+        if begun is None:
+            whole, points = (root[0][:, None], root[1][:, None]), corners(*root)[:, : limit + 1]
+            first = _ends(field, root, whole, np.zeros(1, dtype=np.int64), (-math.inf, None), points)
+            begun = Cover(*first, [])
+        last, cover = bisected(begun, doubtful, look, limit)
+        most, smooth, (best, at) = float(last.leaves.norm.max()), bool(last.leaves.smooth.all()), last.inner
+        return Steep(best, most, at, smooth, last.boxes, most <= (1.0 + relative) * best, last.tree, cover)
 
 
 @dataclass(frozen=True)
@@ -164,14 +125,17 @@ def _columns(matrix: Pair, columns: slice | Flags) -> Pair:
     return matrix[0][..., columns], matrix[1][..., columns]
 
 
-def _ends(field: Field, root: Pair, low: Array, high: Array, points: Array) -> tuple[Cut, Attained]:
-    """What is known on boxes (m x k), and the best lower bound at points (m x l): of one walk of the tape, which costs
-    little more for twice the columns."""
+def _ends(field: Field, root: Pair, box: Pair, node: Indices, best: Attained, points: Array) -> tuple[Known, Attained]:
+    """What is known on boxes (m x k ends), and the best lower bound, also at points (m x l): of one walk of the tape,
+    which costs little more for twice the columns."""
+    low, high = box
     both = _slopes(field, np.hstack((low, points)), np.hstack((high, points)))
     k = low.shape[1]
     slopes, weight = _sharpened(field, low, high, both.only(slice(k)))
     norm = np.where(slopes.smooth, _norm(slopes.matrix), np.inf)
-    return (norm, slopes.smooth, _cuts(root, low, high, weight)), _attained(both.only(slice(k, None)), points)
+    value, at = _attained(both.only(slice(k, None)), points)
+    known = Known(low, high, node, _cuts(root, low, high, weight), norm, slopes.smooth)
+    return known, (value, at) if value > best[0] else best
 
 
 def _slopes(field: Field, low: Array, high: Array) -> _Slopes:
@@ -240,7 +204,7 @@ def _sharper(low: Array, high: Array, size: Array, plain: Array) -> Array:
     return np.fmin(mixed, sharp)
 
 
-def _scaled(matrix: Pair) -> tuple[Pair, NDArray[np.int64]]:
+def _scaled(matrix: Pair) -> tuple[Pair, Indices]:
     """The matrices divided by powers of two that bring their largest entries below 1, and the exponents; what
     underflows changes a norm by less than `_LOST`."""
     largest = np.maximum(np.abs(matrix[0]), np.abs(matrix[1])).max(axis=(0, 1))
@@ -312,7 +276,7 @@ def _attained(slopes: _Slopes, points: Array) -> Attained:
     return float(values[best]), points[:, usable][:, best]
 
 
-def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> NDArray[np.int64]:
+def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> Indices:
     width = high - low
     whole = (root[1] - root[0])[:, None]
     share = np.where(np.isinf(whole), np.where(np.isinf(width), 1.0, 0.5), width / whole)
