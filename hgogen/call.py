@@ -24,10 +24,11 @@ from hgogen.emit.syntax import Real
 from hgogen.form import Form
 from hgogen.method import Method
 from hgogen.observer import Initial, Observer
+from hgogen.part import Guards, Prefer
 from hgogen.program import dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
-from hgogen.step import BadStep, CannotUpdate, Guards, Prefer, Step, StepMayFail, demand_choice, plan
+from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, demand_choice, plan
 from hgogen.stepping.delays import arranged
 from hgogen.stepping.resolution import demand_motion
 from hgogen.stepping.sensors import AT, ROUND
@@ -60,7 +61,7 @@ class CallableStep(Step):
         def to(name: str, first: int, last: int) -> Take:
             return door(name, signals[first:last], memory.signals, first)
 
-        states, bits = (tuple(each.name for each in named) for named in (self.states, self.bits))
+        states, bits = (tuple(each.name for each in named) for named in (self.states, self.layout.bits))
         vars(self).update(
             _kept=memory,
             _clock=[0],
@@ -117,7 +118,7 @@ class CallableStep(Step):
                 raise BadShape(f"update({age.name}=)", f"tells the age of no sample; give {output.name} with it")
         ending = ""
         if at is not None:
-            if not self.timed:
+            if not self.code.timed:
                 raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
             if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
                 raise BadShape(f"update({at!r}, ..)", "must be told the number of a period, a whole number from 0")
@@ -296,10 +297,11 @@ class CallableStep(Step):
     @property
     def _options(self) -> dict[str, Any]:
         """What `sample` takes beside observer, method and dt."""
-        rated = self.timed or any(period != self.dt for period in self.periods)
-        periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if rated else None
-        names = ("between", "guards", "prefer", "engine", "real")
-        return {name: getattr(self, name) for name in names} | {"periods": periods}
+        clock = self.clock
+        rated = self.code.timed or any(period != self.dt for period in clock.periods)
+        periods = dict(zip((s.name for s in self.outputs), clock.periods, strict=True)) if rated else None
+        asked = {name: getattr(clock, name) for name in ("between", "guards", "prefer")}
+        return asked | {"engine": self.engine, "real": self.real, "periods": periods}
 
     @property
     def _memory(self) -> tuple[bytes, int]:
@@ -324,8 +326,8 @@ class CallableStep(Step):
         return self._entries["step"]
 
     def _demand_sections(self) -> None:
-        if not self.apart:
-            raise CannotUpdate(self.observer.name, self.rule)
+        if not self.code.apart:
+            raise CannotUpdate(self.observer.name, self.code.rule)
 
 
 def sample(
@@ -372,7 +374,7 @@ def sample(
     with one_thread():
         planned = arranged(plan(observer, method, dt, between, periods, guards, prefer))
     demand_motion(observer.form, dt, real)
-    for section in planned.called:
+    for section in planned.code.called:
         if missing := ", ".join(map(str, sorted(dangling(section.program)))):
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine, real=real)

@@ -32,6 +32,11 @@ STARTS = ("initial", "start")  # the arguments of an observer that say where its
 _LAST = 32  # calls of each case whose observers are remembered
 
 
+def age_of(name: str) -> str:
+    """The name of the signal that tells how old a sample of an output is; two underscores are for C++."""
+    return f"{name.rstrip('_')}_age"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Observer:
     """An estimator on a form.
@@ -73,6 +78,14 @@ class Observer:
     def checks(self) -> tuple[Check, ...]:
         """The form's and the theorem's, proved when they are first read: to prove may take longer than to build."""
         return self.claims()
+
+    @property
+    def ages(self) -> tuple[Signal, ...]:
+        """For each output of `delays` the signal that tells with a sample how late it comes."""
+        meaning = "periods ago in which {} was taken, a whole number"
+        return tuple(
+            Signal(age_of(name), "", meaning.format(name), nominal=0, low=0, high=most) for name, most in self.delays
+        )
 
     def started(self, initial: Initial) -> "Observer":
         """The observer, or one around the same member, made again to start at `initial`, the plant's state by name, or

@@ -7,6 +7,7 @@ under update.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -23,19 +24,33 @@ def on_line(c: float | Graph, last: Graph, now: Graph) -> Graph:
     return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
 
 
+Guards = Literal["all", "none"]
+Prefer = Literal["speed", "flash"]
+
+
 @dataclass(frozen=True)
 class Clock:
     """Sampling as a part sees it: the step length, what the input does between samples, how many inputs and outputs
-    there are, and every how many steps each output is sampled, where that is not at all of them; whether the step is
-    `guarded`; what a method is to `prefer` where it has a choice: "speed", or "flash", a short program."""
+    there are, and every how many steps each output is sampled, where that is not at all of them; the `guards` of the
+    step; what a method is to `prefer` where it has a choice: "speed", or "flash", a short program."""
 
     dt: float
     between: str
     inputs: int
     outputs: int
     every: tuple[int, ...] = ()
-    guarded: bool = True
-    prefer: str = "speed"
+    guards: Guards = "all"
+    prefer: Prefer = "speed"
+
+    @property
+    def guarded(self) -> bool:
+        """Whether the step has guards."""
+        return self.guards == "all"
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """The time between two samples of each output (p)."""
+        return tuple(map(self.period, range(self.outputs)))
 
     def period(self, output: int) -> float:
         """The time (s) between two samples of an output: dt, or `every` so many of them."""

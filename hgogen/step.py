@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from sys import float_info
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.signed import Signed
 from hgogen.method import Method, OnErrors
 from hgogen.observer import Observer, parameter_fields
-from hgogen.part import Clock, Pieces
+from hgogen.part import Clock, Guards, Pieces, Prefer
 from hgogen.program import (
     INF,
     Bit,
@@ -110,55 +110,114 @@ class StepMayFail(UserWarning):
 
 
 _LAST = 32  # steps that are remembered
-Guards = Literal["all", "none"]
-Prefer = Literal["speed", "flash"]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Step:
-    """The program of an observer at the sampling period `dt`, in the unit of the model's time as all times are.
+@dataclass(frozen=True)
+class Layout:
+    """What a step has in memory: `plant`, `gains`, `derived`, fields of the parameters; `state`, `groups`, what a call
+    remembers; `bits`, the status; `mark`, the field of a stored state, and of parameters, that tells them from other
+    memory, None without guards."""
 
-    `plant`, `gains`, `derived`: fields of the parameters; `state`, `groups`: what a call remembers; `bits`: the status;
-    `tuning`, `sections`, `estimate`: programs. `limit`: the dt above which it is refused, `advised`: up to which it was
-    tried without failure. `timed`: the updates of `sections` for samples that say when they were taken, of a step for
-    sensors of different rates; `periods`: the time between two samples of each output; `rule`: by what the observer's
-    equations go, which a method may leave to another; `signs`: what the law of recovery counts, by which an estimate
-    that is lost restarts. Of a step that takes late samples, `ages`: the signals that tell with a sample how late it
-    comes; `inner`: sections that its own call; `plain`: the step without delays. `prefer`: what it is made for,
-    "speed", or "flash", a short program; `choice`: of two programs of a part, which one was taken, and why. `signed`:
-    what is proved of its errors as it runs, where that was asked, which its code states.
-    """
-
-    name: str
-    observer: Observer
-    method: Method
-    dt: float
-    between: Literal["line", "hold"]
     plant: tuple[Field, ...]
     gains: tuple[Field, ...]
     derived: tuple[Field, ...]
     state: tuple[Field, ...]
     groups: tuple[Group, ...]
     bits: tuple[Bit, ...]
+    mark: Field | None
+
+    @property
+    def stored(self) -> tuple[Field, ...]:
+        """What a state has in memory that a caller owns: its mark, then its fields."""
+        return (self.mark, *self.state) if self.mark else self.state
+
+    @property
+    def raised(self) -> tuple[Bit, ...]:
+        """The bits that the program raises: all but the last, which are of memory that nothing has made."""
+        return self.bits[: -len(UNMADE)] if self.mark else self.bits
+
+    @property
+    def word(self) -> np.dtype:
+        """The type of a status, an unsigned whole number of 32 or 64 bits."""
+        return word(self.bits)
+
+    @property
+    def limited(self) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
+        """The parameters of the plant, and the gains, that `tune` keeps in their ranges: none without guards."""
+        return (self.plant, self.gains) if self.mark else ((), ())
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """What a step does: the programs `tuning`, `sections`, `estimate`.
+
+    `timed`: the updates of `sections` for samples that say when they were taken, of a step for sensors of different
+    rates; `inner`: sections that a step for late samples calls; `rule`: by what the observer's equations go, which a
+    method may leave to another; `choice`: of two programs of a part, which one was taken, and why; `signs`: what the
+    law of recovery counts, by which an estimate that is lost restarts.
+    """
+
     tuning: Program
     sections: tuple[Section, ...]
     estimate: Program
-    limit: float
-    advised: float = INF
-    timed: tuple[Section, ...] = ()
-    inner: tuple[Section, ...] = ()
-    ages: tuple[Signal, ...] = ()
+    timed: tuple[Section, ...]
+    inner: tuple[Section, ...]
+    rule: str
+    choice: str
+    signs: tuple[Sign, ...]
+
+    @property
+    def called(self) -> tuple[Section, ...]:
+        """Every section, each after those that it calls."""
+        return (*self.inner, *self.sections, *self.timed)
+
+    @property
+    def parts(self) -> tuple[Section, ...]:
+        """The sections that are functions of their own: all, where there are several."""
+        return self.sections if len(self.sections) > 1 else ()
+
+    @cached_property
+    def program(self) -> Program:
+        """All sections and the estimate, one after the other."""
+        return tuple(s for section in self.sections for s in section.program) + self.estimate
+
+    @cached_property
+    def apart(self) -> bool:
+        """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
+        reads = any(place.struct == "output" for place, _ in places(self.sections[0].program))
+        return not reads and any(section.corrects for section in self.sections)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Step:
+    """The program of an observer at the sampling period `dt`, in the unit of the model's time as all times are.
+
+    `clock`: when it is called, what the input does between samples, with which guards and for what it is made;
+    `layout`: its memory; `code`: its programs; `plain`: of a step that takes late samples, the step without delays;
+    `signed`: what is proved of its errors as it runs, where that was asked, which its code states.
+    """
+
+    name: str
+    observer: Observer
+    method: Method
+    clock: Clock
+    layout: Layout
+    code: Code
     plain: "Step | None" = None
-    periods: tuple[float, ...] = ()
-    rule: str = ""
-    signs: tuple[Sign, ...] = ()
-    guards: Guards = "all"
-    prefer: Prefer = "speed"
-    choice: str = ""
     signed: Signed | None = None
 
     def __repr__(self) -> str:
-        return f"<step of {self.name}: {self.observer.name} by {self.rule}, dt = {self.dt:g}>"
+        return f"<step of {self.name}: {self.observer.name} by {self.code.rule}, dt = {self.dt:g}>"
+
+    @property
+    def dt(self) -> float:
+        """The sampling period."""
+        return self.clock.dt
+
+    @property
+    def choice(self) -> str:
+        """Of two programs of a part, which one was taken, and why; "" where there was no choice."""
+        return self.code.choice
 
     @property
     def inputs(self) -> tuple[Signal, ...]:
@@ -171,48 +230,19 @@ class Step:
         return self.observer.form.system.outputs
 
     @property
-    def samples(self) -> tuple[Signal, ...]:
-        """What a call is given of the outputs: a sample of each, then the ages of those that may come late."""
-        return (*self.outputs, *self.ages)
-
-    @property
-    def mark(self) -> Field | None:
-        """The field of a stored state, and of parameters, that tells them from other memory; None without guards."""
-        return MARK if self.guards == "all" else None
-
-    @property
-    def stored(self) -> tuple[Field, ...]:
-        """What a state has in memory that a caller owns: its mark, then its fields."""
-        return (self.mark, *self.state) if self.mark else self.state
-
-    @property
-    def raised(self) -> tuple[Bit, ...]:
-        """The bits that its program raises: all but the last, which are of memory that nothing has made."""
-        return self.bits[: -len(UNMADE)] if self.mark else self.bits
-
-    @property
-    def word(self) -> np.dtype:
-        """The type of a status, an unsigned whole number of 32 or 64 bits."""
-        return word(self.bits)
-
-    def asked(self, bit: Bit) -> str:
-        """What a bit asks of the caller, which may depend on what is proved of the observer."""
-        return bit.action.format(or_lower=or_lower(self.observer)) if OR_LOWER in bit.action else bit.action
-
-    @property
-    def limited(self) -> tuple[tuple[Field, ...], tuple[Field, ...]]:
-        """The parameters of the plant, and the gains, that `tune` keeps in their ranges: none without guards."""
-        return (self.plant, self.gains) if self.guards == "all" else ((), ())
-
-    @property
     def late(self) -> tuple[Signal, ...]:
         """The outputs whose samples may come late, in the order of `ages`."""
         return tuple(output for output in self.outputs if output.name in dict(self.observer.delays))
 
     @property
-    def called(self) -> tuple[Section, ...]:
-        """Every section, each after those that it calls."""
-        return (*self.inner, *self.sections, *self.timed)
+    def ages(self) -> tuple[Signal, ...]:
+        """Of a step that takes late samples, the signals that tell with a sample how late it comes."""
+        return self.observer.ages if self.plain else ()
+
+    @property
+    def samples(self) -> tuple[Signal, ...]:
+        """What a call is given of the outputs: a sample of each, then the ages of those that may come late."""
+        return (*self.outputs, *self.ages)
 
     @cached_property
     def states(self) -> tuple[Signal, ...]:
@@ -229,21 +259,19 @@ class Step:
         form = self.observer.form
         return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
 
-    @cached_property
-    def apart(self) -> bool:
-        """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
-        reads = any(place.struct == "output" for place, _ in places(self.sections[0].program))
-        return not reads and any(section.corrects for section in self.sections)
+    def asked(self, bit: Bit) -> str:
+        """What a bit asks of the caller, which may depend on what is proved of the observer."""
+        return bit.action.format(or_lower=or_lower(self.observer)) if OR_LOWER in bit.action else bit.action
 
     @property
-    def parts(self) -> tuple[Section, ...]:
-        """The sections that are functions of their own: all, where there are several."""
-        return self.sections if len(self.sections) > 1 else ()
+    def limit(self) -> float:
+        """The dt above which it is refused."""
+        return min(each.refused for each in _lengths(self.observer, self.method, self.dt))
 
-    @cached_property
-    def program(self) -> Program:
-        """All sections and the estimate, one after the other."""
-        return tuple(s for section in self.sections for s in section.program) + self.estimate
+    @property
+    def advised(self) -> float:
+        """The dt up to which it was tried without failure."""
+        return min(each.take for each in _lengths(self.observer, self.method, self.dt))
 
 
 @dataclass(eq=False)
@@ -285,7 +313,7 @@ def plan(
     if guards == "all":
         dated = [str(y) for y in system.outputs] if every else dict(observer.delays)
         _demand_room(system.name, certain_bits(system.outputs, system.inputs, dated))
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards == "all", prefer)
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every, guards, prefer)
     _pieces(observer, method, clock)  # whose demands come before those of the step's length
     lengths = _lengths(observer, method, float(dt))
     tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
@@ -302,9 +330,9 @@ def plan(
             StepMayFail,
             stacklevel=3,
         )
-    step = _assembled(observer, method, clock, tightest.refused, advised.take)
-    if every and not step.apart:
-        raise CannotUpdate(observer.name, step.rule)
+    step = _assembled(observer, method, clock)
+    if every and not step.code.apart:
+        raise CannotUpdate(observer.name, step.code.rule)
     return step
 
 
@@ -334,55 +362,47 @@ def _pieces(observer: Observer, method: Method, clock: Clock) -> tuple[Pieces, .
 
 
 @lru_cache(maxsize=_LAST)
-def _assembled(observer: Observer, method: Method, clock: Clock, limit: float, take: float) -> Step:
+def _assembled(observer: Observer, method: Method, clock: Clock) -> Step:
     pieces, system = _pieces(observer, method, clock), observer.form.system
     made = Assembly(observer, clock, pieces)
-    plant = parameter_fields(system.parameters)
-    step = Step(
-        name=system.name,
-        observer=observer,
-        method=method,
-        dt=clock.dt,
-        between="hold" if clock.between == "hold" else "line",
-        plant=plant,
+    layout = Layout(
+        plant=parameter_fields(system.parameters),
         gains=observer.gains,
         derived=flat(piece.derived for piece in pieces),
         state=made.state,
         groups=made.whole.groups,
         bits=(),
-        tuning=(),
-        sections=made.sections,
-        inner=made.inner,
-        estimate=made.estimate,
-        limit=limit,
-        advised=take,
-        timed=made.timed,
-        periods=tuple(map(clock.period, range(clock.outputs))),
-        rule=next((piece.rule for piece in pieces if piece.rule), method.name),
-        signs=made.law.signs,
-        guards="all" if clock.guarded else "none",
-        prefer="flash" if clock.prefer == "flash" else "speed",
-        choice=next((piece.choice for piece in pieces if piece.choice), ""),
+        mark=MARK if clock.guarded else None,
     )
-    step = replace(step, tuning=limit_parameters(*step.limited, flat(piece.tune for piece in pieces)))
-    return replace(step, bits=status_bits(step, flat(piece.bits for piece in pieces)))
+    code = Code(
+        tuning=limit_parameters(*layout.limited, flat(piece.tune for piece in pieces)),
+        sections=made.sections,
+        estimate=made.estimate,
+        timed=made.timed,
+        inner=made.inner,
+        rule=next((piece.rule for piece in pieces if piece.rule), method.name),
+        choice=next((piece.choice for piece in pieces if piece.choice), ""),
+        signs=made.law.signs,
+    )
+    step = Step(system.name, observer, method, clock, layout, code)
+    return with_bits(step, flat(piece.bits for piece in pieces))
 
 
-def status_bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
-    """The status bits that some block raises, in a fixed order, of one place the last, a part's own words for it; then
-    those of memory that nothing has made.
+def with_bits(step: Step, extra: tuple[Bit, ...]) -> Step:
+    """The step with the status bits that some block raises, in a fixed order, of one place the last, a part's own words
+    for it; then those of memory that nothing has made.
 
     Raises: `BadStep` for more than a status has.
     """
-    programs = (*step.tuning, *(s for section in step.called for s in section.program))
+    programs = (*step.code.tuning, *(s for section in step.code.called for s in section.program))
     raised = {place for place, _ in places(programs) if place.struct == "status"}
     beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
     rates = step.observer.dynamics.holding.rates.values()
     bits = (*possible_bits(step.outputs, step.inputs, rates, beyond), *extra)
     raisable = tuple(bit for place, bit in {bit.place: bit for bit in bits}.items() if place in raised)
-    raisable += UNMADE if step.mark else ()
+    raisable += UNMADE if step.layout.mark else ()
     _demand_room(step.name, [bit.place.name for bit in raisable])
-    return in_capitals(raisable)
+    return replace(step, layout=replace(step.layout, bits=in_capitals(raisable)))
 
 
 def _demand_room(name: str, bits: Sequence[str]) -> None:

@@ -343,8 +343,8 @@ class Element:
 
 def elements(step: hg.Step) -> Iterator[Element]:
     """Every number of the state; one without a box of its own is of plausible size."""
-    members = [("s.", step.state)]
-    for line in lines_of(step.groups):
+    members = [("s.", step.layout.state)]
+    for line in lines_of(step.layout.groups):
         starts = ["s."]
         for group in line:
             starts = [f"{start}{group.name}[{k}]." for start in starts for k in range(group.count)]

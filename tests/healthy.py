@@ -139,7 +139,7 @@ def signals(name: str, step: CallableStep, truth: Truth, mismatch: Mismatch) -> 
 def surveyed(name: str, observer: str, mismatches: Iterable[Mismatch]) -> Iterator[Run]:
     """Every mismatch of a pair. Raises: `HgogenError` for an observer that the model does not admit."""
     step, without = model(name).step(observer), None
-    bits = {bit.name: k for k, bit in enumerate(step.bits)}
+    bits = {bit.name: k for k, bit in enumerate(step.layout.bits)}
     for mismatch in mismatches:
         try:
             truth = truth_of(name, step, mismatch)

@@ -377,8 +377,8 @@ def corrupted(step: CallableStep, how: Any, rng: np.random.Generator) -> bytes:
             put(view[group.name], group.fields)
             groups(view[group.name], group.groups)
 
-    put(memory, step.state)
-    groups(memory, step.groups)
+    put(memory, step.layout.state)
+    groups(memory, step.layout.groups)
     return sealed(step, step.real, memory.tobytes())
 
 
@@ -421,7 +421,7 @@ def judge(pair: Pair, fault: Fault, warm: bytes) -> Outcome | None:
     enough = len(error) >= WAIT * pair.settling
     tail = parts[-1].status[-max(1, len(error) // 10) :]
     names = step.flags(np.bitwise_or.reduce(tail)) if len(tail) else ()
-    bit = [k for k, b in enumerate(step.bits) if b.name == "RESTARTED_FROM_SAMPLE"]
+    bit = [k for k, b in enumerate(step.layout.bits) if b.name == "RESTARTED_FROM_SAMPLE"]
     recoveries = int(((status >> bit[0]) & 1).sum()) if bit else 0
     lost = reached > WAIT * pair.settling if enough else reached >= len(error)
     return Outcome(fault, reached / pair.settling, lost, enough, names, bool(np.isfinite(x).all()), recoveries)
@@ -462,7 +462,7 @@ def _disturb(pair: Pair, fault: Fault, u: np.ndarray, y: np.ndarray, rng: np.ran
 def _tune(step: CallableStep, share: float | None) -> None:
     """Every gain at a share of its logarithmic range; None: as declared."""
     values = {}
-    for field in step.gains:
+    for field in step.layout.gains:
         if share is None:
             values[field.name] = field.initial
             continue
@@ -480,7 +480,7 @@ def undisturbed(name: str, step: CallableStep, seeds: int = 1, jumps: bool = Fal
     most, restarts = 0.0, 0
     system = step.observer.form.system
     plant = system if system.origin is None else system.origin.plant
-    bits = {b.name: 1 << k for k, b in enumerate(step.bits)}
+    bits = {b.name: 1 << k for k, b in enumerate(step.layout.bits)}
     kind = layout.state_type(step)
     for trial in model(name).trials():
         trial = trial if jumps else calm(trial)
@@ -494,7 +494,7 @@ def undisturbed(name: str, step: CallableStep, seeds: int = 1, jumps: bool = Fal
                 status = step.run(u=u[k : k + chunk], y=y[k : k + chunk], engine="c").status
                 restarts += int((status & bits.get("RESTARTED_FROM_SAMPLE", 0) != 0).sum())
                 memory = np.frombuffer(bytes(step._kept.state), kind)
-                most = max([most, *(abs(float(memory[sign.count][0])) / sign.wait for sign in step.signs)])
+                most = max([most, *(abs(float(memory[sign.count][0])) / sign.wait for sign in step.code.signs)])
     return most, restarts
 
 
@@ -545,7 +545,7 @@ def main() -> None:
         except HgogenError as error:
             print(f"{name} {tuning}: {error}", flush=True)
             continue
-        if pair.step.signs:
+        if pair.step.code.signs:
             share, restarts = undisturbed(name, pair.step)
             _, after = undisturbed(name, pair.step, jumps=True)
             quiet = f"undisturbed: fault count up to {share:.2f} of its limit, {restarts} restarts"

@@ -137,9 +137,9 @@ def pairs(model: Model, names: Collection[str] = ()) -> Iterator[Pair]:
         quiet = replace(trial, noise={})
         for name in names or model.tuning.tables:
             step = model.step(name, start=trial.first_estimate)
-            options = {"between": step.between}
-            if len(set(step.periods)) > 1:
-                options["periods"] = dict(zip((y.name for y in step.outputs), step.periods, strict=True))
+            options = {"between": step.clock.between}
+            if len(set(step.clock.periods)) > 1:
+                options["periods"] = dict(zip((y.name for y in step.outputs), step.clock.periods, strict=True))
             pair = Pair(
                 model.name, name, quiet, step.observer, step.method, step.dt, options, _grid(model, name, options)
             )

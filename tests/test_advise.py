@@ -160,7 +160,7 @@ def test_the_command_writes_gains_that_others_take(tmp_path: Path) -> None:
     model = MODEL.set(Setting(tuning=tmp_path / "advised.json"))
     assert model.step().observer.name == "high_gain"
     assert model.step().dt == 0.005
-    assert model.step("riccati_advised").gains[1].initial == (float(f"{1e-3**2 * 0.005:.1e}"),)
+    assert model.step("riccati_advised").layout.gains[1].initial == (float(f"{1e-3**2 * 0.005:.1e}"),)
 
 
 OSCILLATOR = """name = "chain"

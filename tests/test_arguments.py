@@ -64,10 +64,10 @@ def test_real_poles_of_two_chains(tmp_path: Path) -> None:
 
 def test_a_bank_is_sampled_as_its_member(tmp_path: Path) -> None:
     step = tuned(tmp_path, BANK).step("bank")
-    assert (step.dt, step.periods, step.between) == (1e-3, (1e-3, 0.02), "hold")
+    assert (step.dt, step.clock.periods, step.clock.between) == (1e-3, (1e-3, 0.02), "hold")
     assert step.method is hg.methods.cholesky
     own = tuned(tmp_path, BANK + 'dt = 2e-3\nmethod = "continuous_discrete"\nbetween = "line"\n').step("bank")
-    assert (own.dt, own.periods, own.between) == (2e-3, (2e-3, 0.02), "line")
+    assert (own.dt, own.clock.periods, own.clock.between) == (2e-3, (2e-3, 0.02), "line")
     assert own.method is hg.methods.continuous_discrete
 
 

@@ -234,7 +234,7 @@ def test_every_observer_of_the_pendulum_can_be_a_member(name: str) -> None:
     """The first restart leaves the restarted member with the selected estimate, whatever it is made of."""
     alone = load(MODELS / "pendulum.py").step(name)
     around_ = hg.observers.bank(alone.observer, count=2, period=10 * alone.dt, selection="newest")
-    made = hg.sample(around_, alone.method, dt=alone.dt, between=alone.between)
+    made = hg.sample(around_, alone.method, dt=alone.dt, between=alone.clock.between)
     samples = waves(made, 10)
     assert np.array_equal(made.run(**samples, engine="python").x, alone.run(**samples, engine="python").x)
     made(0.1, 0.2)
@@ -347,7 +347,7 @@ def test_the_members_are_in_a_loop() -> None:
         texts.append(hg.targets.c99(hg.sample(bank, dt=0.01), check=False)["fitzhugh_nagumo.c"])
     varying = r"\b(1|2|19|20)u\b|_layout\[8\] = \{[^}]*\}"
     assert re.sub(varying, "", texts[0]) == re.sub(varying, "", texts[1])
-    loops = [s for s in walk(around("twelve").program) if isinstance(s, Loop) and s.group == "member"]
+    loops = [s for s in walk(around("twelve").code.program) if isinstance(s, Loop) and s.group == "member"]
     assert any(s.group == "column" for loop in loops for s in walk(loop.body) if isinstance(s, Loop))
 
 
@@ -400,9 +400,9 @@ def test_every_place_of_a_member_is_in_its_struct() -> None:
         "used_y",
         "u",
     }
-    assert {f.name for f in made.state} == {"z", "theta", "innovation", "selected", "oldest", "tick", *whole}
-    inside = {p for s in walk(made.program) if isinstance(s, Block) for p in s.writes if p.struct == "state"}
-    assert inside <= {Place("state", f.name) for f in made.state}
+    assert {f.name for f in made.layout.state} == {"z", "theta", "innovation", "selected", "oldest", "tick", *whole}
+    inside = {p for s in walk(made.code.program) if isinstance(s, Block) for p in s.writes if p.struct == "state"}
+    assert inside <= {Place("state", f.name) for f in made.layout.state}
 
 
 # --- bad input ----------------------------------------------------------------------------------------------

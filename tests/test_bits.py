@@ -31,17 +31,17 @@ def by_case() -> hg.Step:
 @pytest.mark.parametrize("name", emitted.STEPS)
 def test_names_are_capitals_and_words_name_the_signal_as_declared(name: str) -> None:
     step = emitted.step(name)
-    names = [bit.name for bit in step.bits]
+    names = [bit.name for bit in step.layout.bits]
     assert len(set(names)) == len(names)
     assert all(re.fullmatch(r"[A-Z][A-Z0-9_]*", each) for each in names)
     for signal, kind in itertools.product((*step.outputs, *step.inputs), KINDS):
-        for bit in (bit for bit in step.bits if bit.place.name == f"{kind}_{signal.name}"):
+        for bit in (bit for bit in step.layout.bits if bit.place.name == f"{kind}_{signal.name}"):
             assert re.search(rf"(?<!\w){signal.name}(?!\w)", bit.meaning)
 
 
 def test_signals_that_differ_by_case_have_bits_of_their_own() -> None:
     """V is V in capitals; v has a number that v_2 has not."""
-    names = {bit.place.name: bit.name for bit in by_case().bits}
+    names = {bit.place.name: bit.name for bit in by_case().layout.bits}
     assert names["MISSING_V"] == "MISSING_V"
     assert names["MISSING_v"] == "MISSING_V_2"
     assert names["MISSING_v_2"] == "MISSING_V_2_2"
@@ -75,7 +75,7 @@ def test_what_reads_bits_reads_those_of_the_signal() -> None:
 @pytest.mark.full
 def test_the_macros_and_the_constants_are_the_names(tmp_path: Path) -> None:
     step = by_case()
-    wanted = [bit.name for bit in step.bits]
+    wanted = [bit.name for bit in step.layout.bits]
     header = hg.targets.c99(step, check=False)["by_case.h"]
     assert re.findall(r"^#define BY_CASE_(?!READY)(\w+) +(?:UINT\d\d_C\()?0x", header, re.MULTILINE) == wanted
     crate = hg.targets.rust(step, check=False)["by_case.rs"]

@@ -274,7 +274,13 @@ def test_counters_are_computed_in_whole_numbers(name: str, real: str) -> None:
 
 
 def test_few_bits_are_unsigned_and_more_have_32_or_64() -> None:
-    assert len(step("fitzhugh_nagumo").bits) <= 16 < len(step("wide").bits) <= 32 < len(step("wider").bits)
+    assert (
+        len(step("fitzhugh_nagumo").layout.bits)
+        <= 16
+        < len(step("wide").layout.bits)
+        <= 32
+        < len(step("wider").layout.bits)
+    )
     assert "unsigned fitzhugh_nagumo_step(" in files("fitzhugh_nagumo")["fitzhugh_nagumo.h"]
     assert "uint32_t wide_step(" in files("wide")["wide.h"]
     assert "uint64_t wider_step(" in files("wider")["wider.h"]

@@ -183,8 +183,8 @@ def test_memcheck_finds_nothing_read_before_it_is_written(name: str, tmp_path: P
 
 def random_state(made: hg.Step, record: np.ndarray, draw: np.random.Generator) -> None:
     """Numbers in their boxes, beyond them, and of every size; counters in their ranges."""
-    members = [(record[0], made.state)]
-    for line in lines_of(made.groups):
+    members = [(record[0], made.layout.state)]
+    for line in lines_of(made.layout.groups):
         rows = [record[0]]
         for group in line:
             rows = [row for above in rows for row in above[group.name]]
@@ -247,7 +247,7 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
 def test_any_parameters_are_tuned_to_the_same_bits(name: str) -> None:
     made, draw = step(name), np.random.default_rng(4)
     reader, compiled = machine(made, "float"), NativeStep(made, "float")
-    kinds = (("plant", made.plant), ("gain", made.gains))
+    kinds = (("plant", made.layout.plant), ("gain", made.layout.gains))
     limited = 0
     for _ in range(100):
         for kind, fields in kinds:
@@ -260,7 +260,7 @@ def test_any_parameters_are_tuned_to_the_same_bits(name: str) -> None:
         status = reader.tune()
         assert compiled.tune() == status
         limited += status != 0
-        for kind, fields in (*kinds, ("derived", made.derived)):
+        for kind, fields in (*kinds, ("derived", made.layout.derived)):
             for field in fields:
                 values = np.ravel(compiled.params[kind][field.name][0])
                 np.testing.assert_array_equal(values, reader.memory[Place(kind, field.name)], err_msg=field.name)
@@ -310,7 +310,7 @@ def test_the_estimate_recovers_from_absurd_samples(signal: str, value: float, re
     {"u": u, "y": y}[signal][lost] = value
     result = compiled.run(u, y)
     assert np.isfinite(result.x).all()
-    names = {made.bits[k].name for k in range(len(made.bits)) for s in result.status[lost] if s >> k & 1}
+    names = {made.layout.bits[k].name for k in range(len(made.layout.bits)) for s in result.status[lost] if s >> k & 1}
     wanted = {"y": "REJECTED_Y" if np.isfinite(value) else "MISSING_Y", "u": "REUSED_U"}[signal]
     assert wanted in names
     assert np.abs(result.x[t < 25] - truth[t < 25])[-1].max() < 0.3

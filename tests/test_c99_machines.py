@@ -290,7 +290,7 @@ def driver(made: hg.Step, anything: bool = False) -> tuple[str, int]:
     kinds = [kind for kind, signals in (("in", made.inputs), ("out", made.samples)) if signals]
     types = {"in": "input", "out": "output"}
     members = {"in": made.inputs, "out": made.samples}
-    tuned = [("plant", f) for f in made.plant] + [("gain", f) for f in made.gains]
+    tuned = [("plant", f) for f in made.layout.plant] + [("gain", f) for f in made.layout.gains]
     parameters = [f"{kind}.{f.name}" + (f"[{i}]" if f.size > 1 else "") for kind, f in tuned for i in range(f.size)]
     state, inside, unknown = [], [], []
     for e in emitted.elements(made):

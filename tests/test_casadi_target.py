@@ -65,8 +65,8 @@ def called(f: Functions, u: np.ndarray, y: np.ndarray, start: Any = None) -> tup
 def remembered(made: CallableStep) -> np.ndarray:
     """The memory of a step in the order of the function's."""
     places = made._kept.places
-    own = [places[Place("state", field.name)] for field in made.state]
-    own += [places[Place(line[-1].name, f.name)] for line in lines_of(made.groups) for f in line[-1].fields]
+    own = [places[Place("state", field.name)] for field in made.layout.state]
+    own += [places[Place(line[-1].name, f.name)] for line in lines_of(made.layout.groups) for f in line[-1].fields]
     return np.concatenate([np.ravel(each) for each in own]).astype(float)
 
 
@@ -417,7 +417,7 @@ def test_the_files_are_the_functions(tmp_path: Path) -> None:
     entries = json.loads((tmp_path / "pendulum_entries.json").read_text())
     assert [each["name"] for each in entries["continuous"]] == ["z[0]", "z[1]"]
     assert entries["x"][1] == {"name": "w", "initial": 0.0, "unit": "rad/s", "meaning": "rate"}
-    assert [each["name"] for each in entries["status"]] == [bit.name for bit in made.raised]
+    assert [each["name"] for each in entries["status"]] == [bit.name for bit in made.layout.raised]
     assert "pendulum_step.casadi" in repr(f)
     assert "bank_derivative.casadi" not in hg.targets.casadi(emitted.step("bank"))
 

@@ -137,7 +137,8 @@ def shrinking(
         for k in range(1, len(y)):
             _, _, status = machine.record(u[k : k + 1], y[k : k + 1])
             seen.append(np.concatenate([machine.memory[Place("state", name)] for name in names]))
-            free.append(not {bit.name for i, bit in enumerate(step.bits) if int(status[0]) >> i & 1} - {"OUTSIDE_BOX"})
+            raised = {bit.name for i, bit in enumerate(step.layout.bits) if int(status[0]) >> i & 1}
+            free.append(not raised - {"OUTSIDE_BOX"})
         pair.append((np.array(seen), np.array(free)))
     (first, calm), (second, quiet) = pair
     e = (first - second) * float(steps.theta) ** -np.array(steps.error.layout.power)

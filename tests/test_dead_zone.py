@@ -94,6 +94,6 @@ def test_bad_gains(changes: dict[str, Any], said: str) -> None:
 
 def test_tuning_keeps_r_below_lambda() -> None:
     step = hg.sample(observer(), hg.methods.rk4, dt=swing.DT)
-    ranges = {field.name: field.box[0] for field in step.gains}
+    ranges = {field.name: field.box[0] for field in step.layout.gains}
     assert ranges["r"][1] < ranges["decay"][0]
     assert step.flags(step.tune(r=5.0)) == ("PARAMETER_LIMITED",)

@@ -242,7 +242,7 @@ def test_slower_sensors_have_the_noise_of_their_own_period() -> None:
     there = y.copy()
     there[27:, 0] = NAN
     assert np.array_equal(late.run(u, late.arriving(y)).x[-1], plain.run(u, there).x[-1])
-    assert late.made_again().periods == plain.periods
+    assert late.made_again().clock.periods == plain.clock.periods
 
 
 # --- restarts -----------------------------------------------------------------------------------------------
@@ -254,7 +254,7 @@ def test_a_restart_in_the_middle_is_that_of_the_samples_in_time() -> None:
     step, plain = (copy.copy(one) for one in fresh("bent"))
     for one in (step, plain):
         one.tune(Q=[1e-7, 1e-7], R=1e4)
-    count = 2 * plain.signs[0].wait
+    count = 2 * plain.code.signs[0].wait
     u, y = np.zeros((count, 1)), np.full((count, 1), 3.9)
     rows, known = posted(step, y, np.random.default_rng(3).integers(0, 6, count))
     run, expected = step.run(u, rows), plain.run(u, known[-1])
@@ -529,8 +529,8 @@ def test_the_c_runs_periods_in_a_loop() -> None:
 def test_what_is_called_is_what_is_declared() -> None:
     """A call holds a section of its own, of which more may be pruned where it stands among those of the step."""
     step, _ = steps("several")
-    sections = [each.section for part in step.called for each in walk(part.program) if isinstance(each, Call)]
-    assert {section.name for section in sections} <= {section.name for section in step.inner}
+    sections = [each.section for part in step.code.called for each in walk(part.program) if isinstance(each, Call)]
+    assert {section.name for section in sections} <= {section.name for section in step.code.inner}
     assert len(sections) > 5
     assert all(of_section(step, section) == entries(step)[section.name] for section in sections)
 
@@ -566,7 +566,7 @@ def test_a_call_predicts_now_and_each_period_after_that_of_the_sample(
     age: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     step = hg.sample(hg.delayed(observer("bent"), y=4), dt=0.05)
-    predict = next(section for section in step.inner if section.name == "then_predict")
+    predict = next(section for section in step.code.inner if section.name == "then_predict")
     counts, action = [0], Machine.action
 
     def counted(self: Machine, program: Program) -> Callable[[], None]:

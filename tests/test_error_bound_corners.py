@@ -83,7 +83,7 @@ def kept(noise: float, calls: int) -> tuple[hg.ErrorBound, float, set[str]]:
         status |= machine.call()
         if k * step.dt >= known.settles:
             worst = max(worst, abs(machine.memory[Place("estimate", "x2")][0] - 15))
-    return known, worst, {bit.place.name for i, bit in enumerate(step.bits) if status >> i & 1}
+    return known, worst, {bit.place.name for i, bit in enumerate(step.layout.bits) if status >> i & 1}
 
 
 GUARDS = "no sample is rejected, and the estimate does not restart"

@@ -127,7 +127,7 @@ def test_its_c_compiles_clean_and_has_the_bits_of_python(model: str, name: str, 
 def test_its_recorded_vectors_start_off_rest(model: str, name: str) -> None:
     """Where the estimate is known to lie in the state, whatever the observer calls it."""
     one = step(model, name)
-    rest = {Place("state", field.name): list(field.initial) for field in one.state}
+    rest = {Place("state", field.name): list(field.initial) for field in one.layout.state}
     moved = {place: values for place, values in start(one).items() if place in rest}
     assert moved
     assert all(values != rest[place] for place, values in moved.items())

@@ -95,14 +95,15 @@ def test_the_readme_has_every_bit_and_every_member(name: str) -> None:
     rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \|$", readme, re.MULTILINE)
     macros = re.findall(r"^#define (\w+(?<!_READY)) +(?:UINT\d\d_C\()?0x", header, re.MULTILINE)
     assert [name_ for name_, *_ in rows] == macros
-    assert [(said, asked) for _, said, asked in rows] == [(bit.meaning, each.asked(bit)) for bit in each.bits]
+    assert [(said, asked) for _, said, asked in rows] == [(bit.meaning, each.asked(bit)) for bit in each.layout.bits]
     members = re.findall(r"^\| `(\w+)\.([\w.]+)` \|", readme, re.MULTILINE)
     assert [(a, b) for a, b in members if a != "p"] == [
         (short, signal.name)
         for short, signals in (("in", each.inputs), ("out", each.samples), ("x", each.states))
         for signal in signals
     ]
-    assert {b.partition(".")[2] for a, b in members if a == "p"} == {field.name for field in (*each.plant, *each.gains)}
+    fields = (*each.layout.plant, *each.layout.gains)
+    assert {b.partition(".")[2] for a, b in members if a == "p"} == {field.name for field in fields}
 
 
 def test_the_readme_names_the_parts_that_may_be_called_apart() -> None:

@@ -227,7 +227,7 @@ def test_a_million_silent_samples_leave_no_pivot_at_its_floor(name: str) -> None
     compiled, count = NativeStep(step, "float"), 10_000
     middle = np.array([(s.interval[0] + s.interval[1]) / 2 for s in step.observer.form.system.inputs])
     u, y = np.tile(middle, (count, 1)), np.full((count, outputs), NAN)
-    (diagonal,) = (field for field in step.state if field.name == "D")
+    (diagonal,) = (field for field in step.layout.state if field.name == "D")
     for _ in range(100):
         run = compiled.run(u, y)
         assert not any("RESTARTED" in step.flags(status) for status in np.unique(run.status))
@@ -430,5 +430,5 @@ def test_a_plant_that_shows_its_states_does_not_set_it(name: str) -> None:
     ids=["kalman_like", "riccati", "hamilton_jacobi"],
 )
 def test_the_advice_is_the_observers(make: Callable[[], Observer], said: str) -> None:
-    (bit,) = (bit for bit in hg.sample(make(), dt=0.01).bits if bit.name == "COVARIANCE_LIMITED")
+    (bit,) = (bit for bit in hg.sample(make(), dt=0.01).layout.bits if bit.name == "COVARIANCE_LIMITED")
     assert said in bit.action

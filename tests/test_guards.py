@@ -88,7 +88,7 @@ def test_an_update_asks_for_what_it_changes_and_the_next_predict_for_all(element
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "tunable"])
 def test_one_function_keeps_the_state_in_its_box(name: str) -> None:
     made = emitted.step(name)
-    assert "keep_in_box" in [section.name for section in made.inner]
+    assert "keep_in_box" in [section.name for section in made.code.inner]
     assert emitted.files(name)[f"{made.name}.c"].count("/* is a value lost? */") == 1
 
 
@@ -97,12 +97,12 @@ def test_memory_spoiled_before_the_first_call_is_made_anew(name: str) -> None:
     """A first call without a sample moves nothing, and so wrote nothing that a guard had asked for."""
     step = emitted.step(name)
     reader = machine(step, "float")
-    for field in (field for field in step.state if field.kind == "real"):
+    for field in (field for field in step.layout.state if field.kind == "real"):
         reader.memory[Place("state", field.name)][:] = np.nan
     for signal in step.samples:
         reader.memory[Place("output", signal.name)][:] = np.nan
     status = reader.call()
-    assert "RESTARTED" in {bit.name for k, bit in enumerate(step.bits) if status >> k & 1}
+    assert "RESTARTED" in {bit.name for k, bit in enumerate(step.layout.bits) if status >> k & 1}
     assert all(np.isfinite(reader.memory[Place("estimate", x.name)]).all() for x in step.states)
 
 
@@ -161,7 +161,7 @@ def test_a_restart_keeps_the_last_input() -> None:
 def test_at_the_edge_of_its_outer_box_an_estimate_is_not_projected(end: int) -> None:
     step = still(low=-2, high=2)
     step(u=0, y=np.nan)
-    (z,) = (field for field in step.state if field.name == "z")
+    (z,) = (field for field in step.layout.state if field.name == "z")
     step._kept.places[Place("state", "z")][:] = [ends[end] for ends in z.box]
     assert "STATE_LIMITED" not in step(u=0, y=np.nan).flags
     step._kept.places[Place("state", "z")][0] *= 1.001
@@ -211,7 +211,7 @@ def test_a_predictor_is_asked_only_for_what_it_moves() -> None:
     """Its third state rests, as does the plant's. A value there that no step makes is gone with the predictor."""
     made = emitted.step("fitzhugh_nagumo")
     title = "is it beyond its box, or lost?"
-    (asked,) = (s for s in walk(made.program) if isinstance(s, Block) and s.title == title)
+    (asked,) = (s for s in walk(made.code.program) if isinstance(s, Block) and s.title == title)
     (question,) = asked.writes.values()
     assert {address(symbol)[1] for symbol in ca.symvar(question)} == {0, 1}
     made.reset()

@@ -191,7 +191,7 @@ def test_a_covariance_that_a_step_loses_restarts() -> None:
     step.reset()
     step.state["z"] = 1e-38
     run = step.run(np.zeros((200, 0)), np.full((200, 1), 5.0))
-    bit = next(1 << k for k, b in enumerate(step.step.bits) if b.name == "COVARIANCE_RESTARTED")
+    bit = next(1 << k for k, b in enumerate(step.step.layout.bits) if b.name == "COVARIANCE_RESTARTED")
     assert (run.status & bit).any()
     assert not (run.status[-50:] & bit).any()
     assert abs(run.x[-1, 0]) == pytest.approx(np.sqrt(5), rel=1e-3)

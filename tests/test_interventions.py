@@ -11,7 +11,9 @@ from hgogen.commands.command import json_text
 from hgogen.trials.incidents import Interventions, guard_notes, interventions
 
 STEP: Any = SimpleNamespace(
-    bits=tuple(SimpleNamespace(name=n) for n in ("MISSING_Y", "PROJECTED_ONTO_RANGES", "RESTARTED_FROM_SAMPLE"))
+    layout=SimpleNamespace(
+        bits=tuple(SimpleNamespace(name=n) for n in ("MISSING_Y", "PROJECTED_ONTO_RANGES", "RESTARTED_FROM_SAMPLE"))
+    )
 )
 
 
@@ -20,7 +22,7 @@ def test_the_times_are_those_at_which_a_bit_was_raised() -> None:
     each = interventions(STEP, status, np.arange(6) / 10)
     assert each == Interventions(restarts=(0.2, 0.4), projections=(0.1, 0.4))
     assert json.loads(json_text(each)) == {"restarts": [0.2, 0.4], "projections": [0.1, 0.4], "runs": 1}
-    plain: Any = SimpleNamespace(bits=())
+    plain: Any = SimpleNamespace(layout=SimpleNamespace(bits=()))
     assert not interventions(plain, status, np.arange(6.0))
 
 

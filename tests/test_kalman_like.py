@@ -381,7 +381,7 @@ def test_an_input_that_hides_is_said_and_survived() -> None:
     back = step.run(u=truth.u[:3000], y=truth.y[:3000], engine="python")
     assert np.abs(back.x[-500:] - truth.x[2500:3000]).max() < 2e-3
     assert step.flags(back.status[-1]) == ()
-    (bit,) = (bit for bit in step.bits if bit.name == "COVARIANCE_LIMITED")
+    (bit,) = (bit for bit in step.layout.bits if bit.name == "COVARIANCE_LIMITED")
     assert "the input shows too little" in bit.meaning
 
 

@@ -79,7 +79,7 @@ def test_plain_filter_is_recovered_from_the_jump() -> None:
     """It is off y for longer than it needs to converge from anywhere in the box, to and fro as the plant moves."""
     step = built(1.0)
     trajectories = tried(step, lasting(ONE, 350.0))
-    bit = 1 << [bit.name for bit in step.bits].index("RESTARTED_FROM_SAMPLE")
+    bit = 1 << [bit.name for bit in step.layout.bits].index("RESTARTED_FROM_SAMPLE")
     assert summed(step, trajectories).settled[1] < 690 / 2
     assert all((each.status & bit).any() for each in trajectories)
 

@@ -242,7 +242,7 @@ def test_tuning_keeps_strip_below_reach() -> None:
     assert step.flags(step.tune(strip=5.4)) == ()
     assert step.flags(step.tune(strip=6.0)) == ("PARAMETER_LIMITED",)
     assert step.flags(step.tune(strip=5.0, reach=4.0)) == ("PARAMETER_LIMITED",)
-    ranges = {field.name: field.box[0] for field in step.gains}
+    ranges = {field.name: field.box[0] for field in step.layout.gains}
     assert ranges["strip"][1] < ranges["reach"][0]
 
 

@@ -20,7 +20,8 @@ WRITTEN_OUT = ("pendulum", "one_state", "tunable")
 
 
 def parameters(step: hg.Step) -> list[tuple[str, Field]]:
-    return [(kind, field) for kind, fields in (("plant", step.plant), ("gain", step.gains)) for field in fields]
+    kinds = (("plant", step.layout.plant), ("gain", step.layout.gains))
+    return [(kind, field) for kind, fields in kinds for field in fields]
 
 
 def ruled(value: np.float32, low: float, high: float, nominal: float) -> np.float32:

@@ -74,7 +74,7 @@ def rested() -> CallableStep:
 
 
 def wait(step: CallableStep) -> float:
-    return step.signs[0].wait
+    return step.code.signs[0].wait
 
 
 @pytest.mark.parametrize(

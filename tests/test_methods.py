@@ -174,7 +174,7 @@ def test_the_stages_are_a_loop_with_one_call_of_the_equations() -> None:
     made = neuron.step(1.0, hg.methods.rk4_covariance)
     text = hg.targets.c99(made, check=False)["fitzhugh_nagumo.c"]
     assert text.count("fitzhugh_nagumo_rate(") == 2
-    (stages,) = (s for s in walk(made.program) if isinstance(s, Repeat))
+    (stages,) = (s for s in walk(made.code.program) if isinstance(s, Repeat))
     assert stages.count == 4
     assert len(stages.unrolled) == 8
     rng = np.random.default_rng(0)

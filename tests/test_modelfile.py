@@ -300,8 +300,8 @@ def test_its_tunings_are_observers_by_name(tmp_path: Path) -> None:
         "observer": "high_gain",
     }
     assert [step.dt for step in made.values()] == [1e-3, 5e-4, 0.01, 1e-3]
-    assert made["high_gain"].gains[0].initial == (10.0,)
-    assert made["observer"].gains[0].initial == loaded.step().gains[0].initial == (20.0,)
+    assert made["high_gain"].layout.gains[0].initial == (10.0,)
+    assert made["observer"].layout.gains[0].initial == loaded.step().layout.gains[0].initial == (20.0,)
     assert made["filter"].observer.traces == ("theta", "innovation")
     first = load(written(tmp_path, PLANT + TUNING.replace('"rk4"', '"rk4"\ndt = 2e-3')))
     assert first.has("step")

@@ -92,7 +92,7 @@ def moved(step: hg.Step, noise: np.ndarray, angle: float) -> np.ndarray:
         machine = Machine(step)
         machine.record(np.zeros((400, 1)), np.full((400, 1), angle))
         x, _, status = machine.record(np.zeros((len(y), 1)), y[:, None])
-        assert not {bit.name for i, bit in enumerate(step.bits) if (status >> i & 1).any()} - {"OUTSIDE_BOX"}
+        assert not {bit.name for i, bit in enumerate(step.layout.bits) if (status >> i & 1).any()} - {"OUTSIDE_BOX"}
         estimates.append(x)
     return np.asarray(estimates[1] - estimates[0])
 

@@ -374,7 +374,7 @@ def test_a_tuned_parameter_is_as_good_as_a_declared_one(kind: str) -> None:
 
     record = smooth(0.01, 3.0)
     step, declared = build(19.6), build(12.0)
-    assert [field.name for field in step.plant] == ["a"]
+    assert [field.name for field in step.layout.plant] == ["a"]
     untouched = step.run(**record, engine="python").x
     step.reset()
     assert step.tune(a=12.0) == 0

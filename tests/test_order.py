@@ -33,7 +33,7 @@ ORDERED = (  # by name, as to make all steps takes seconds
 
 
 def bits(step: hg.Step) -> list[str]:
-    return [bit.name for bit in step.bits]
+    return [bit.name for bit in step.layout.bits]
 
 
 def fresh(name: str, engine: str | None = None) -> hg.Step:
@@ -57,7 +57,7 @@ def test_only_steps_whose_sections_are_called_apart_say_it(name: str) -> None:
     """One with rates says REPEATED and EARLY, one for late samples keeps them by their ages."""
     step = emitted.step(name)
     assert (BIT in bits(step)) is (name in ORDERED)
-    assert (step.apart and not step.timed and not step.ages) is (name in ORDERED)
+    assert (step.code.apart and not step.code.timed and not step.ages) is (name in ORDERED)
 
 
 @pytest.mark.ordinary("fitzhugh_nagumo", "one_state", "tunable")
@@ -129,7 +129,7 @@ def test_a_spoiled_memory_mends_at_the_next_predict(spoiled: int) -> None:
 def test_one_that_is_late_is_no_second_one() -> None:
     """A step for late samples takes several of an output in a period."""
     step = emitted.step("delayed")
-    assert BIT not in {place.name for s in walk(step.program) if isinstance(s, Block) for place in s.writes}
+    assert BIT not in {place.name for s in walk(step.code.program) if isinstance(s, Block) for place in s.writes}
 
 
 # --- the same in C and Rust ---------------------------------------------------------------------------------------

@@ -309,7 +309,7 @@ def stepped(form: hg.Form, theta: float, **rest: Any) -> hg.Step:
 
 
 def bit(step: hg.Step, name: str) -> int:
-    return 1 << [one.name for one in step.bits].index(name)
+    return 1 << [one.name for one in step.layout.bits].index(name)
 
 
 @pytest.mark.ordinary("van_der_pol", "original")

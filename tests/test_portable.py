@@ -49,7 +49,7 @@ STEPS: dict[str, Callable[[], hg.Step]] = {
 
 
 def used(made: hg.Step) -> set[str]:
-    programs = (*made.program, *made.tuning)
+    programs = (*made.code.program, *made.code.tuning)
     return {statement.name for statement in walk(programs) if isinstance(statement, Kernel)}
 
 
@@ -138,7 +138,7 @@ def test_every_literal_is_written_by_the_syntax() -> None:
 
 def test_a_member_is_copied_as_the_language_does_it() -> None:
     made = emitted.step("bank")
-    program = [statement for section in made.sections for statement in section.program]
+    program = [statement for section in made.code.sections for statement in section.program]
     lines = Writer(replace(C, copied="copy({target}, {source});"), made, "float").function(program).lines
     assert any(re.fullmatch(r" *copy\(s->\w+\[.*\], s->\w+\[.*\]\);", line) for line in lines)
 
@@ -158,7 +158,7 @@ def rounded_alone(line: str) -> bool:
 
 def test_an_operation_is_rounded_where_the_language_lacks_the_precision() -> None:
     made, language = emitted.step("pendulum"), replace(C, rounded={"float": "r({})"})
-    program = [statement for section in made.sections for statement in section.program]
+    program = [statement for section in made.code.sections for statement in section.program]
     bodies = {real: Writer(language, made, real).function(program).lines for real in ("float", "double")}
     writer = Writer(language, made, "float")
     bodies["float"] += routines(writer, writer.subprograms).lines

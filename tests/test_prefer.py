@@ -43,7 +43,7 @@ prefer = "flash"
 
 def named(step: hg.Step) -> bool:
     """Whether the covariance is in loops."""
-    return any(group.name == "column" for group in step.groups)
+    return any(group.name == "column" for group in step.layout.groups)
 
 
 def row(n: int, **options: str) -> hg.Step:
@@ -61,7 +61,7 @@ def row(n: int, **options: str) -> hg.Step:
 def test_speed_takes_straight_line_code_and_flash_the_shorter_text(n: int, speed: bool, flash: bool) -> None:
     steps = row(n), row(n, prefer="flash")
     assert [named(step) for step in steps] == [speed, flash]
-    assert [step.prefer for step in steps] == ["speed", "flash"]
+    assert [step.clock.prefer for step in steps] == ["speed", "flash"]
     assert all(step.choice.startswith(IN_LOOPS if named(step) else STRAIGHT) for step in steps)
 
 
@@ -104,8 +104,8 @@ def test_both_compute_the_same_but_for_rounding() -> None:
 def test_a_step_made_again_and_its_copies_keep_it() -> None:
     step = row(4, prefer="flash")
     again = (step.made_again(), copy.copy(step), pickle.loads(pickle.dumps(step)), step.made_again(dt=0.02))
-    assert [each.prefer for each in again] == ["flash"] * 4
-    assert step.made_again(prefer="speed").prefer == "speed"
+    assert [each.clock.prefer for each in again] == ["flash"] * 4
+    assert step.made_again(prefer="speed").clock.prefer == "speed"
 
 
 def test_what_there_is_not_is_refused() -> None:
@@ -126,7 +126,7 @@ def test_it_is_said_in_the_banner_and_in_the_document() -> None:
 def test_a_model_and_a_command_say_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("model.toml").write_text(MODEL)
-    assert load(Path("model.toml")).step().prefer == "flash"
+    assert load(Path("model.toml")).step().clock.prefer == "flash"
     for words, said in (([], True), (["--prefer", "speed"], False)):
         made = CliRunner().invoke(app, ["generate", "model.toml", *words, "--out", "there"])
         assert made.exit_code == 0, made.output

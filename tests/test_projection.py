@@ -161,7 +161,7 @@ def memory(step: CallableStep, name: str) -> Any:
 
 def put_outside(step: CallableStep, name: str, value: list[float], u: list[float], y: float) -> set[str]:
     """The flags of a call at which the estimate has been outside its ranges for long."""
-    sign = next(sign for sign in step.signs if sign.name == "range")
+    sign = next(sign for sign in step.code.signs if sign.name == "range")
     memory(step, sign.count)[0] = sign.wait - 1
     memory(step, sign.limit)[0] = sign.wait
     memory(step, "fault_checksum")[0] = sign.wait - 1
@@ -206,7 +206,7 @@ def test_every_member_of_a_bank_is_projected_in_its_own_metric() -> None:
 
 def acted(step: CallableStep, status: np.ndarray) -> dict[str, int]:
     """How often each guard acted."""
-    bits = {bit.name: k for k, bit in enumerate(step.bits)}
+    bits = {bit.name: k for k, bit in enumerate(step.layout.bits)}
     return {name: int(((status >> bits[name]) & 1).sum()) for name in (RESTARTED, PROJECTED)}
 
 
@@ -220,14 +220,14 @@ def drifting(bias: float) -> CallableStep:
 def test_a_filter_whose_output_agrees_is_projected_and_not_restarted() -> None:
     """y = 0 asks for x2 = -1.2, 11 % of its range beyond the range: at the first limit the estimate is put back."""
     step = drifting(1.35)
-    wait = next(sign.wait for sign in step.signs if sign.name == "range")
+    wait = next(sign.wait for sign in step.code.signs if sign.name == "range")
     run = step.run(y=np.zeros((round(1.9 * wait), 1)))
     assert acted(step, run.status) == {RESTARTED: 0, PROJECTED: 1}
 
 
 def test_a_filter_that_is_outside_again_restarts() -> None:
     step = drifting(1.35)
-    wait = next(sign.wait for sign in step.signs if sign.name == "range")
+    wait = next(sign.wait for sign in step.code.signs if sign.name == "range")
     run = step.run(y=np.zeros((round(2.5 * wait), 1)))
     assert acted(step, run.status) == {RESTARTED: 1, PROJECTED: 1}
 
@@ -235,7 +235,7 @@ def test_a_filter_that_is_outside_again_restarts() -> None:
 def test_a_filter_that_is_far_outside_restarts_at_once() -> None:
     """y = 0 asks for x2 = -2.3."""
     step = drifting(2.5)
-    wait = next(sign.wait for sign in step.signs if sign.name == "range")
+    wait = next(sign.wait for sign in step.code.signs if sign.name == "range")
     run = step.run(y=np.zeros((round(1.5 * wait), 1)))
     assert acted(step, run.status) == {RESTARTED: 1, PROJECTED: 0}
 
@@ -252,7 +252,7 @@ def test_independent_noise_of_any_size_restarts_nothing(seed: int, size: float) 
     """In 4,000 samples a count reaches 60 with a probability below 4000 1.618^-59 = 2e-9."""
     noise = np.random.default_rng(seed).uniform(-6, 6, (4000, 1)) * size
     step = follower()
-    assert next(sign.wait for sign in step.signs if sign.output == 0) == 60
+    assert next(sign.wait for sign in step.code.signs if sign.output == 0) == 60
     memory(step, "z")[:] = 0.0
     status, count = 0, []
     step.reset()
@@ -267,7 +267,7 @@ def test_independent_noise_of_any_size_restarts_nothing(seed: int, size: float) 
 def test_a_tone_that_is_faster_than_the_plant_restarts_nothing() -> None:
     """Errors of one sign for m - 1 samples, then of the other, for ever: the count never reaches m; slower ones do."""
     step = follower()
-    (sign,) = (sign for sign in step.signs if sign.output == 0)
+    (sign,) = (sign for sign in step.code.signs if sign.output == 0)
     for half, restarts in ((sign.change - 1, False), (3 * sign.change, True)):
         step.reset()
         status, count = 0, []

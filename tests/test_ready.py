@@ -155,7 +155,7 @@ def test_every_entry_tells_memory_that_is_no_state_and_begins_as_after_a_reset(
     name: str, compiler: str, tmp_path: Any
 ) -> None:
     made = step(name)
-    assert len(asking(made)) == 1 + (len(made.sections) + len(made.timed)) * made.apart
+    assert len(asking(made)) == 1 + (len(made.code.sections) + len(made.code.timed)) * made.code.apart
     texts = {f"{made.name}.{end}": files(name)[f"{made.name}.{end}"] for end in "hc"} | {"main.c": garbage(made)}
     program = emitted.compiled(tool(compiler), texts, tmp_path, *SANITIZE)
     emitted.run([str(program)], tmp_path)
@@ -290,7 +290,7 @@ def samples_of(made: hg.Step, count: int = 30) -> tuple[np.ndarray, np.ndarray]:
 def test_a_run_from_memory_that_is_no_state_is_one_from_a_reset(name: str, engine: Engine) -> None:
     made = step(name)
     u, y = samples_of(made)
-    bit = 1 << [each.name for each in made.bits].index("UNINITIALISED")
+    bit = 1 << [each.name for each in made.layout.bits].index("UNINITIALISED")
     made.reset()
     wanted, left = made.run(u, y, engine=engine), bytes(made._kept.state)
     assert not (wanted.status & bit).any()
@@ -378,7 +378,7 @@ def test_where_a_state_cannot_be_without_values_there_is_no_mark() -> None:
 def test_without_guards_nothing_is_asked_and_nothing_is_remembered() -> None:
     plain = step("pendulum").made_again(guards="none")
     text = "".join(hg.targets.c99(plain, check=False).values())
-    assert plain.mark is None
+    assert plain.layout.mark is None
     assert not re.search(f"ready|{UNINITIALISED.name}|{NO_PARAMETERS.name}", text, re.IGNORECASE)
     plain._kept.state[:] = bytes(len(plain._kept.state))
     assert plain(0.0, 0.1).status == 0

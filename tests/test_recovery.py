@@ -32,7 +32,7 @@ def memory(step: CallableStep, name: str) -> Any:
 
 
 def first(step: hg.Step, name: str) -> float:
-    return next(field.initial[0] for field in step.state if field.name == name)
+    return next(field.initial[0] for field in step.layout.state if field.name == name)
 
 
 # --- what it counts -----------------------------------------------------------------------------------------
@@ -46,11 +46,11 @@ def quick() -> CallableStep:
 
 def test_a_sign_shows_for_twice_the_time_in_which_the_core_converges() -> None:
     """theta = 4, poles -1, -1: the slowest rate is 4 a second."""
-    outer = next(field for field in quick().state if field.name == "z").high
+    outer = next(field for field in quick().layout.state if field.name == "z").high
     seconds = 2 * np.log(FINE * max(outer[0] / 4, outer[1] / 20)) / 4
     wait = np.ceil(seconds / 0.05)
     assert (first(quick(), "fault_limit_y"), first(quick(), "fault_limit_range")) == (wait, wait)
-    ends = {field.name: field.box[0] for field in quick().state}
+    ends = {field.name: field.box[0] for field in quick().layout.state}
     assert (ends["fault_limit_y"], ends["fault_limit_range"]) == ((wait, 1024 * wait), (wait, 1024 * wait))
     assert (ends["fault_count_y"], ends["fault_count_range"]) == ((-1024 * wait, 1024 * wait), (0, 1024 * wait))
 
@@ -83,11 +83,11 @@ def test_a_step_has_the_signs_that_its_ranges_give_and_its_header_says_no_more(
     ranges: dict[str, hg.Signal], signs: tuple[str, ...]
 ) -> None:
     step = without_ranges(**ranges)
-    assert tuple(sign.name for sign in step.signs) == signs
-    fields = {field.name for field in step.state}
+    assert tuple(sign.name for sign in step.code.signs) == signs
+    fields = {field.name for field in step.layout.state}
     counts = {f"fault_count_{s}" for s in signs} | {f"fault_limit_{s}" for s in signs}
     assert {name for name in fields if name.startswith("fault")} == counts | ({"fault_checksum"} if signs else set())
-    assert (BIT in {bit.name for bit in step.bits}) == bool(signs)
+    assert (BIT in {bit.name for bit in step.layout.bits}) == bool(signs)
     header = " ".join(hg.targets.c99(step)[f"{step.name}.h"].replace("*", " ").split())
     assert ("nothing restarts an estimate that is lost" in header) == (not signs)
     assert [f"s.fault_count_{name}" in header for name in ("y", "range")] == [name in signs for name in ("y", "range")]
@@ -101,7 +101,7 @@ GUARDS = {BIT, PROJECTED}
 @pytest.mark.parametrize("name", ["y", "range"])
 def test_no_sample_takes_a_count_out_of_its_range(name: str) -> None:
     """Whatever its limit: that a count at its most is at its limit too is nothing that intervals show."""
-    sign = next(sign for sign in quick().signs if sign.name == name)
+    sign = next(sign for sign in quick().code.signs if sign.name == name)
     values = {sign.count: sign.most, sign.limit: sign.wait, f"moves_{name}": 1, f"side_{name}": 1}
     written = sign.counted.graph(*(values[place.name] for place, _ in sign.counted.reads))
     assert dict(zip((place.name for place in sign.counted.writes), map(float, written), strict=True)) == {
@@ -119,7 +119,7 @@ def test_fault_counts_and_limits_follow_the_law(segments: list[tuple[str, int]],
     step.reset()
     wait = first(step, "fault_limit_y")
     most, span, widths = 1024 * wait, 8.0, np.array([8.0, 40.0])
-    change = next(sign.change for sign in step.signs if sign.name == "y")
+    change = next(sign.change for sign in step.code.signs if sign.name == "y")
     c, w = {"y": 0.0, "range": 0.0}, {"y": wait, "range": wait}
     for kind, count in segments:
         for k in range(count):
@@ -199,7 +199,8 @@ def test_an_estimate_that_is_right_beyond_its_range_restarts_ever_more_seldom() 
     step.reset()
     count = 2048 * int(first(step, "fault_limit_range"))
     run = step.run(u=np.full((count, 1), np.sin(4.0)), y=np.full((count, 1), 4.8))
-    acted = {name: int((run.status & (1 << [bit.name for bit in step.bits].index(name)) != 0).sum()) for name in GUARDS}
+    names = [bit.name for bit in step.layout.bits]
+    acted = {name: int((run.status & (1 << names.index(name)) != 0).sum()) for name in GUARDS}
     assert abs(run.x[-1, 0] - 4.8) < 1e-3
     assert acted[PROJECTED] == 1
     assert 11 <= acted[BIT] <= 12
@@ -251,7 +252,7 @@ def test_a_sensor_that_R_declares_worthless_judges_nothing() -> None:
         step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[0.01, 0.01], R=R), dt=0.01)
         for _ in range(100):
             step(y=[0.0, 6.0, 0.0])
-        counts.append({sign.name: float(memory(step, sign.count)[0]) for sign in step.signs})
+        counts.append({sign.name: float(memory(step, sign.count)[0]) for sign in step.code.signs})
     assert counts[0] == {"y_y3": 0, "y_y1": 0, "range": 0}
     assert counts[1]["y_y2"] > 50
     assert counts[2]["y_y2"] > 50
@@ -279,7 +280,7 @@ def test_an_estimate_that_only_one_of_two_outputs_shows_to_be_lost_restarts(meth
     plant = hg.System("two", states=(a, b), outputs=(y, v), flow=[b, -sp.sin(a) - b / 5], output=[a, b])
     observer = hg.observers.riccati(hg.forms.original(plant), Q=[1e-6, 1e-6], R=[10.0, 10.0])
     step = hg.sample(observer, dt=0.01, **({"method": method} if method else {}))
-    sign = next(sign for sign in step.signs if sign.name == "y_y")
+    sign = next(sign for sign in step.code.signs if sign.name == "y_y")
     for _ in range(sign.wait - 1):
         memory(step, "z")[:] = -6.0, 0.0
         assert BIT not in step(y=[5.0, 0.0]).flags
@@ -304,7 +305,7 @@ def nearly(observer: Observer, **options: Any) -> CallableStep:
 def nearly_lost(step: CallableStep) -> None:
     """One sample that is off y, or out of a range, is enough for a restart."""
     total = 0.0
-    for sign in step.signs:
+    for sign in step.code.signs:
         memory(step, sign.count)[0] = sign.wait - 1
         memory(step, sign.limit)[0] = sign.wait
         total += sign.wait - 1

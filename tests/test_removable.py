@@ -47,7 +47,7 @@ def evaluated(e: sp.Expr, real: str, points: np.ndarray, of: hg.Signal) -> np.nd
     step = hg.sample(observer, hg.methods.continuous_discrete, dt=1.0, between="hold", real=real)
     u = np.repeat(points[:, None, None], 2, axis=1)
     batch = step.run_many(u, np.full((len(points), 2, 1), np.nan))
-    restarted = [bit.name for bit in step.bits].index("RESTARTED")
+    restarted = [bit.name for bit in step.layout.bits].index("RESTARTED")
     assert not (np.asarray(batch.status) >> restarted & 1).any()
     return np.asarray(batch.x[:, 1, 0])
 
@@ -208,7 +208,7 @@ def test_a_slope_that_the_program_takes_at_an_end_is_met_at_the_door() -> None:
         step = hg.sample(hg.observers.riccati(form, Q=[1], R=1, accept=accept), dt=0.01)
         run = step.run(y=np.zeros(50))
         assert np.isfinite(run.x).all()
-        restarted = [k for k, bit in enumerate(step.bits) if bit.name == "RESTARTED"]
+        restarted = [k for k, bit in enumerate(step.layout.bits) if bit.name == "RESTARTED"]
         assert not any((run.status >> k & 1).any() for k in restarted)
 
 

@@ -96,7 +96,7 @@ def test_the_model_stands_once_in_its_c(name: str) -> None:
 
 def test_the_same_flow_of_filter_and_predictors_is_one_function() -> None:
     step = emitted.step("fitzhugh_nagumo")
-    blocks = [s for section in step.called for s in walk(section.program) if isinstance(s, Block)]
+    blocks = [s for section in step.code.called for s in walk(section.program) if isinstance(s, Block)]
     calls = [each for block in blocks for each in instructions(block.graph) if each.is_call()]
     assert len(calls) == 4 + 1 + 2  # of the stages, of F, and of the predictors in their loop
     assert [each.name for each in subprograms(step).values()] == ["flow", "jacobian"]

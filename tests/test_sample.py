@@ -95,7 +95,7 @@ def taken(step: CallableStep, act: tuple[Any, ...]) -> Any:
         if kind == "adapt":
             return bits(step.adapt())
         if kind == "tune":
-            gain = step.gains[0]
+            gain = step.layout.gains[0]
             return step.tune(**{gain.name: np.full(gain.size, values[2])})
         if kind == "reset":
             return step.reset()
@@ -176,11 +176,11 @@ def test_a_sample_touches_neither_sympy_nor_casadi(name: str, engine: str) -> No
     def use() -> None:
         str(step(u=u, y=y))
         step.run(u=[u], y=[y])
-        if step.apart:
+        if step.code.apart:
             step.predict(u=u)
             step.update(**{step.outputs[0].name: 0.1})
             step.adapt()
-        step.tune(**{step.gains[0].name: np.ones(step.gains[0].size)})
+        step.tune(**{step.layout.gains[0].name: np.ones(step.layout.gains[0].size)})
         step.reset()
 
     def watch(frame: Any, event: str, argument: Any) -> None:

@@ -342,7 +342,7 @@ def test_a_models_observers_with_a_linear_core_do_what_runge_kutta_does(name: st
         made = step(name, tuned)
         u, y = record(made)
         estimates, expected = (
-            hg.sample(made.observer, way, dt=made.dt, between=made.between).run(u=u, y=y, engine="python").x
+            hg.sample(made.observer, way, dt=made.dt, between=made.clock.between).run(u=u, y=y, engine="python").x
             for way in (getattr(hg.methods, method), hg.methods.rk4)
         )
         assert np.abs(estimates - expected).max() < 1e-2 * np.abs(expected).max()

@@ -340,7 +340,7 @@ def test_a_step_without_periods_is_as_before() -> None:
     made = hg.sample(two().observer, dt=0.01)
     files = hg.targets.c99(made, check=False)
     assert "_at(" not in files["two.h"] + files["two.c"]
-    assert not {"now", "adapted"} & {f.name for f in made.state}
+    assert not {"now", "adapted"} & {f.name for f in made.layout.state}
     u, y = record(made)
     assert np.array_equal(made.run(u=u, y=y).x, fresh(two()).run(u=u, y=y).x)
 

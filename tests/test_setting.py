@@ -38,8 +38,8 @@ def test_a_models_own_step_is_made_again(name: str) -> None:
     """Of what is not set it keeps all: the observer with its gains, what the input does between samples."""
     own = load(model(name)).step()
     step = load(model(name)).set(Setting(method="euler", dt=own.dt / 4)).step()
-    assert (step.method.name, step.dt, step.between) == ("Euler", own.dt / 4, own.between)
-    assert step.gains == own.gains
+    assert (step.method.name, step.dt, step.clock.between) == ("Euler", own.dt / 4, own.clock.between)
+    assert step.layout.gains == own.layout.gains
     assert step.observer.form.to_form == own.observer.form.to_form
     moved = load(model(name)).set(Setting(form="phase")) if name == "pendulum.py" else None
     assert moved is None or moved.step().observer.form.kind == "phase"

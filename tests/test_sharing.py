@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import casadi as ca
 import emitted
@@ -44,7 +45,7 @@ def test_no_list_of_first_values_stands_twice(name: str) -> None:
     value = rf"s->(?!(?:{shown})\b)\w+(\[\d+\])? = (-?[\d.e+-]+f?|\d+u);"
     begins = [re.fullmatch(value, line) is not None for line in lines]
     runs = [tuple(lines[k : k + FEWEST]) for k in range(len(lines)) if all(begins[k : k + FEWEST])]
-    assert runs or made(name).guards == "none"
+    assert runs or made(name).clock.guards == "none"
     assert [run for run, times in Counter(runs).items() if times > 1] == []
 
 
@@ -80,10 +81,10 @@ def test_parts_of_one_name_that_differ_have_a_number() -> None:
         for k in (2, 3, 4)
     )
     sections = (
-        replace(of.sections[0], program=(first, second, third)),
-        replace(of.sections[1], program=(When(Place("work", "fresh"), (second, first)),)),
+        replace(of.code.sections[0], program=(first, second, third)),
+        replace(of.code.sections[1], program=(When(Place("work", "fresh"), (second, first)),)),
     )
-    writer = SharingWriter(C, hg.Step(**{**parts_of(of), "sections": sections, "inner": ()}), "float")
+    writer = SharingWriter(C, with_parts(of, code=replace(of.code, sections=sections, inner=())), "float")
     assert [part.prototype.name for part in writer.parts] == ["two_same", "two_same_2"]
     assert "4.0f" not in "".join("".join(part.body.lines) for part in writer.parts)
     assert "4.0f" in "".join(writer.function(sections[0].program).lines)
@@ -100,8 +101,8 @@ def test_a_part_writes_so_many_numbers_of_the_state_wherever_it_stands() -> None
     enough = block("enough", Place("state", "fault_count_range"))
     few = block("few", Place("status", "RESTARTED"))
     program = (enough, few, When(Place("state", "calls"), (few,), (enough,)))
-    sections = (replace(of.sections[0], program=program), *of.sections[1:])
-    writer = SharingWriter(C, hg.Step(**{**parts_of(of), "sections": sections}), "float")
+    sections = (replace(of.code.sections[0], program=program), *of.code.sections[1:])
+    writer = SharingWriter(C, with_parts(of, code=replace(of.code, sections=sections)), "float")
     names = {part.prototype.name for part in writer.parts}
     assert "two_enough" in names
     assert "two_few" not in names
@@ -119,9 +120,9 @@ def test_a_part_that_says_something_leaves_nothing_as_after_a_reset() -> None:
     assert writer._left((Block("start", {**start, Place("status", "RESTARTED"): sym("state", "calls") + 1}),)) == set()
 
 
-def parts_of(of: hg.Step) -> dict[str, object]:
-    """What a step is made of."""
-    return {name: getattr(of, name) for name in hg.Step.__dataclass_fields__}
+def with_parts(of: hg.Step, **parts: Any) -> hg.Step:
+    """The program of a step, with other parts."""
+    return replace(hg.Step(of.name, of.observer, of.method, of.clock, of.layout, of.code), **parts)
 
 
 def test_only_what_is_as_after_a_reset_stands_in_the_reset() -> None:
@@ -130,8 +131,9 @@ def test_only_what_is_as_after_a_reset_stands_in_the_reset() -> None:
     assert {"fault_count_y", "theta", "L", "D", "oldest"} <= names
     assert not names & {"z", "calls", "used_y", "u"}
     assert Place("predictor", "z") in writer.fresh
-    moved = replace(made("fitzhugh_nagumo").state[0], initial=(1.0, 2.0, 3.0))
-    other = hg.Step(**{**parts_of(made("fitzhugh_nagumo")), "state": (moved, *made("fitzhugh_nagumo").state[1:])})
+    first, *others = made("fitzhugh_nagumo").layout.state
+    state = (replace(first, initial=(1.0, 2.0, 3.0)), *others)
+    other = with_parts(made("fitzhugh_nagumo"), layout=replace(made("fitzhugh_nagumo").layout, state=state))
     assert Place("predictor", "z") not in SharingWriter(C, other, "float").fresh
 
 
@@ -139,7 +141,7 @@ def test_what_keeps_a_value_does_not_begin_from_a_reset() -> None:
     """The memory holds anything before a reset: twice nothing is as after one, twice what is there is not."""
     step = made("fitzhugh_nagumo")
     place, writer = Place("state", "fault_count_y"), SharingWriter(C, step, "float")
-    (first,) = (field.initial for field in step.state if field.name == place.name)
+    (first,) = (field.initial for field in step.layout.state if field.name == place.name)
     begins, keeps = (
         Block("b", {place: value}, part="b") for value in (ca.SX(list(first)), sym(*place, len(first)) * 2)
     )

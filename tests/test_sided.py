@@ -100,7 +100,7 @@ def test_the_status_tells_of_a_clamped_state() -> None:
     """OUTSIDE_BOX if and only if z, or Psi(z) before its clamp, is outside: y steps, and m' overshoots."""
     form = growth()
     step = hg.sample(hg.observers.low_power(form, theta=10), hg.methods.rk4, dt=0.01)
-    assert not any(bit.name == "SINGULAR" for bit in step.bits)
+    assert not any(bit.name == "SINGULAR" for bit in step.layout.bits)
     z_box, (_, (low, high)) = [z.interval for z in form.states], [x.interval for x in form.system.states]
     hidden, seen = 0, set()
     for k in range(400):
@@ -158,4 +158,4 @@ def _nodes(value: ca.SX) -> list[ca.SX]:
 def test_a_determinant_proved_off_0_is_not_tested() -> None:
     observer = high_gain(growth(original=True), theta=2, poles=(-1, -1))
     step = hg.sample(observer, hg.methods.rk4, dt=0.01)
-    assert not any(bit.name == "SINGULAR" for bit in step.bits)
+    assert not any(bit.name == "SINGULAR" for bit in step.layout.bits)

@@ -39,7 +39,7 @@ def test_what_is_too_wide_is_refused_before_anything_is_made(monkeypatch: pytest
             hg.sample(wide, dt=0.01)
         with pytest.raises(BadStep, match=r"with 65 .* LATE for 13 signals, EARLY for 13 signals, REPEATED for 13"):
             hg.sample(observer(13), dt=0.01, periods={"y1": 0.02})
-    assert not hg.sample(wide, dt=0.01, guards="none").bits
+    assert not hg.sample(wide, dt=0.01, guards="none").layout.bits
 
 
 @pytest.mark.full
@@ -54,9 +54,9 @@ def test_what_shows_when_it_is_made_is_refused_with_the_same_words(made) -> None
 def test_what_is_counted_at_the_door_is_raised(name: str) -> None:
     """So nothing is refused there that would have had room."""
     made = step(name)
-    dated = [str(y) for y in made.outputs] if made.timed else dict(made.observer.delays)
-    wanted = certain_bits(made.outputs, made.inputs, dated) if made.guards == "all" else []
-    assert set(wanted) <= {bit.place.name for bit in made.bits}
+    dated = [str(y) for y in made.outputs] if made.code.timed else dict(made.observer.delays)
+    wanted = certain_bits(made.outputs, made.inputs, dated) if made.clock.guards == "all" else []
+    assert set(wanted) <= {bit.place.name for bit in made.layout.bits}
 
 
 @pytest.mark.full
@@ -65,7 +65,7 @@ def test_what_is_counted_at_the_door_is_raised(name: str) -> None:
 def test_the_highest_bits_are_told_by_every_reader(real: str) -> None:
     """By the compiled step, in Python, in lanes and in CasADi."""
     made = step("wider").made_again(real=real)
-    assert made.word == np.uint64
+    assert made.layout.word == np.uint64
     u, y = np.zeros((4, 2)), np.zeros((4, 16))
     y[1, 15], u[2, 1], y[3, 0] = NAN, 9, NAN
     wanted = [(), ("MISSING_Y15",), ("CLAMPED_W",), ("MISSING_Y0",)]
@@ -89,7 +89,7 @@ def test_the_highest_bits_are_told_by_every_reader(real: str) -> None:
 @needs_compiler
 def test_late_samples_have_bits_beyond_32() -> None:
     made = hg.sample(hg.delayed(observer(9, 1), y8=2), dt=0.01)
-    assert made.word == np.uint64
+    assert made.layout.word == np.uint64
     y = np.zeros((4, len(made.samples)))
     y[3, -1] = 9  # older than the last reset
     runs = [(made.reset(), made.run(u=np.full(4, 5.0), y=y, engine=engine))[1] for engine in ("c", "python")]
@@ -102,7 +102,7 @@ def test_late_samples_have_bits_beyond_32() -> None:
 def test_a_mask_of_other_bits_leaves_the_highest(name: str, compiler: tuple[str, ...], tmp_path: Path) -> None:
     """A bit has the type of the status, so that its complement is as wide, where an int has 16 bits too."""
     made, upper = step(name), step(name).name.upper()
-    lowest, *_, highest = (f"{upper}_{bit.name}" for bit in made.bits)
+    lowest, *_, highest = (f"{upper}_{bit.name}" for bit in made.layout.bits)
     lines = [f'#include "{made.name}.h"', f"typedef char left[((~{lowest} & {highest}) == {highest}) ? 1 : -1];"]
     lines += [f"typedef char wide[(sizeof({lowest}) == sizeof({status_type(made)})) ? 1 : -1];"]
     (tmp_path / f"{made.name}.h").write_text(files(name)[f"{made.name}.h"])

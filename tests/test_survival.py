@@ -61,7 +61,7 @@ def survives(step: Any, real: Any = None, duration: float = 30.0) -> bool:
     x1 = oracle.truth(scenario, step.dt, substeps=max(1, round(step.dt / 0.002)))[:, 0]
     y = x1 + oracle.noise(range(1), len(t), dt=step.dt)[0]
     states = compiled(step, np.sin(t), y, real) if real else called(step, np.sin(t), y)
-    floors = {field.name: field.low for field in step.state if field.name in ("D", "root")}
+    floors = {field.name: field.low for field in step.layout.state if field.name in ("D", "root")}
     return all(not lost and definite(state, floors) for lost, state in states)
 
 

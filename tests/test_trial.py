@@ -252,11 +252,14 @@ def test_crossings_are_the_rises():
     assert crossings(np.array([1.0, 1.6, 2.0, 1.4, 1.5, 1.51, 1.0])).tolist() == [1, 5]
 
 
+CLOCK = SimpleNamespace(guarded=True)
+
+
 def trajectory(theta, error, status):
     """A made-up trajectory of a one-state step over 1 s samples."""
     signal = hg.Signal("x")
     bits = (SimpleNamespace(name="MISSING_Y"), SimpleNamespace(name="OUTSIDE_BOX"))
-    step, n = SimpleNamespace(states=(signal,), dt=1.0, bits=bits, guards="all"), len(error)
+    step, n = SimpleNamespace(states=(signal,), dt=1.0, layout=SimpleNamespace(bits=bits), clock=CLOCK), len(error)
     wanted = {"settled": Settled("x", 0.1, 2.0), "jumps": (Jump(10.0, "x", 1.0),), "steady": 15.0}
     error = np.asarray(error, float)[:, None]
     made = SimpleNamespace(

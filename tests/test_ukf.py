@@ -211,7 +211,7 @@ def test_its_c_has_the_bits_of_python(make: Any, real: Any) -> None:
 @pytest.mark.parametrize("make", COMPARATORS)
 def test_it_takes_several_outputs_and_parameters(make: Any) -> None:
     step = hg.sample(make(hg.forms.original(two_outputs()), Q=(1, 1, 1), R=(0.1, 0.2)), dt=0.01)
-    assert step.rule == "continuous-discrete, S S'"
+    assert step.code.rule == "continuous-discrete, S S'"
     assert np.isfinite(step.run(**inputs_of(step, 50), y=np.full((50, 2), 0.3), engine="python").x).all()
 
 

@@ -183,7 +183,7 @@ def test_a_name_that_is_no_check_is_refused() -> None:
 
 def raised(step: Any, run: Any, name: str) -> np.ndarray:
     """Where a bit of the status is raised."""
-    index = [bit.name for bit in step.bits].index(name)
+    index = [bit.name for bit in step.layout.bits].index(name)
     return (np.asarray(run.status) >> index) & 1 > 0
 
 
@@ -317,7 +317,7 @@ def test_what_is_accepted_costs_nothing_where_every_value_is_finite(name: str) -
     run, wanted = held.run(u, y), plain.run(u, y)
     assert run.x == pytest.approx(wanted.x, rel=1e-12, abs=1e-15)
     assert not run.status.any()
-    assert len(held.state) == len(plain.state) + 1
+    assert len(held.layout.state) == len(plain.layout.state) + 1
 
 
 def test_an_entry_of_the_jacobian_that_is_a_number_is_no_choice() -> None:

@@ -44,7 +44,7 @@ def _both(name: str) -> tuple[CallableStep, CallableStep]:
 
     def sampled(guards: str) -> CallableStep:
         step: CallableStep = hg.sample(
-            made.observer, made.method, made.dt, between=made.between, guards=guards, engine="python"
+            made.observer, made.method, made.dt, between=made.clock.between, guards=guards, engine="python"
         )
         return step
 
@@ -57,7 +57,7 @@ def record(step: CallableStep) -> tuple[np.ndarray, np.ndarray]:
     middle = [sum(s.interval) / 2 if s.bounded else 0.0 for s in step.inputs]
     width = [s.interval[1] - s.interval[0] if s.bounded else 1.0 for s in step.inputs]
     observer, u = step.observer, sym("state", "u", len(middle))
-    values = nominal(observer) | {Place("state", field.name): np.array(field.initial) for field in step.state}
+    values = nominal(observer) | {Place("state", field.name): np.array(field.initial) for field in step.layout.state}
     values[Place("state", "u")] = np.array(middle)
     rest = numbers(observer.dynamics.output(observer.z, u), values).ravel()
     return middle + 0.02 * wave * width, rest + 0.01 * wave
@@ -80,10 +80,10 @@ def test_while_no_guard_acts_it_has_the_same_bits(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_it_says_nothing_and_asks_nothing(name: str) -> None:
     _, plain = both(name)
-    programs = (*plain.tuning, *(s for section in plain.called for s in section.program))
-    assert plain.bits == ()
+    programs = (*plain.code.tuning, *(s for section in plain.code.called for s in section.program))
+    assert plain.layout.bits == ()
     assert "status" not in {place.struct for place, _ in places(programs)}
-    assert all(low == -np.inf and high == np.inf for field in plain.state for low, high in field.box)
+    assert all(low == -np.inf and high == np.inf for field in plain.layout.state for low, high in field.box)
     assert plain.observer.checks == plain.observer.form.checks
 
 
@@ -96,16 +96,16 @@ def test_each_observer_reads_only_what_is_remembered_without_guards(tuning: str)
     """The validity of a sample is a constant then, and no field of the state. A bank demands guards."""
     made = TUNED.step(tuning)
     plain = hg.sample(made.observer, made.method, made.dt, guards="none")
-    read = {place for section in plain.called for place, _ in places(section.program) if place.struct == "state"}
-    assert read <= {Place("state", field.name) for field in plain.state}
+    read = {place for section in plain.code.called for place, _ in places(section.program) if place.struct == "state"}
+    assert read <= {Place("state", field.name) for field in plain.layout.state}
 
 
 def test_what_a_part_has_to_say_is_not_said() -> None:
     """The Kalman-like observer tells by its covariance whether its theorem holds."""
     observer = hg.observers.kalman_like(hg.forms.state_affine(plants.chain(2)), rho=1.0, R=1.0)
-    assert "COVARIANCE_LIMITED" in {bit.name for bit in hg.sample(observer, dt=0.01).bits}
+    assert "COVARIANCE_LIMITED" in {bit.name for bit in hg.sample(observer, dt=0.01).layout.bits}
     plain = hg.sample(observer, dt=0.01, guards="none")
-    assert plain.bits == ()
+    assert plain.layout.bits == ()
     assert not plain.run([[0.1]] * 9, [[5.0]] * 9).status.any()
 
 
@@ -209,7 +209,7 @@ def test_tune_limits_nothing() -> None:
     far = np.array(functions.p.initial, dtype=float) * 1e3
     _, _, status = functions.step(functions.memory.initial, [0.0], [0.1], far)
     assert float(status) == 0
-    assert plain.tuning == tuple(s for s in plain.tuning if s.title == "observer gain")
+    assert plain.code.tuning == tuple(s for s in plain.code.tuning if s.title == "observer gain")
 
 
 @pytest.mark.parametrize("name", ["pendulum", "fitzhugh_nagumo"])
@@ -217,7 +217,7 @@ def test_it_goes_through_a_pickle(name: str) -> None:
     _, plain = both(name)
     again = pickle.loads(pickle.dumps(plain))
     u, y = record(plain)
-    assert again.guards == "none"
+    assert again.clock.guards == "none"
     assert again.observer.checks == plain.observer.checks
     assert np.array_equal(plain.run(u, y).x, again.run(u, y).x)
 
@@ -230,9 +230,9 @@ def test_guards_come_and_go_with_the_observer() -> None:
     assert again.observer.checks == guarded.observer.checks
     u, y = record(guarded)
     assert np.array_equal(guarded.run(u, y).x, again.run(u, y).x)
-    assert again.made_again(guards="none").guards == "none"
-    assert plain.made_again(dt=2e-3).guards == "none"
-    assert plain.made_again(guards="all").bits == guarded.bits
+    assert again.made_again(guards="none").clock.guards == "none"
+    assert plain.made_again(dt=2e-3).clock.guards == "none"
+    assert plain.made_again(guards="all").layout.bits == guarded.layout.bits
 
 
 @pytest.mark.parametrize("name", ["high_gain", "circle_criterion", "low_power", "peaking_free", "filtered"])
@@ -284,7 +284,7 @@ def test_a_plain_text_model_may_ask_for_it(tmp_path: object) -> None:
     )
     path = tmp_path / "decay.toml"  # type: ignore[operator]
     path.write_text(text)
-    assert load(path).step().guards == "none"
+    assert load(path).step().clock.guards == "none"
 
 
 @pytest.mark.parametrize("name", ["pendulum", "two", "tunable"])
@@ -294,4 +294,4 @@ def test_its_header_says_nothing_of_guards(name: str) -> None:
     header = " ".join(hg.targets.c99(made, check=False)[f"{made.name}.h"].replace("\n *", "").split())
     for absent in ("MISSING", "does not correct", "limits them", "mark */", "status bits", "or their statuses"):
         assert absent not in header
-    assert ("NaN spoils the state. An update that comes again corrects again." in header) == made.apart
+    assert ("NaN spoils the state. An update that comes again corrects again." in header) == made.code.apart

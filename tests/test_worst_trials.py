@@ -257,12 +257,12 @@ class Claims:
     def acted(self, status: Array, *names: str) -> Array:
         """Where a guard acts on a sample or on an estimate (B, K), as its bit says; by default any."""
         names = names or ("MISSING", "REJECTED", "STATE_LIMITED", "RESTARTED", "UNINITIALISED")
-        places = [k for k, bit in enumerate(self.step.bits) if bit.name.startswith(names)]
+        places = [k for k, bit in enumerate(self.step.layout.bits) if bit.name.startswith(names)]
         return np.asarray(np.any([status >> k & 1 for k in places], axis=0))
 
     def bits(self, status: Array) -> set[str]:
         """The names of those that are set anywhere."""
-        return {bit.name for k, bit in enumerate(self.step.bits) if (status >> k & 1).any()}
+        return {bit.name for k, bit in enumerate(self.step.layout.bits) if (status >> k & 1).any()}
 
 
 @cache

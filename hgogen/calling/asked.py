@@ -118,7 +118,7 @@ class Asked:
 
 def tunable(step: Step) -> dict[str, tuple[Place, Field]]:
     """What can be tuned, by name: where it lies, and what it is."""
-    kinds = [("plant", item) for item in step.plant] + [("gain", item) for item in step.gains]
+    kinds = [("plant", item) for item in step.layout.plant] + [("gain", item) for item in step.layout.gains]
     return {item.name: (Place(kind, item.name), item) for kind, item in kinds}
 
 

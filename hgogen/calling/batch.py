@@ -93,7 +93,7 @@ class Many:
             {name: shown[:, j].T.astype(float, copy=False) for j, name in enumerate(names)},
             "lanes" if lanes else engine,
             results.states,
-            np.array([asked.limited.get(k, 0) for k in range(number)], self.step.word),
+            np.array([asked.limited.get(k, 0) for k in range(number)], self.step.layout.word),
             partial(sealed, self.step, self.real),
         )
 
@@ -143,7 +143,7 @@ class _Results:
         width = -(-records // LANES) * LANES
         x: Array = np.empty((samples, len(step.states), width), kind)
         traces: Array = np.empty((samples, len(step.observer.traces) * traced, width), kind)
-        status, states = np.empty((samples, width), step.word), np.empty((records, size), np.uint8)
+        status, states = np.empty((samples, width), step.layout.word), np.empty((records, size), np.uint8)
         return cls(records, traced, x, traces, status, states)
 
 
@@ -170,7 +170,7 @@ class _Lanes:
             arrays = (*map(_address, signals), x, traces if results.traced else ctypes.c_void_p(), status)
             call(_address(lanes), ctypes.c_size_t(len(results.x)), width, *arrays)
         self._remembered(memory, records)
-        places = [bit.place for bit in self.step.bits]
+        places = [bit.place for bit in self.step.layout.bits]
         if UNINITIALISED.place in places:
             anew = 1 << places.index(UNINITIALISED.place)
             results.status[:1, first : first + len(records)][:, begun] |= anew
@@ -181,7 +181,7 @@ class _Lanes:
         """The numbers of the records (B, bytes) whose first call, where there is a sample, begins anew, for they lack
         the mark, the first of a state; now they have it."""
         fresh = np.frombuffer(layout.fresh(self.step, self.real), np.uint8)
-        if not (self.step.mark and samples):
+        if not (self.step.layout.mark and samples):
             return np.array([], int)
         missing = records.view(np.uint32)[:, 0] != mark(self.step, self.real)
         records[missing, : len(fresh)] = fresh

@@ -96,7 +96,7 @@ class Uncertainty:
         L, D = np.eye(self.part.dynamics.n), values_at(self.step, records, Place("state", "D"))[:, None, :]
         if "L" in self._fields:
             L = self._triangle("L", records) + L
-        elif any(group.name == "column" for group in (self.members.groups if self.members else self.step.groups)):
+        elif any(group.name == "column" for group in (self.members or self.step.layout).groups):
             state = selected(records) if self.members else records["state"]
             L = np.tril(np.asarray(state["column"]["v"], dtype=float).swapaxes(1, 2), -1) + L
         return np.asarray((L * D) @ L.swapaxes(-2, -1))
@@ -121,7 +121,7 @@ class Uncertainty:
 
     @cached_property
     def _fields(self) -> dict[str, Field]:
-        return {field.name: field for field in (self.members.fields if self.members else self.step.state)}
+        return {field.name: field for field in (self.members.fields if self.members else self.step.layout.state)}
 
     def _triangle(self, name: str, records: Array, symmetric: bool = False) -> Array:
         """The matrices (N, n, n) whose entries a field holds."""
@@ -151,7 +151,7 @@ def uncertainty(step: Step) -> Uncertainty | None:
     the slope of h, which an output linear in the state has as well."""
     parts, members = step.observer.parts, None
     if len(parts) == 1 and isinstance(parts[0], Parallel):
-        parts, members = parts[0].member.parts, next(group for group in step.groups if group.name == "member")
+        parts, members = parts[0].member.parts, next(group for group in step.layout.groups if group.name == "member")
     plain = [part.plain if isinstance(part, AtSamples) else part for part in parts]
     filters = [part for part in plain if isinstance(part, Riccati)]
     return Uncertainty(step, filters[0], members) if len(filters) == 1 else None
@@ -159,8 +159,8 @@ def uncertainty(step: Step) -> Uncertainty | None:
 
 def clock_of(step: Step) -> Clock:
     """The clock by which a step was assembled."""
-    every = tuple(round(period / step.dt) for period in step.periods)
-    return Clock(step.dt, step.between, len(step.inputs), len(step.outputs), every)
+    every = tuple(round(period / step.dt) for period in step.clock.periods)
+    return Clock(step.dt, step.clock.between, len(step.inputs), len(step.outputs), every)
 
 
 def motion(step: Step, known: Uncertainty | None) -> Graph:
@@ -187,7 +187,7 @@ def used(step: Step, status: Array) -> Array:
 
 def raised(step: Step, status: Array, bits: Sequence[str], signals: Sequence[Signal]) -> Array:
     """Whether one of the bits of each signal, of those that the step has, is raised in each sample (N, k)."""
-    names = [bit.place.name for bit in step.bits]
+    names = [bit.place.name for bit in step.layout.bits]
     wanted = [[f"{bit}_{signal.name}" for bit in bits] for signal in signals]
     masks = [sum(1 << k for k, name in enumerate(names) if name in each) for each in wanted]
-    return np.asarray(status[:, None] & np.array(masks, step.word) != 0)
+    return np.asarray(status[:, None] & np.array(masks, step.layout.word) != 0)

@@ -28,7 +28,7 @@ def arriving(step: Step, y: Array) -> Array:
 
 def at_their_times(step: Step, y: Array) -> Array:
     """y (N, p) with NaN between the samples of a slower sensor."""
-    every = [round(period / step.dt) for period in step.periods]
+    every = [round(period / step.dt) for period in step.clock.periods]
     return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
 
 
@@ -59,7 +59,8 @@ def remembered(step: Step, records: Array, j: int) -> Array:
     age = np.nan_to_num(ages.get(output, np.zeros(len(records))), nan=0.0, posinf=0.0, neginf=0.0)
     then = (state[AT.name].astype(int) - np.clip(age, 0, ring.shape[1] - 1).astype(int)) % ring.shape[1]
     back = records.copy()
-    groups = {f"{MEMORY}_{line[0].name}": line[0].name for line in lines_of(step.plain.groups)} if step.plain else {}
+    plain = step.plain.layout.groups if step.plain else ()
+    groups = {f"{MEMORY}_{line[0].name}": line[0].name for line in lines_of(plain)}
     for name in ring.dtype.names or ():
         back["state"][groups.get(name, name)] = ring[name][rows, then]
     return back

@@ -85,7 +85,7 @@ class Kept:
         with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
             u, y = (array.astype(DTYPE[self.real], copy=False) for array in (u, y))
         n, traces = len(self._step.states), len(self._step.observer.traces)
-        step, status = self.entries(engine)["step"], np.zeros(len(y), self._step.word)
+        step, status = self.entries(engine)["step"], np.zeros(len(y), self._step.layout.word)
         if engine == "c":
             x, traced = np.zeros((len(y), n), u.dtype), np.zeros((len(y), traces), u.dtype)
             arrays = (self.record["state"], self.record["params"], u, y, x, traced, status)
@@ -111,8 +111,8 @@ class Kept:
         if size() != self.record.itemsize:
             raise BadShape(f"the C struct {step.name}_kept", f"has {size()} bytes, Python's {self.record.itemsize}")
         names = ["step", "estimate", "tune"]
-        names += [section.name for section in (*step.sections, *step.timed)] if step.apart else []
-        kind = ctypes.PYFUNCTYPE(np.ctypeslib.as_ctypes_type(step.word), ctypes.c_void_p)
+        names += [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.apart else []
+        kind = ctypes.PYFUNCTYPE(np.ctypeslib.as_ctypes_type(step.layout.word), ctypes.c_void_p)
         calls = {name: kind((f"{step.name}_kept_{name}", library)) for name in names}
         return {name: partial(call, self.record.ctypes.data) for name, call in calls.items()}
 

@@ -83,14 +83,14 @@ class Replay:
         for first in range(0, len(self.y), CHUNK):
             u, y = self.u[first : first + CHUNK], self.y[first : first + CHUNK]
             with np.errstate(all="ignore"):
-                if self.step.apart:
+                if self.step.code.apart:
                     yield look.apart(y[:, : len(self.outputs)], *self._sections(memory, u, y))
                 else:
                     yield look.moved(y, *self._calls(memory, u, y))
 
     def _sections(self, memory: Kept, u: Array, y: Array) -> tuple[list[Array], Array]:
         """The memory before each output corrects, and after each sample."""
-        entries, sections = memory.entries(self.engine), self.step.sections[1:]
+        entries, sections = memory.entries(self.engine), self.step.code.sections[1:]
         before = [np.zeros(len(y), memory.record.dtype) for _ in self.step.outputs]
         after = np.zeros(len(y), memory.record.dtype)
         number = {signal.name: j for j, signal in enumerate(self.step.outputs)}
@@ -144,7 +144,7 @@ class _Look:
 
     def moved(self, y: Array, before: Array, after: Array) -> Innovations:
         """Of a step that integrates with the measurement: `before` and `after` each sample."""
-        fields = {field.name for field in self.step.state}
+        fields = {field.name for field in self.step.layout.state}
         pairs = [("u", "u", after), ("y", "y", after), ("y_last", "y", before), ("valid", "y_valid", after)]
         signals = {
             Place("work", name): values_at(self.step, records, Place("state", field))

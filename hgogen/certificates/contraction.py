@@ -89,7 +89,7 @@ def contraction(step: Step) -> Contraction:
     Raises: `NoSolver` without cvxpy; `NoStep`.
     """
     demand_step(step, "contraction")
-    return _contraction(step.observer, step.method, step.rule, step.dt, step.limit)
+    return _contraction(step.observer, step.method, step.code.rule, step.dt, step.limit)
 
 
 @lru_cache(maxsize=32)

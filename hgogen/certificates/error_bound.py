@@ -160,7 +160,7 @@ def _moving(step: Step, rates: Each) -> tuple[Fraction | None, ...]:
     asked = each_by_name("rates", rates, names_of(inputs), None)
     known = [own if value is None else value for value, own in zip(asked, declared, strict=True)]
     most = [None if x is None else size(f"rates of {u.name}", x) for u, x in zip(inputs, known, strict=True)]
-    return (Fraction(0),) * len(inputs) if step.between == "hold" else tuple(most)
+    return (Fraction(0),) * len(inputs) if step.clock.between == "hold" else tuple(most)
 
 
 def _entering(plant: PlantStep, most: Mapping[str, Sequence[Fraction]]) -> dict[str, Entering]:
@@ -310,7 +310,7 @@ def _stated(
     pattern = "{each:; }; while the plant keeps {margins} clear of the ends of its ranges"
     said = because(pattern, each=[*each, *vain], margins=[Up(value, 2) for value in margins.values()])
     reason = joined(said, _from(step, own, multiple), NONE if alone else because(_GUARDS))
-    facts = {"method": step.rule, "dt": Fraction(step.dt), "shares": [share.written for share in shares]}
+    facts = {"method": step.code.rule, "dt": Fraction(step.dt), "shares": [share.written for share in shares]}
     check = claimed(step.observer, "error", _claim(step, list(bounds) if vain else ()), reason, steps.error, facts)
     return ErrorBound(
         check,
@@ -348,7 +348,7 @@ def _from(step: Step, own: Signed, multiple: Fraction | None) -> Reason:
 def _claim(step: Step, known: Sequence[str] = ()) -> str:
     """Of every state, or of those that are named."""
     which = f"of the states {', '.join(known)}" if known else "every state"
-    return f"{running(step.observer, step.rule, step.dt)}, {which} is known within a bound, for ever"
+    return f"{running(step.observer, step.code.rule, step.dt)}, {which} is known within a bound, for ever"
 
 
 def _unknown(step: Step, why: Reason, fix: str = "Validate by trials.") -> ErrorBound:

@@ -55,7 +55,7 @@ def noise_gain(step: Step) -> NoiseGain | Nothing:
     known = contraction(step)
     if known.steps is None or known.proof is None or not known.proof.alpha:
         return Nothing(known.checks[0].reason)
-    return _noise_gain(step.observer, step.rule, step.dt, known.steps, known.proof)
+    return _noise_gain(step.observer, step.code.rule, step.dt, known.steps, known.proof)
 
 
 @lru_cache(maxsize=32)

@@ -4,6 +4,7 @@ What guards do beside is left out: every sample is there, that of the last call 
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
 from typing import Any, Protocol
@@ -52,15 +53,15 @@ def after_call(
     """
     (part,) = step.observer.parts
     p = len(samples[0])
-    if not isinstance(part, Ode) or step.periods != (step.dt,) * p or step.observer.delays:
+    if not isinstance(part, Ode) or step.clock.periods != (step.dt,) * p or step.observer.delays:
         raise Unsure("an observer that is more than one differential equation, or samples that are not of every call")
-    clock = Clock(step.dt, step.between, len(inputs[0]), p, (), step.guards == "all", step.prefer)
+    clock = replace(step.clock, every=())
     rest = iter(fields)
     memory: dict[Place, list[Any]] = {Place("state", x.name): list(islice(rest, x.size)) for x in part.fields}
     memory |= {Place("work", name): list(y) for name, y in zip(_SAMPLES, samples, strict=True)}
     memory |= {Place(struct, "u"): list(u) for struct, u in zip(_INPUTS, inputs, strict=True)}
     memory[Place("work", "valid")] = [arithmetic.constant(1.0)] * p
-    for struct, numbers in (("plant", step.plant), ("gain", step.gains)):
+    for struct, numbers in (("plant", step.layout.plant), ("gain", step.layout.gains)):
         memory |= {Place(struct, each.name): list(map(arithmetic.held, each.initial)) for each in numbers}
     for statement in _statements(step.method, part, clock):
         if not isinstance(statement, Block):

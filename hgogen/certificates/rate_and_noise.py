@@ -72,7 +72,7 @@ def designed(like: CallableStep, rate: float, argument: bool = False) -> Point:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of a long dt: what is asked is up to which it is proved
-                step = sample(observer, like.method, float(dt), between=like.between, guards=like.guards)
+                step = sample(observer, like.method, float(dt), between=like.clock.between, guards=like.clock.guards)
             return _as_it_runs(point, step, like.dt)
         except StepTooLong:
             dt /= 2

@@ -172,7 +172,7 @@ class _Sizing:
         if listing is None:
             return {}
         return {
-            "between": self.step.between,
+            "between": self.step.clock.between,
             "parameters": list(self.step.observer.form.system.nominal.values()),
             "precision": self.real,
             "speeds": self.speeds,

@@ -58,7 +58,7 @@ def start_set(step: Step) -> StartSet | Nothing:
     known = contraction(step)
     if known.steps is None or known.proof is None:
         return Nothing(known.checks[0].reason)
-    return _start_set(step.observer, step.rule, step.dt, known.steps, known.proof)
+    return _start_set(step.observer, step.code.rule, step.dt, known.steps, known.proof)
 
 
 @dataclass(frozen=True, eq=False)

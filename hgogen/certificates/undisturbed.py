@@ -47,7 +47,7 @@ def room(
 
 def patient(step: Step) -> int:
     """How many calls a sign that the estimate is lost may show for before it restarts."""
-    return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.signs), default=0)
+    return min((math.floor(sign.time / step.dt * (1 - 1e-9)) for sign in step.code.signs), default=0)
 
 
 def _limits(
@@ -56,7 +56,7 @@ def _limits(
     """States, by place, and up to which error no sign of the estimate being lost shows."""
     form = step.observer.form
     spans = [high - low for low, high in readings(form)]
-    for sign in step.signs:
+    for sign in step.code.signs:
         if sign.output is not None:
             if sign.output not in shown:  # what else it shows is not followed
                 yield 0, Fraction(0)

@@ -282,7 +282,7 @@ def simulate_(
     step = loaded.step(observer)
     trials = trial_runs.trials_of(loaded, step)
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
-    gains = {gain.name: by_name(gain) for gain in step.gains}
+    gains = {gain.name: by_name(gain) for gain in step.layout.gains}
     if asked:
         if out is not None:
             note("of a campaign no figures are drawn, and --out names a folder for nothing")
@@ -303,7 +303,7 @@ def simulate_(
     ]
     paths = [] if out is None else Folder(out).write(rendered(drawings.figures(step, done, known)))
     report = {"model": loaded.path, "gains": gains, "trials": listed_, "files": list(map(str, paths))}
-    head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
+    head = f"{step.observer.name} observer: {', '.join(map(written, step.layout.gains))}\n"
     lines = (f"{one.trial}: {one.sentence(step.time)}" for one in falls if one)
     drawn = [file_list(paths)] if paths else []
     within = map(tables.within, filter(None, worst))

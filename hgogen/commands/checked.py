@@ -72,7 +72,7 @@ class Checked(Encoded):
     @property
     def gains(self) -> tuple[Field, ...]:
         """The observer's."""
-        return self.step.gains if self.step else ()
+        return self.step.layout.gains if self.step else ()
 
     @property
     def shown(self) -> bool:

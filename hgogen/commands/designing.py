@@ -89,7 +89,7 @@ def design_(
         "model": loaded.path,
         "observer": step.observer.name,
         "form": step.observer.form.kind,
-        "method": step.rule,
+        "method": step.code.rule,
         "dt": step.dt,
         "points": rows,
         "refused": {f"{rate:g}": str(error) for rate, error in refused.items()},

@@ -270,7 +270,7 @@ def _record(
 ) -> Record:
     columns = mapping(str(data), pairs or (), step.inputs, step.samples)
     wanted = {**{s.name: columns[s.name] for s in signals}, **dict(true.values())}
-    inputs = {s.name: WINDOWS[step.between] for s in step.inputs}
+    inputs = {s.name: WINDOWS[step.clock.between] for s in step.inputs}
     units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}
     return read(
         data,
@@ -361,7 +361,8 @@ def noise_(
 
 def _flagged(step: CallableStep, status: np.ndarray) -> dict[str, int]:
     """In how many samples each status bit was raised; only those that were."""
-    counts = {bit.name: int(np.count_nonzero(status & step.word.type(1 << k))) for k, bit in enumerate(step.bits)}
+    one, bits = step.layout.word.type(1), step.layout.bits
+    counts = {bit.name: int(np.count_nonzero(status & (one << k))) for k, bit in enumerate(bits)}
     return {name: count for name, count in counts.items() if count}
 
 

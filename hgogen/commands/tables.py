@@ -284,9 +284,9 @@ def agreements(each: Iterable[Agreement], unit: str) -> RenderableType:
 
 def status(step: Step, counts: Mapping[str, int], samples: int) -> RenderableType:
     """How often each status bit was raised, and what it asks for."""
-    if not step.bits:
+    if not step.layout.bits:
         return Text("status: none, of a step without guards\n")
-    raised = [bit for bit in step.bits if counts.get(bit.name)]
+    raised = [bit for bit in step.layout.bits if counts.get(bit.name)]
     if not raised:
         return Text(f"status: 0 (ok) in all {samples} samples\n")
     table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do")
@@ -330,7 +330,8 @@ def designs(points: Sequence[Point], step: Step) -> RenderableType:
     """Gains with their rates, longest dt, and what noise does, a row for each pair of state and output; and each gain
     as a call takes it."""
     time = step.observer.form.system.time
-    head = f"what is proved of gains: how far noise of 1 moves an estimate, by {step.rule} at dt = {step.dt:g} {time}"
+    by = f"by {step.code.rule} at dt = {step.dt:g} {time}"
+    head = f"what is proved of gains: how far noise of 1 moves an estimate, {by}"
     columns = ("gain", "error of", "noise of", f"rate (1/{time})", f"dt up to ({time})", "continuous", "step")
     table = headed(head, *columns, numbers=4)
     for one in points:

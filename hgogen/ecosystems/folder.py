@@ -64,7 +64,7 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
     """What the templates have places for."""
     declared = prototypes(step)
     samples = assigned(step)
-    parts = (f"`{step.name}_{section.name}`" for section in (*step.sections, *step.timed))
+    parts = (f"`{step.name}_{section.name}`" for section in (*step.code.sections, *step.code.timed))
     called = [each.local for each in structs(step) if each.name not in ("s", "p")]
     called += [f"{short}.{c_name(s.name)} = read_{s.name}();" for short, s in samples]
     measured = list[str]()  # in the place of what a sketch would measure
@@ -84,18 +84,20 @@ def _values(step: Step, real: Real) -> dict[str, Any]:
         **_clock(period),
         "rows": str(max(1, round(1 / period))),
         "status": status_type(step),
-        "word": f"{step.word}_t",
-        "sketched": "unsigned long" if step.word.itemsize == 4 else f"{step.word}_t",
-        "told": "\n".join(indented(_PRINTED_STATUS[step.word.itemsize], 8)),
+        "word": f"{step.layout.word}_t",
+        "sketched": "unsigned long" if step.layout.word.itemsize == 4 else f"{step.layout.word}_t",
+        "told": "\n".join(indented(_PRINTED_STATUS[step.layout.word.itemsize], 8)),
         "step": declared["step"].call(address),
         "estimate": declared["estimate"].call(address),
         "locals": "\n".join(each.local for each in structs(step)),
         "filled": "\n".join(f"{short}.{c_name(s.name)} = ...;" for short, s in samples),
         "order": ", ".join(f"`{each.name}`" for each in declared["step"].parameters),
-        "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.apart else "",
+        "apart": _BY_PARTS.substitute(parts=", ".join(parts)) if step.code.apart else "",
         "marked": f"{marked(step)} ",
         "members": "\n".join(_members(step)),
-        "bits": "\n".join(_row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.asked(bit)) for bit in step.bits),
+        "bits": "\n".join(
+            _row(f"`{step.name.upper()}_{bit.name}`", bit.meaning, step.asked(bit)) for bit in step.layout.bits
+        ),
         "readers": "\n\n".join(_reader(step, signal, real) for _, signal in samples),
         "called": "\n".join(indented(called)),
         "measured": "\n".join(indented(measured)),

@@ -76,7 +76,7 @@ def nominal(step: Step) -> Prototype:
 
 def status_type(step: Step) -> str:
     """C type of a status: `unsigned`, 16 bits wide on the smallest targets, where that is enough."""
-    return "unsigned" if len(step.bits) <= 16 else f"{step.word}_t"
+    return "unsigned" if len(step.layout.bits) <= 16 else f"{step.layout.word}_t"
 
 
 def structs(step: Step) -> tuple[Parameter, ...]:

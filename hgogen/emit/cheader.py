@@ -45,7 +45,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     lines = [*_block([f"@file {step.name}.h", f"@brief {first}", "", *others])]
     lines += [f"#ifndef {guard}", f"#define {guard}", "", *_manual(step, real), ""]
     lines += ["#include <stddef.h>"]
-    lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.timed else []
+    lines += ["#include <stdint.h>"] if status_type(step) != "unsigned" or step.code.timed else []
     lines += [""]
     equations = (harmless(line).replace("endverbatim", "end verbatim") for line in mathematics(step, C))
     verbatim = _block(["@file", "@verbatim", *equations, "@endverbatim"])  # which is no text for Doxygen
@@ -55,7 +55,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     for entry in (each for each in entries(step).values() if each.public):
         parameters = [(direction(entry, name), name, MEANINGS[name]) for name in entry.parameters]
-        returned = f"0{', or an or of the status bits' * bool(step.bits)}" * entry.status
+        returned = f"0{', or an or of the status bits' * bool(step.layout.bits)}" * entry.status
         lines += [*_said(entry.meaning, parameters, returned), f"{prototype(step, entry)};", ""]
     save, restore = csaved.prototypes(step)
     means = {"s": MEANINGS["s"], **csaved.MEANINGS}
@@ -99,15 +99,19 @@ _TIMED = (
 
 def _manual(step: Step, real: Real) -> list[str]:
     name = step.name
-    called = f"{period(step, by_parts=bool(step.timed))} The status {result(step, 'the bits below')}."
+    called = f"{period(step, by_parts=bool(step.code.timed))} The status {result(step, 'the bits below')}."
     paragraphs = [called, *parts(step, f"{name}_step")]
-    if step.timed:
-        paragraphs += [_WHOLE.format(rates=rates(step), name=name), _TIMED.format(call=_call(step, step.timed[-1]))]
+    if step.code.timed:
+        paragraphs += [_WHOLE.format(rates=rates(step), name=name)]
+        paragraphs += [_TIMED.format(call=_call(step, step.code.timed[-1]))]
     changed = gains(step, "p.gain", f"{name}_tune")
     restored = state(step, marked(step), "after init or reset and before the first call")
     changes = " that changes" * bool(step.observer.form.system.tables)
     paragraphs += [*late(step, real), f"{changed} {restored}", _COMPILED.format(changes=changes)]
-    what, every = "predict, and update where a sample came," if step.timed else "one step", pace(step.dt, step.time)
+    what, every = (
+        "predict, and update where a sample came," if step.code.timed else "one step",
+        pace(step.dt, step.time),
+    )
     use = [
         f"How to use it: one init, then {what} a sampling period of {every}.",
         *("", "@code", *indented(each.local for each in structs(step))),
@@ -122,10 +126,10 @@ def _body(step: Step) -> list[str]:
     """What a caller does in a period."""
     assigned = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
     status = f"{status_type(step)} status"
-    if not step.timed:
+    if not step.code.timed:
         assigned += [f"out.{c_name(s.name)} = ...;" for s in step.samples]
         return [" ".join(assigned), f"{status} = {prototypes(step)['step'].call(address)};"]
-    first, *rest = step.sections
+    first, *rest = step.code.sections
     lines = [*assigned, f"{status} = {_call(step, first)};"]
     for section in rest:
         call, y = f"status |= {_call(step, section)};", section.corrects
@@ -139,13 +143,13 @@ def _call(step: Step, section: Section) -> str:
 
 
 def _status(step: Step) -> list[str]:
-    if not step.bits:
+    if not step.layout.bits:
         return []
-    upper, width, size = step.name.upper(), max(len(bit.name) for bit in step.bits), step.word.itemsize
+    upper, width, size = step.name.upper(), max(len(bit.name) for bit in step.layout.bits), step.layout.word.itemsize
     # in the type of the status: the complement of a narrower constant would mask the bits above it
     value = "0x{:04X}u" if status_type(step) == "unsigned" else f"UINT{8 * size}_C(0x{{:0{2 * size}X}})"
     lines = ["/** @name Status bits: what happened, and what it asks of you. */", "/** @{ */", ""]
-    for k, bit in enumerate(step.bits):
+    for k, bit in enumerate(step.layout.bits):
         lines += [
             documented(f"{bit.meaning}. To do: {step.asked(bit)}."),
             f"#define {upper}_{bit.name:{width}} {value.format(1 << k)}",
@@ -167,9 +171,14 @@ def _constants(step: Step, real: Real) -> list[str]:
     digest = model_digest(step.observer)
     rows += [("MODEL", f'"{digest}"', "the model, as in its certificate")] if digest else []
     rows += [("LAYOUT", f'"{layout(step, real).hex()}"', _DIGEST)]
-    if step.mark:
+    if step.layout.mark:
         rows += [("READY", f"0x{mark(step, real):04X}u", _MARK)]
     rows += [("SAVED", f"(sizeof({step.name}_state) + {ADDED}u)", "how many bytes a saved state has")]
     defined = ((f"#define {step.name.upper()}_{name:7} {value}", said) for name, value, said in rows)
     lines = [text for line, said in defined for text in (documented(said), line, "")]
-    return [*lines, documented(_CONSTANT + ", with their mark" * bool(step.mark)), *csaved.initialiser(step, real), ""]
+    return [
+        *lines,
+        documented(_CONSTANT + ", with their mark" * bool(step.layout.mark)),
+        *csaved.initialiser(step, real),
+        "",
+    ]

@@ -30,7 +30,7 @@ class Cost:
 
 def cost(step: Step, real: Real = "float") -> Cost:
     """The cost of a call of the step in the working precision `real`."""
-    times: Counter[int] = carried_out(step.program)
+    times: Counter[int] = carried_out(step.code.program)
     functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
     operations = times.total() - functions
     return Cost(operations, functions, state_type(step, real).itemsize, params_type(step, real).itemsize)

@@ -110,7 +110,7 @@ def saving(step: Step, real: Real) -> Code:
         "save": save,
         "restore": restore,
     }
-    marked = _MARKED.substitute(values).strip("\n") if step.mark else ""
+    marked = _MARKED.substitute(values).strip("\n") if step.layout.mark else ""
     lines = _TEXT.substitute(values, marked=marked).strip("\n").replace("\n\n    }\n", "\n    }\n").split("\n")
     return Code(tuple(lines), Uses(types=frozenset({"uint32_t"})))
 
@@ -125,7 +125,7 @@ def initialiser(step: Step, real: Real) -> list[str]:
 def _row(step: Step, real: Real, values: np.ndarray) -> str:
     """The initialiser of a member of the parameters, in lines that are not too long."""
     if not values.dtype.names:
-        return f"    {step.name.upper()}_READY" if step.mark else "    0u"
+        return f"    {step.name.upper()}_READY" if step.layout.mark else "    0u"
     members = []
     for name in values.dtype.names:
         texts = ", ".join(C.literal(float(value), real) for value in np.ravel(values[name]))

@@ -42,5 +42,5 @@ def entry(name: str, place: tuple[int, int]) -> str:
 
 def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
     """The members of the parameters: kind and fields, those that there are."""
-    kinds = (("plant", step.plant), ("gain", step.gains), ("derived", step.derived))
+    kinds = (("plant", step.layout.plant), ("gain", step.layout.gains), ("derived", step.layout.derived))
     return tuple((kind, fields) for kind, fields in kinds if fields)

@@ -106,7 +106,7 @@ def _observer(step: Step) -> list[str]:
 
 def _gains(step: Step) -> list[str]:
     lines = list[list[str]]()
-    for field in step.gains:
+    for field in step.layout.gains:
         for k, (low, high) in enumerate(field.box):
             name = field.name if field.size == 1 else f"{field.name}[{k}]"
             label = field.labels[k] if field.labels else entry(field.name, field.entries[k]) if field.entries else ""
@@ -119,11 +119,12 @@ def _gains(step: Step) -> list[str]:
 
 
 def _method(step: Step) -> list[str]:
-    between = f" Between two calls the input is taken to {BETWEEN[step.between]}." if step.inputs else ""
+    between = f" Between two calls the input is taken to {BETWEEN[step.clock.between]}." if step.inputs else ""
     period = f"A step every {pace(step.dt, step.time)}, which is h.{between}"
-    what_for = [f"It is made for {step.prefer}{f': {step.choice}' * bool(step.choice)}.", ""] * said_what_for(step)
-    equations_ = _displayed(equations(step.method, step.rule))
-    return [f"## Method: {_plain(step.rule)}", "", period, "", *what_for, *equations_]
+    purpose = f"It is made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}."
+    what_for = [purpose, ""] * said_what_for(step)
+    equations_ = _displayed(equations(step.method, step.code.rule))
+    return [f"## Method: {_plain(step.code.rule)}", "", period, "", *what_for, *equations_]
 
 
 def _claims(step: Step) -> list[str]:

@@ -49,8 +49,9 @@ class Entry:
 def entries(step: Step) -> dict[str, Entry]:
     """The functions by name, in the order in which they are shown: those of every step, then the sections that it is
     made of, which are none of the caller's where they cannot be called apart."""
-    whole = "one sampling period: " + ", ".join(section.name for section in step.sections)
-    does = ["limits them to their ranges"] * (step.guards == "all") + ["computes the derived ones"] * bool(step.derived)
+    whole = "one sampling period: " + ", ".join(section.name for section in step.code.sections)
+    does = ["limits them to their ranges"] * step.clock.guarded
+    does += ["computes the derived ones"] * bool(step.layout.derived)
     limits = f"after a change of parameters: {' and '.join(does) or 'nothing is left to do'}"
     both, nominal = ("s", "p"), "nominal parameters, tuned, and a reset state"
     every = (
@@ -60,7 +61,7 @@ def entries(step: Step) -> dict[str, Entry]:
         Entry("step", _parameters(step, {"in", "out"}), ("s",), whole),
         Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False, anew=("x",)),
     )
-    parts = (*step.inner, *step.parts, *step.timed)
+    parts = (*step.code.inner, *step.code.parts, *step.code.timed)
     return {entry.name: entry for entry in (*every, *(of_section(step, section) for section in parts))}
 
 
@@ -68,9 +69,9 @@ def of_section(step: Step, section: Section) -> Entry:
     """The function of a section."""
     called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
     used = reached(place for program in (section.program, *called) for place, _ in places(program))
-    public = step.apart and section.name not in {each.name for each in step.inner}  # a call may hold another
+    public = step.code.apart and section.name not in {each.name for each in step.code.inner}  # a call may hold another
     meaning = f"part of a step: {section.meaning}"
-    inner = f"run_{section.name}" if public and step.mark and section in step.sections else ""
+    inner = f"run_{section.name}" if public and step.layout.mark and section in step.code.sections else ""
     return Entry(section.name, _parameters(step, used), ("s",), meaning, public=public, inner=inner)
 
 

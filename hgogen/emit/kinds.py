@@ -16,15 +16,15 @@ class Kinds:
     @cached_property
     def fields(self) -> dict[Place, Field]:
         """The fields of state, parameters and groups by place."""
-        step = self.step
-        kinds = {"state": step.state, "plant": step.plant, "gain": step.gains, "derived": step.derived}
+        layout = self.step.layout
+        kinds = {"state": layout.state, "plant": layout.plant, "gain": layout.gains, "derived": layout.derived}
         kinds |= {name: line[-1].fields for name, line in self.groups.items()}
         return {Place(kind, f.name): f for kind, fields in kinds.items() for f in fields}
 
     @cached_property
     def groups(self) -> dict[str, tuple[Group, ...]]:
         """Each group with those that it lies in, the outermost first."""
-        return {line[-1].name: line for line in lines_of(self.step.groups)}
+        return {line[-1].name: line for line in lines_of(self.step.layout.groups)}
 
     @cached_property
     def flags(self) -> set[Place]:
@@ -79,5 +79,5 @@ class Kinds:
 
     @cached_property
     def _all(self) -> Program:
-        sections = (s for section in self.step.called for s in section.program)
-        return (*sections, *self.step.estimate, *self.step.tuning)
+        sections = (s for section in self.step.code.called for s in section.program)
+        return (*sections, *self.step.code.estimate, *self.step.code.tuning)

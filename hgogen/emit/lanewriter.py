@@ -110,7 +110,7 @@ class LaneWriter(Writer):
         return self._raised_where(place, "true")[0]
 
     def _raised_where(self, place: Place, test: str) -> Sequence[str]:
-        bit = [each.place for each in self.step.bits].index(place)
+        bit = [each.place for each in self.step.layout.bits].index(place)
         raised = f"__builtin_convertvector({self._on(f'({test})')}, {self.own}_raised)"
         return (f"status |= ({self.own}_status){raised} & {1 << bit:#x}u;",)
 

@@ -20,12 +20,12 @@ _NUMBER = {"float": np.float32, "double": np.float64}
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_state."""
-    return np.dtype(_members(step.stored, real) + _arrays(step.groups, real), align=True)
+    return np.dtype(_members(step.layout.stored, real) + _arrays(step.layout.groups, real), align=True)
 
 
 def params_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_params."""
-    kinds: list[tuple[str, np.dtype]] = [(step.mark.name, np.dtype(np.uint32))] if step.mark else []
+    kinds: list[tuple[str, np.dtype]] = [(step.layout.mark.name, np.dtype(np.uint32))] if step.layout.mark else []
     kinds += [(kind, np.dtype(_members(fields, real), align=True)) for kind, fields in parameters(step)]
     return np.dtype(kinds or [("none", np.dtype(np.uint8))], align=True)
 
@@ -34,7 +34,7 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_kept of `targets.record`."""
     signals = {"input": step.inputs, "output": step.samples, "estimate": step.states}
     members = [("state", state_type(step, real)), ("params", params_type(step, real))]
-    members += [("at", np.dtype(np.uint32))] if step.timed else []
+    members += [("at", np.dtype(np.uint32))] if step.code.timed else []
     scalars = {kind: [signal.name for signal in each] for kind, each in signals.items()}
     scalars |= {"traces": list(step.observer.traces)}
     for kind, names in scalars.items():
@@ -49,14 +49,14 @@ def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
         views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
     for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
         views |= {Place(kind, signal.name): record[kind][signal.name] for signal in signals}
-    return views | ({AT: record["at"]} if step.timed else {})
+    return views | ({AT: record["at"]} if step.code.timed else {})
 
 
 def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
     """Where each place of the state lies in a record (1) of `state_type`: (size), (count, size) for a field of a group,
     (count, count, size) for one of a group in a group."""
-    views = {Place("state", field.name): _flat(state, field) for field in step.state}
-    for line in lines_of(step.groups):
+    views = {Place("state", field.name): _flat(state, field) for field in step.layout.state}
+    for line in lines_of(step.layout.groups):
         view = state[line[0].name][0]
         for group in line[1:]:
             view = view[group.name]
@@ -72,30 +72,32 @@ def made(step: Step, real: Real = "double") -> np.ndarray:
     record = np.zeros(1, kept_type(step, real))
     record["state"] = np.frombuffer(fresh(step, real), state_type(step, real))
     views = places(step, record)
-    for kind, fields in (("plant", step.plant), ("gain", step.gains)):
+    for kind, fields in (("plant", step.layout.plant), ("gain", step.layout.gains)):
         for field in fields:
             views[Place(kind, field.name)][:] = field.initial
-    if step.mark:
-        record["params"][step.mark.name] = mark(step, real)
+    if step.layout.mark:
+        record["params"][step.layout.mark.name] = mark(step, real)
     return record
 
 
 def fresh(step: Step, real: Real = "double") -> bytes:
     """The bytes of a state as before the first call."""
     state = np.zeros(1, state_type(step, real))
-    members = [("state", step.stored), *((group.name, group.fields) for *_, group in lines_of(step.groups))]
+    layout = step.layout
+    members = [("state", layout.stored), *((group.name, group.fields) for *_, group in lines_of(layout.groups))]
     views = _stored(step, state)
     for struct, fields in members:
         for field in fields:
             views[Place(struct, field.name)][:] = field.initial
-    if step.mark:
-        state[step.mark.name] = mark(step, real)
+    if layout.mark:
+        state[layout.mark.name] = mark(step, real)
     return state.tobytes()
 
 
 def _stored(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
     """The places of a state, and that of its mark."""
-    marked = {Place("state", step.mark.name): _flat(state, step.mark)} if step.mark else {}
+    field = step.layout.mark
+    marked = {Place("state", field.name): _flat(state, field)} if field else {}
     return marked | state_places(step, state)
 
 

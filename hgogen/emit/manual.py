@@ -105,11 +105,11 @@ def mathematics(step: Step, syntax: Syntax) -> list[str]:
     lines += ["In the states " + ", ".join(f"{w} = {e}" for w, e in new)] if origin else []
     lines += [f"Form: {form.kind}, " + ", ".join(f"{z} = {e}" for z, e in zip(form.states, form.to_form, strict=True))]
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
-    lines += [f"  {written(f)}" for f in step.gains]
-    lines += [f"Method: {step.rule}, dt = {pace(step.dt, step.time)}"]
-    lines += [f"Made for {step.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)
+    lines += [f"  {written(f)}" for f in step.layout.gains]
+    lines += [f"Method: {step.code.rule}, dt = {pace(step.dt, step.time)}"]
+    lines += [f"Made for {step.clock.prefer}{f': {step.choice}' * bool(step.choice)}"] * said_what_for(step)
     lines += ["Guards: none"] * (not guarded(step))
-    lines += [f"Between two calls the input is taken to {BETWEEN[step.between]}"] * bool(step.inputs)
+    lines += [f"Between two calls the input is taken to {BETWEEN[step.clock.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {in_short(check, observer.accepted)}" for check in observer.checks]
     lines += promised(step)
@@ -120,12 +120,12 @@ def mathematics(step: Step, syntax: Syntax) -> list[str]:
 
 def said_what_for(step: Step) -> bool:
     """Whether it is said what a step is made for: where that is flash, or where the covariance is in loops."""
-    return step.prefer == "flash" or any(group.name == "column" for group in step.groups)
+    return step.clock.prefer == "flash" or any(group.name == "column" for group in step.layout.groups)
 
 
 def guarded(step: Step) -> bool:
     """Whether it has guards."""
-    return step.guards == "all"
+    return step.clock.guarded
 
 
 def period(step: Step, by_parts: bool = False) -> str:
@@ -140,9 +140,9 @@ def parts(step: Step, name: str, quoted: str = "{}") -> list[str]:
 
     Args: `name`, what calls all; `quoted`: {}, the name of a section in a text.
     """
-    sections = ", ".join(quoted.format(section.name) for section in step.sections)
+    sections = ", ".join(quoted.format(section.name) for section in step.code.sections)
     order = ORDER_OF_LATE if step.ages else ORDER if guarded(step) else ORDER_UNGUARDED
-    return [f"{name} is {sections}: {order}"] if step.apart else []
+    return [f"{name} is {sections}: {order}"] if step.code.apart else []
 
 
 def gains(step: Step, members: str, call: str) -> str:
@@ -154,7 +154,7 @@ def state(step: Step, made: str, before: str, quoted: str = "{}") -> str:
     """What may be done with a state; `made`: where it comes from, or ""; `before`: the call before which it may be
     written."""
     read = read_fields([step.observer.z])
-    own = " and ".join(quoted.format(f"s.{field.name}") for field in step.state if field.name in read)
+    own = " and ".join(quoted.format(f"s.{field.name}") for field in step.layout.state if field.name in read)
     sentences = (
         "The state may be copied. What save gives of it is restored by the same program, and refused where the model, "
         "the observer, a default gain, dt, the precision or a bit is another.",
@@ -172,7 +172,8 @@ def result(step: Step, bits: str) -> str:
 
 def marked(step: Step) -> str:
     """How memory is told from a state that init or reset has made; "" without guards."""
-    return MARKED.format(mark=step.mark.name, bit=UNINITIALISED.name, none=NO_PARAMETERS.name) if step.mark else ""
+    mark = step.layout.mark
+    return MARKED.format(mark=mark.name, bit=UNINITIALISED.name, none=NO_PARAMETERS.name) if mark else ""
 
 
 def remembered(step: Step) -> str:
@@ -191,7 +192,7 @@ def late(step: Step, real: Real) -> list[str]:
     pairs = list(zip(step.late, step.ages, strict=True))
     ages = ", ".join(f"with a sample of {y.name} goes {age.name}" for y, age in pairs)
     most = ", ".join(f"{age.name} up to {age.interval[1]:g}" for _, age in pairs)
-    slots = next(group.count for group in step.groups if group.name == MEMORY)
+    slots = next(group.count for group in step.layout.groups if group.name == MEMORY)
     once, worst = cost(step.plain, real), cost(step, real)
     return [
         f"Late samples: {ages}, the number of periods ago in which it was taken, 0 for now, {most}. It is fused in "
@@ -210,18 +211,18 @@ def late(step: Step, real: Real) -> list[str]:
 
 def recovery(step: Step) -> str:
     """When an estimate that is lost restarts."""
-    if not step.signs:
+    if not step.code.signs:
         return "No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."
-    counts = ", and ".join(f"samples at which {sign.meaning} in s.{sign.count}" for sign in step.signs)
-    times = " or ".join(dict.fromkeys(pace(float(f"{sign.time:.3g}"), step.time) for sign in step.signs))
-    longest = pace(float(f"{max(sign.longest for sign in step.signs):.2g}"), step.time)
+    counts = ", and ".join(f"samples at which {sign.meaning} in s.{sign.count}" for sign in step.code.signs)
+    times = " or ".join(dict.fromkeys(pace(float(f"{sign.time:.3g}"), step.time) for sign in step.code.signs))
+    longest = pace(float(f"{max(sign.longest for sign in step.code.signs):.2g}"), step.time)
     guards = [
-        "where that of y reaches its limit" if any(sign.output is not None for sign in step.signs) else "",
+        "where that of y reaches its limit" if any(sign.output is not None for sign in step.code.signs) else "",
         "where that of the range does while the estimate is outside by half of a range, or does so again"
-        if any(sign.output is None for sign in step.signs)
+        if any(sign.output is None for sign in step.code.signs)
         else "",
     ]
-    counted = ["the fault counts", *(f"s.{field.name}" for field in step.state if field.lasting)]
+    counted = ["the fault counts", *(f"s.{field.name}" for field in step.layout.state if field.lasting)]
     lasting = " and ".join(filter(None, (", ".join(counted[:-1]), counted[-1])))
     projected = "Where that of the range first reaches its limit, the estimate is projected onto the declared ranges. "
     return (
@@ -236,7 +237,7 @@ def recovery(step: Step) -> str:
 
 def rates(step: Step) -> str:
     """How often each output of a step has a sample, and what that means."""
-    each = (f"{y} every {pace(period, step.time)}" for y, period in zip(step.outputs, step.periods, strict=True))
+    each = (f"{y} every {pace(period, step.time)}" for y, period in zip(step.outputs, step.clock.periods, strict=True))
     return (
         f"Sensors of different rates: {', '.join(each)}. The noise R of an output is taken for that period: give no "
         "sample more often."

@@ -87,7 +87,7 @@ def _assumed(step: Step, known: Signed) -> Iterator[str]:
     read = "samples and the exact inputs" if step.inputs else "samples"
     yield f"a call comes every {pace(step.dt, step.time)}, with the {read} of that time"
     yield "gains and parameters are the nominal ones of this file"
-    raised = any(bit.place == Place("status", _USUAL) for bit in step.bits)
+    raised = any(bit.place == Place("status", _USUAL) for bit in step.layout.bits)
     usual = f" but {_USUAL}" * (raised and _USUAL in STEP_BITS)
     yield f"no call since the start or a reset has returned a status bit{usual}"
     system = step.observer.form.system
@@ -121,7 +121,7 @@ def _range(u: Signal) -> str:
 
 def _still(step: Step, rates: Each) -> Iterator[str]:
     """Of the inputs that do not move between two calls, or move as nobody reads."""
-    if step.between == "hold" and step.inputs:
+    if step.clock.between == "hold" and step.inputs:
         yield f"between two calls {', '.join(u.name for u in step.inputs)} is held"
         return
     read = set().union(*(sp.sympify(row).free_symbols for row in step.observer.form.flow))
@@ -146,7 +146,7 @@ _SAID: Mapping[str, Callable[[Step, Signal, float], str]] = {
 
 def _tuned(step: Step, known: Signed) -> Iterator[str]:
     """Where theta and dt may lie for the error to decay where nothing enters."""
-    theta = next(gain.initial[0] for gain in step.gains if gain.name == "theta")
+    theta = next(gain.initial[0] for gain in step.layout.gains if gain.name == "theta")
     least = known.least and Fraction(up(known.least, _DIGITS))
     decays = "Without what enters the error decays"
     if least and least < theta:

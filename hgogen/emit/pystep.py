@@ -63,9 +63,9 @@ class _Writer(Reader[list[str]]):
         self.size = {"D": DTYPE[real]().itemsize, "I": 4}
         self.places = layout.places(step, record)
         self.parameters = record["params"].ctypes.data - record.ctypes.data
-        self.groups = {line[-1].name: line for line in lines_of(step.groups)}
+        self.groups = {line[-1].name: line for line in lines_of(step.layout.groups)}
         self.numbers = {name: number for number, name in enumerate(self.groups)}
-        self.bits = {bit.place: 1 << k for k, bit in enumerate(step.bits)}
+        self.bits = {bit.place: 1 << k for k, bit in enumerate(step.layout.bits)}
         self.address = record.ctypes.data
         whole = record.view(np.uint8)
         self.names = self.graphs.names
@@ -81,7 +81,8 @@ class _Writer(Reader[list[str]]):
 
     def tune(self) -> Entry:
         """What limits the parameters and derives others, alone."""
-        pygraph.defined(self._function("tune", self.step.tuning), self.names, "tune", "the tuning of a step in Python")
+        text = self._function("tune", self.step.code.tuning)
+        pygraph.defined(text, self.names, "tune", "the tuning of a step in Python")
         tune: Entry = np.errstate(all="ignore")(self.names["tune"])
         return tune
 
@@ -89,13 +90,14 @@ class _Writer(Reader[list[str]]):
         step, text = self.step, list[str]()
         last = self.names["D"].nbytes // self.size["D"] - len(step.observer.traces)
         traces = (self._read(Place("state", name), 0, self.real) for name in step.observer.traces)
-        shown = self._function("shown", step.estimate, [f"D[{last + k}] = {text}" for k, text in enumerate(traces)])
-        text += self._function("tune", step.tuning)
-        for section in step.called:
+        stores = [f"D[{last + k}] = {text}" for k, text in enumerate(traces)]
+        shown = self._function("shown", step.code.estimate, stores)
+        text += self._function("tune", step.code.tuning)
+        for section in step.code.called:
             self.sections[section.name] = len(self.sections)
             text += self._function(self._called(section), section.program)
-        calls = {section.name: [section] for section in (*step.sections, *step.timed)}
-        calls |= {"step": list(step.sections), "estimate": []}
+        calls = {section.name: [section] for section in (*step.code.sections, *step.code.timed)}
+        calls |= {"step": list(step.code.sections), "estimate": []}
         numbered = {name: f"entry{k}" for k, name in enumerate(calls)}
         for name, sections in calls.items():
             text += [f"def {numbered[name]}():", "    status = 0", *indented(self._ready() if sections else [])]
@@ -109,7 +111,7 @@ class _Writer(Reader[list[str]]):
 
     def _ready(self) -> list[str]:
         """What makes memory a state that is none yet, and ends a call without parameters."""
-        mark = self.step.mark
+        mark = self.step.layout.mark
         if not mark:
             return []
         self.names["fresh"] = fresh = layout.fresh(self.step, self.real)

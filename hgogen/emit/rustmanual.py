@@ -26,7 +26,7 @@ def documentation(step: Step, real: Real, command: str) -> list[str]:
     first, *others = title(step, command)
     every = pace(step.dt, step.time)
     begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
-    timed = [_TIMED.format(rates=rates(step), function=step.timed[-1].name)] if step.timed else []
+    timed = [_TIMED.format(rates=rates(step), function=step.code.timed[-1].name)] if step.code.timed else []
     manual = [
         f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
         f"{period(step)} No input and no state panics. The result {result(step, 'the bits of `status`')}.",
@@ -49,7 +49,7 @@ def arguments(step: Step) -> str:
 
 def status_type(step: Step) -> str:
     """The type of a status."""
-    return f"u{8 * step.word.itemsize}"
+    return f"u{8 * step.layout.word.itemsize}"
 
 
 def status(step: Step) -> list[str]:
@@ -57,7 +57,7 @@ def status(step: Step) -> list[str]:
     kind = status_type(step)
     bits = [
         text
-        for k, bit in enumerate(step.raised)
+        for k, bit in enumerate(step.layout.raised)
         for text in (
             *doc(f"{bit.meaning}. To do: {step.asked(bit)}."),
             f"pub const {bit.name}: {kind} = 0x{1 << k:04X};",

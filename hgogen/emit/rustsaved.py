@@ -44,7 +44,7 @@ FUNCTIONS = _FUNCTIONS.strip().split("\n")
 
 def constants(step: Step, real: Real) -> list[str]:
     """Return the lines of the constants about a saved state."""
-    size = ADDED + _size(step.state, step.groups, {"real": DTYPE[real]().itemsize, "index": INDEX_BYTES})
+    size = ADDED + _size(step.layout.state, step.layout.groups, {"real": DTYPE[real]().itemsize, "index": INDEX_BYTES})
     digest = ", ".join(f"0x{byte:02X}" for byte in layout(step, real, "rust"))
     return [
         "/// A digest of the model, the observer, default gains, dt, the precision and the memory of a saved state.",
@@ -57,13 +57,14 @@ def constants(step: Step, real: Real) -> list[str]:
 
 def save(step: Step) -> list[str]:
     """Return the lines of the method that saves a state."""
+    fields = step.layout.state, step.layout.groups
     return [
         "/// the state as bytes, alike on every machine: `LAYOUT`, its numbers, a checksum",
         "pub fn save(&self) -> [u8; SAVED] {",
         "    let s = self;",
         "    let mut saved = [0; SAVED];",
         "    let mut at = put_bytes(&mut saved, 0, &LAYOUT);",
-        *indented(_each("s", step.state, step.groups, ".iter()", "at = put_bytes(&mut saved, at, &{}.to_le_bytes());")),
+        *indented(_each("s", *fields, ".iter()", "at = put_bytes(&mut saved, at, &{}.to_le_bytes());")),
         "    let sum = checksum(&saved[..at]);",
         "    put_bytes(&mut saved, at, &sum.to_le_bytes());",
         "    saved",
@@ -87,7 +88,7 @@ def restored(step: Step, real: Real) -> list[str]:
         "    }",
         "    let mut s = State::new();",
         f"    let mut at = {DIGEST};",
-        *indented(_each("s", step.state, step.groups, ".iter_mut()", read, types)),
+        *indented(_each("s", step.layout.state, step.layout.groups, ".iter_mut()", read, types)),
         "    Some(s)",
         "}",
     ]

@@ -17,7 +17,7 @@ _SAID = {
 
 def declared(step: Step, structs: Mapping[str, Struct]) -> list[str]:
     """All structs of a step."""
-    groups, lines = {line[-1].name for line in lines_of(step.groups)}, list[str]()
+    groups, lines = {line[-1].name for line in lines_of(step.layout.groups)}, list[str]()
     for kind, struct in structs.items():
         said = _SAID.get(kind, struct.said)
         lines += doc(said if kind in groups else f"{said[0].upper()}{said[1:]}.")

@@ -47,13 +47,15 @@ def layout(step: Step, real: Real, language: str = "c") -> bytes:
     """Return the digest (8) of a step in a precision; `language`: whose memory it is, C's or another's."""
     observer, form = step.observer, step.observer.form
     system = form.system.declared
-    lines = [version(), language, real, system.name, form.kind, observer.name, step.rule]
-    lines += [f"dt {step.dt!r}, {step.periods}, {step.between}, {step.guards}, {step.prefer}", str(observer.delays)]
+    lines = [version(), language, real, system.name, form.kind, observer.name, step.code.rule]
+    clock = step.clock
+    lines += [f"dt {clock.dt!r}, {clock.periods}, {clock.between}, {clock.guards}, {clock.prefer}"]
+    lines += [str(observer.delays)]
     lines += [*_plant(system), *(_plant(form.system) if form.system is not system else ())]
     lines += [*map(str, form.to_form), f"{form.clamped} {form.limits} {form.free} {form.held}", *_observer(observer)]
-    for parameters in (step.plant, step.gains):
+    for parameters in (step.layout.plant, step.layout.gains):
         lines += (f"{field.name} {[DTYPE[real](value) for value in field.initial]}" for field in parameters)
-    lines += [*_listed(step.derived, ()), *_listed(step.state, step.groups)]
+    lines += [*_listed(step.layout.derived, ()), *_listed(step.layout.state, step.layout.groups)]
     return hashlib.sha256("\n".join(lines).encode()).digest()[:DIGEST]
 
 
@@ -79,7 +81,7 @@ def opened(step: Step, real: Real, saved: bytes, size: int) -> bytes:
     body, state = saved[:-CHECKSUM], saved[DIGEST:-CHECKSUM]
     if struct.pack("<I", zlib.crc32(body)) != saved[-CHECKSUM:]:
         raise NotSaved(what, "is damaged: its checksum differs; save again")
-    marked = not step.mark or state[:4] == struct.pack("=I", mark(step, real))
+    marked = not step.layout.mark or state[:4] == struct.pack("=I", mark(step, real))
     if saved[:DIGEST] != layout(step, real) or not marked:
         raise NotSaved(what, "is of another model, observer, gains, dt or precision; restore it where it was saved")
     return state

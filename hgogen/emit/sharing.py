@@ -62,7 +62,7 @@ class SharingWriter(Writer):
     @cached_property
     def _parts(self) -> dict[tuple[str, ...], Part]:
         """By the text of their statements."""
-        runs = [run for section in self.step.called for run in _everywhere(section.program) if _name(run)]
+        runs = [run for section in self.step.code.called for run in _everywhere(section.program) if _name(run)]
         texts = [self._alone(run) for run in runs]
         times, names, parts = Counter(text.lines for text in texts), Counter[str](), dict[tuple[str, ...], Part]()
         for run, text in zip(runs, texts, strict=True):
@@ -84,13 +84,13 @@ class SharingWriter(Writer):
 
     def _left(self, run: Program) -> set[Place]:
         """The places that a part writes, if all of them are as after a reset then; else none."""
-        structs_ = [("state", self.step.state)]
-        structs_ += [(line[-1].name, line[-1].fields) for line in lines_of(self.step.groups)]
+        structs_ = [("state", self.step.layout.state)]
+        structs_ += [(line[-1].name, line[-1].fields) for line in lines_of(self.step.layout.groups)]
         initial = {Place(struct, field.name): field.initial for struct, fields in structs_ for field in fields}
         written = _written(run)
         if not written <= initial.keys():
             return set()
-        memory = (reading := Reading(run, self.step.groups)).memory
+        memory = (reading := Reading(run, self.step.layout.groups)).memory
         for place in memory.keys() & initial.keys():
             memory[place][...] = np.nan if place in written else initial[place]
         reading.action(run)()

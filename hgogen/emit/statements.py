@@ -58,7 +58,7 @@ class Writer(Reader[Code]):
     @property
     def least(self) -> int:
         """How often a loop runs at least."""
-        return LEAST[self.step.prefer]
+        return LEAST[self.step.clock.prefer]
 
     @cached_property
     def kinds(self) -> Kinds:
@@ -68,7 +68,7 @@ class Writer(Reader[Code]):
     @cached_property
     def bits(self) -> dict[Place, str]:
         """The names of the status bits, by the places that raise them."""
-        return {bit.place: bit.name for bit in self.step.bits}
+        return {bit.place: bit.name for bit in self.step.layout.bits}
 
     @cached_property
     def subprograms(self) -> dict[str, Subprogram]:
@@ -282,7 +282,7 @@ class Writer(Reader[Code]):
             return ""
         known = self.kinds.fields.get(place)
         triangle = known is not None and bool(known.entries)
-        return "" if triangle and self.step.prefer == "speed" else self.whole(place)
+        return "" if triangle and self.step.clock.prefer == "speed" else self.whole(place)
 
     def _local(self, place: Place, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""

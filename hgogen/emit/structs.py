@@ -53,7 +53,7 @@ class _Structs:
 
     def every(self, marked: bool) -> Iterator[Struct]:
         """All that there are."""
-        step, marks = self.step, [self.step.mark] if marked and self.step.mark else []
+        step, marks = self.step, [self.step.layout.mark] if marked and self.step.layout.mark else []
         for kind, signals in (("input", step.inputs), ("output", step.samples), ("estimate", step.states)):
             if signals:
                 yield Struct(kind, SIGNALS[kind], self.named(of_signal(step, signal) for signal in signals))
@@ -63,9 +63,9 @@ class _Structs:
         mark = (self.member(replace(each, meaning=OF_PARAMETERS)) for each in marks)
         inner = (self.inner(kind, MEANINGS[kind]) for kind, _ in parameters(step))
         yield Struct("parameters", "parameters: change plant or gain, then call tune", (*mark, *inner))
-        for *_, group in lines_of(step.groups):
+        for *_, group in lines_of(step.layout.groups):
             yield Struct(group.name, group.meaning, self.memory(group.fields, group.groups))
-        yield Struct("state", remembered(step), self.memory((*marks, *step.state), step.groups))
+        yield Struct("state", remembered(step), self.memory((*marks, *step.layout.state), step.layout.groups))
 
     def memory(self, fields: Iterable[Field], groups: Iterable[Group]) -> tuple[Member, ...]:
         """Fields, and arrays of structs after them."""

@@ -89,7 +89,7 @@ def _distinct(routines: dict[str, Routine]) -> list[str]:
 
 def _calls(step: Step) -> Iterator[tuple[Block, Node]]:
     """Every call of a routine, with the block that it stands in."""
-    programs = (*(section.program for section in step.called), step.estimate, step.tuning)
+    programs = (*(section.program for section in step.code.called), step.code.estimate, step.code.tuning)
     for block in (each for program in programs for each in blocks(program)):
         if calls(block.graph):
             nodes = ordered(node for output in read(block.graph) for node in output)

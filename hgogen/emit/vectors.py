@@ -48,7 +48,7 @@ def record(step: Step, real: Real) -> Vectors:
     """Run the step from a reset over the test inputs."""
     u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
     y = np.array([[_wave(k / 23, s) for s in step.outputs] for k in range(SAMPLES)])
-    if step.guards == "all":
+    if step.clock.guarded:
         y[MISSING], y[ABSURD], u[LOST_INPUT] = np.nan, 1e30, np.nan
         u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
     y = np.hstack([y, _ages(step)])
@@ -56,7 +56,7 @@ def record(step: Step, real: Real) -> Vectors:
     runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
     # without guards up to the first sample after which not every run sees plausible numbers
     sound = np.all([(np.abs(seen) <= LOST).all(axis=1) for seen, _ in runs.values()], axis=0)
-    count = SAMPLES if step.guards == "all" or sound.all() else int(np.argmin(sound))
+    count = SAMPLES if step.clock.guarded or sound.all() else int(np.argmin(sound))
     u, y = u[:count], y[:count]
     runs = {kind: (seen[:count], status[:count]) for kind, (seen, status) in runs.items()}
     seen, status = runs[real]
@@ -68,12 +68,12 @@ def record(step: Step, real: Real) -> Vectors:
 
 def lost(step: Step) -> tuple[int, int]:
     """The sample at which the inputs are no numbers, and that at which the outputs are none; `SAMPLES` for none."""
-    return (LOST_INPUT, MISSING) if step.guards == "all" else (SAMPLES, SAMPLES)
+    return (LOST_INPUT, MISSING) if step.clock.guarded else (SAMPLES, SAMPLES)
 
 
 def faults(step: Step) -> str:
     """What is said of such samples, after their number."""
-    return ", a missing, an absurd, a lost and an excessive one among them" if step.guards == "all" else ""
+    return ", a missing, an absurd, a lost and an excessive one among them" if step.clock.guarded else ""
 
 
 def start(step: Step) -> dict[Place, list[float]]:
@@ -81,7 +81,7 @@ def start(step: Step) -> dict[Place, list[float]]:
     show nothing of its model, as far as an element of it is linear in one of the state's."""
     boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
     wanted = [low + 0.7 * (high - low) for low, high in boxes]
-    values = {Place("state", field.name): np.array(field.initial) for field in step.state}
+    values = {Place("state", field.name): np.array(field.initial) for field in step.layout.state}
     known = nominal(step.observer) | values
     changed = {}
     for z, goal in zip(ca.vertsplit(ca.vertcat(step.observer.z)), wanted, strict=True):
@@ -100,7 +100,7 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     for place, values in start(step).items():
         reader.memory[place][:] = values
     results = [reader.memory[place] for place in places(step)]
-    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.word)
+    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, step.layout.word)
     samples = [reader.memory[Place("input", s.name)] for s in step.inputs]
     samples += [reader.memory[Place("output", s.name)] for s in step.samples]
     for k in range(SAMPLES):

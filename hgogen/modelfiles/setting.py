@@ -11,7 +11,7 @@ from hgogen.registry import cases
 if TYPE_CHECKING:
     from hgogen.call import CallableStep
     from hgogen.emit.syntax import Real
-    from hgogen.step import Guards, Prefer
+    from hgogen.part import Guards, Prefer
 
 
 class UnknownCase(BadArgument):

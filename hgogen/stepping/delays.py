@@ -24,7 +24,7 @@ import casadi as ca
 
 from hgogen.check import Verdict
 from hgogen.graph import Graph
-from hgogen.observer import Observer, remembered
+from hgogen.observer import Observer, age_of, remembered
 from hgogen.program import (
     Bit,
     Block,
@@ -44,7 +44,7 @@ from hgogen.program import (
 )
 from hgogen.reading.given import BadGain, count
 from hgogen.signal import Signal
-from hgogen.step import CannotUpdate, Step, status_bits
+from hgogen.step import CannotUpdate, Step, with_bits
 from hgogen.stepping.guards import LARGEST_NUMBER
 from hgogen.stepping.members import Moved
 from hgogen.stepping.parallel import demand_one
@@ -89,8 +89,8 @@ def delayed(observer: Observer, /, **steps: int) -> Observer:
     late = tuple((name, count(name, steps[name], 1, MOST)) for name in outputs if name in steps)
     taken = {signal.name for signal in observer.form.system.signals}
     for name, _ in late:
-        if _age(name) in taken:
-            raise BadGain(f"delayed({name}=)", f"adds a signal {_age(name)}, which the plant has already; rename that")
+        if (age := age_of(name)) in taken:
+            raise BadGain(f"delayed({name}=)", f"adds a signal {age}, which the plant has already; rename that")
     return remembered(_delayed)(observer, late=late)
 
 
@@ -103,11 +103,6 @@ def _delayed(observer: Observer, *, late: tuple[tuple[str, int], ...]) -> Observ
         equations=(*observer.equations, line),
         delays=late,
     )
-
-
-def _age(name: str) -> str:
-    """The name of the signal that tells how old a sample of an output is; two underscores are for C++."""
-    return f"{name.rstrip('_')}_age"
 
 
 def arranged(step: Step) -> Step:
@@ -127,34 +122,31 @@ class _Delayed:
     @property
     def step(self) -> Step:
         plain, periods = self.plain, self._count
-        if not plain.apart:
-            raise CannotUpdate(plain.observer.name, plain.rule)
+        if not plain.code.apart:
+            raise CannotUpdate(plain.observer.name, plain.code.rule)
         clock = (
             scalar(AT.name, 0, kind="index", high=periods - 1, meaning="index of the period of now"),
             scalar(FILLED.name, 0, kind="index", high=periods, meaning="periods remembered since the last reset"),
             scalar(DUE.name, 0, kind="index", high=periods, meaning="periods, the last this one, that adapt completes"),
         )
-        made = replace(
-            plain,
-            state=(*plain.state, *clock, *self._signals),
-            groups=(*plain.groups, *self._rings),
+        layout = replace(
+            plain.layout,
+            state=(*plain.layout.state, *clock, *self._signals),
+            groups=(*plain.layout.groups, *self._rings),
+        )
+        code = replace(
+            plain.code,
             sections=tuple(map(_pruned, (self._predict, *map(self._update, plain.outputs), self._adapt))),
             timed=(),
-            inner=tuple(map(_pruned, (*plain.inner, *self._sections, self._remember, self._go_back))),
-            ages=tuple(self._ages.values()),
-            plain=plain,
+            inner=tuple(map(_pruned, (*plain.code.inner, *self._sections, self._remember, self._go_back))),
         )
-        return replace(made, bits=status_bits(made, (*plain.bits, *self._bits)))
+        made = replace(plain, layout=layout, code=code, plain=plain)
+        return with_bits(made, (*plain.layout.bits, *self._bits))
 
     @cached_property
     def _ages(self) -> Mapping[Signal, Signal]:
-        """By output, those of samples that may come late."""
-        outputs = {output.name: output for output in self.plain.outputs}
-        meaning = "periods ago in which {} was taken, a whole number"
-        return {
-            outputs[name]: Signal(_age(name), "", meaning.format(name), nominal=0, low=0, high=most)
-            for name, most in self.plain.observer.delays
-        }
+        """By output, the ages of samples that may come late."""
+        return dict(zip(self.plain.late, self.plain.observer.ages, strict=True))
 
     @property
     def _count(self) -> int:
@@ -171,10 +163,10 @@ class _Delayed:
 
     @cached_property
     def _rings(self) -> tuple[Group, Group]:
-        groups = tuple(replace(group, name=f"{MEMORY}_{group.name}") for group in self.plain.groups)
+        groups = tuple(replace(group, name=f"{MEMORY}_{group.name}") for group in self.plain.layout.groups)
         period = Group(PERIOD, self._count, self._signals, "a period: the input and the samples of it")
         meaning = "what the step remembered in a period after its prediction"
-        return period, Group(MEMORY, self._count, self.plain.state, meaning, groups)
+        return period, Group(MEMORY, self._count, self.plain.layout.state, meaning, groups)
 
     # --- the step without delays, on what a period was given
 
@@ -193,7 +185,7 @@ class _Delayed:
         moved = Moved({**reads, **silent}, {})
         return tuple(
             Section(f"then_{each.name}", f"{each.meaning}, of a period", moved.program(each.program))
-            for each in self.plain.sections
+            for each in self.plain.code.sections
         )
 
     @cached_property
@@ -210,8 +202,8 @@ class _Delayed:
 
     def _copied(self, source: str, target: str) -> Program:
         """The fields and the groups of the step between the state and the period `at`."""
-        plain, inner = self.plain, list[Statement](_copies(source, target, self.plain.state))
-        for group in plain.groups:
+        plain, inner = self.plain, list[Statement](_copies(source, target, self.plain.layout.state))
+        for group in plain.layout.groups:
             ends = {"state": group.name, MEMORY: f"{MEMORY}_{group.name}"}
             which = Place("work", f"which_{group.name}")
             copies = _copies(ends[source], ends[target], group.fields)

@@ -51,8 +51,8 @@ class Graphs:
     def memory(self) -> Vector:
         """All that a call remembers."""
         step = self.made
-        entries = [entry for field in step.state for entry in self._of(field)]
-        for line in lines_of(step.groups):
+        entries = [entry for field in step.layout.state for entry in self._of(field)]
+        for line in lines_of(step.layout.groups):
             entries += [entry for field in line[-1].fields for entry in of_line(line, field, step.unit(field))]
         return Vector("memory", tuple(entries))
 
@@ -60,8 +60,9 @@ class Graphs:
     def inputs(self) -> tuple[Vector, Vector, Vector]:
         """u, y, and the parameters: the gains, then what can be tuned of the plant."""
         step = self.made
-        gains = [entry for field in step.gains for entry in self._of(field)]
-        plant = distinct((e for f in step.plant for e in self._of(f)), (g.name for g in step.gains), "plant")
+        layout = step.layout
+        gains = [entry for field in layout.gains for entry in self._of(field)]
+        plant = distinct((e for f in layout.plant for e in self._of(f)), (g.name for g in layout.gains), "plant")
         signals = of_signals("inputs", step.inputs), of_signals("outputs", step.samples)
         return *signals, Vector("parameters", (*gains, *plant))
 
@@ -72,14 +73,15 @@ class Graphs:
 
     def step(self) -> ca.Function:
         """One call; its status is a number, or one for each 32 bits."""
-        step, state, lies = self.made, ca.MX.sym("state", len(self.memory)), shapes(self.made.state, self.made.groups)
-        memory = {**self._tuned(step.tuning), **_parts(state, lies)}
+        step, state = self.made, ca.MX.sym("state", len(self.memory))
+        lies = shapes(step.layout.state, step.layout.groups)
+        memory = {**self._tuned(step.code.tuning), **_parts(state, lies)}
         memory |= _scalars("input", step.inputs, self._u) | _scalars("output", step.samples, self._y)
-        for section in step.sections:
+        for section in step.code.sections:
             memory = self._symbolic.section(section.program, memory)
         x = self._estimated(memory)
         after = ca.veccat(*(memory[place] for place in lies))
-        raised = [memory[bit.place] for bit in step.raised] or [ca.MX(0)]
+        raised = [memory[bit.place] for bit in step.layout.raised] or [ca.MX(0)]
         words = [raised[k : k + EXACT] for k in range(0, len(raised), EXACT)]
         status = ca.vertcat(*(reduce(add, (2.0**k * each for k, each in enumerate(word))) for word in words))
         arguments, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
@@ -94,10 +96,10 @@ class Graphs:
         own = [field for ode in self._odes for field in ode.fields]
         others = read_fields([self.made.observer.z, *self._rates.values()]) | self._rates.keys()
         others -= {"u", *(field.name for field in own)}
-        name, fields = self.made.name, [*own, *(f for f in self.made.state if f.name in others)]
+        name, fields = self.made.name, [*own, *(f for f in self.made.layout.state if f.name in others)]
         state = ca.MX.sym("state", sum(field.size for field in fields))
         derived = chain.from_iterable(tuned(part, self._clock) for part in self.made.observer.parts)
-        tuning = limit_parameters(*self.made.limited, tuple(derived))
+        tuning = limit_parameters(*self.made.layout.limited, tuple(derived))
         memory = {**self._tuned(tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}
         memory |= {Place("state", "u"): self._u, Place("work", "u"): self._u} if self._u.numel() else {}
         memory[Place("work", "valid")] = valid = ca.fabs(self._y) <= LARGEST_NUMBER
@@ -119,7 +121,7 @@ class Graphs:
 
     @property
     def _clock(self) -> Clock:
-        return Clock(self.made.dt, self.made.between, len(self.made.inputs), len(self.made.outputs))
+        return Clock(self.made.dt, self.made.clock.between, len(self.made.inputs), len(self.made.outputs))
 
     @cached_property
     def _odes(self) -> list[Ode]:
@@ -141,7 +143,7 @@ class Graphs:
 
     @property
     def _symbolic(self) -> Symbolic:
-        return Symbolic({line[-1].name: line for line in lines_of(self.made.groups)}, self.graph)
+        return Symbolic({line[-1].name: line for line in lines_of(self.made.layout.groups)}, self.graph)
 
     @cached_property
     def _symbols(self) -> list[Graph]:
@@ -167,15 +169,15 @@ class Graphs:
         step = self.made
         lies = {
             Place(kind, f.name): (f.size, 1)
-            for kind, fields in (("gain", step.gains), ("plant", step.plant))
+            for kind, fields in (("gain", step.layout.gains), ("plant", step.layout.plant))
             for f in fields
         }
-        zeros = {Place("derived", f.name): ca.MX.zeros(f.size) for f in step.derived}
-        bits = {bit.place: ca.MX(0) for bit in step.bits}
+        zeros = {Place("derived", f.name): ca.MX.zeros(f.size) for f in step.layout.derived}
+        bits = {bit.place: ca.MX(0) for bit in step.layout.bits}
         return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._p, lies)})
 
     def _estimated(self, memory: Memory) -> Graph:
-        shown = self._symbolic.section(self.made.estimate, memory)
+        shown = self._symbolic.section(self.made.code.estimate, memory)
         return ca.vertcat(*(shown[Place("estimate", signal.name)] for signal in self.made.states))
 
 

@@ -187,24 +187,24 @@ class Machine(Reading):
         bind: Callable[[Block, list[np.ndarray]], Bound] = casadi_block,
         dtype: Any = np.float64,
     ) -> None:
-        sections = (s for section in step.called for s in section.program)
-        programs = (*sections, *step.estimate, *step.tuning)
-        super().__init__(programs, step.groups, step.bits, bind, dtype)
+        sections = (s for section in step.code.called for s in section.program)
+        programs = (*sections, *step.code.estimate, *step.code.tuning)
+        super().__init__(programs, step.layout.groups, step.layout.bits, bind, dtype)
         self.step = step
         for kind, fields in (
-            ("plant", step.plant),
-            ("gain", step.gains),
-            ("derived", step.derived),
-            ("state", step.state),
+            ("plant", step.layout.plant),
+            ("gain", step.layout.gains),
+            ("derived", step.layout.derived),
+            ("state", step.layout.state),
         ):
             for field in fields:
                 self.memory[Place(kind, field.name)] = np.zeros(field.size, dtype)
-        for kind, fields in (("plant", step.plant), ("gain", step.gains)):
+        for kind, fields in (("plant", step.layout.plant), ("gain", step.layout.gains)):
             self._fill(kind, fields)
-        self._tune = self.action(step.tuning)
-        for section in step.called:
+        self._tune = self.action(step.code.tuning)
+        for section in step.code.called:
             self._sections[section.name] = self.action(section.program)
-        self._estimate = self.action(step.estimate)
+        self._estimate = self.action(step.code.estimate)
         self.tune()
         self.reset()
 
@@ -214,7 +214,7 @@ class Machine(Reading):
 
     def reset(self) -> None:
         """The state as before the first call."""
-        self._fill("state", self.step.state)
+        self._fill("state", self.step.layout.state)
         for name, line in self._groups.items():
             for field in line[-1].fields:
                 self.memory[Place(name, field.name)][:] = np.asarray(field.initial, self._dtype)
@@ -226,7 +226,7 @@ class Machine(Reading):
     def call(self) -> int:
         """All sections, then the estimate; returns the status."""
         status = 0
-        for section in self.step.sections:
+        for section in self.step.code.sections:
             status |= self._run(self._sections[section.name])
         self._run(self._estimate)
         return status
@@ -243,7 +243,7 @@ class Machine(Reading):
         results = [memory[Place("estimate", s.name)] for s in step.states]
         scalars = [memory[Place("state", name)] for name in step.observer.traces]
         x, traces = np.zeros((len(y), len(results))), np.zeros((len(y), len(scalars)))
-        status = np.zeros(len(y), step.word)
+        status = np.zeros(len(y), step.layout.word)
         for k in range(len(y)):
             for place, value in zip(slots, (*u[k], *y[k]), strict=True):
                 place[0] = value

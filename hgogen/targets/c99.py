@@ -102,15 +102,15 @@ def _functions(writer: SharingWriter) -> Iterator[Code]:
     state and of the parameters."""
     step, declared = writer.step, prototypes(writer.step)
     rarely = code(f"{step.name.upper()}_RARELY")
-    if step.mark:
-        yield rarely + _readied(step, step.mark)
+    if step.layout.mark:
+        yield rarely + _readied(step, step.layout.mark)
     for part in writer.parts:
         yield rarely + _function(part.prototype, part.body)
-    for section in (*step.inner, *step.parts):
+    for section in (*step.code.inner, *step.code.parts):
         yield _function(inside(step, section), writer.function(section.program))
     yield rarely + _function(nominal(step), _nominal(step, writer.real))
     changing = (each for each in entries(step).values() if each.public and each.status and "s" in each.written)
-    asking = {each.name for each in changing} if step.mark else set[str]()
+    asking = {each.name for each in changing} if step.layout.mark else set[str]()
     for name, body in _bodies(writer).items():
         text = _asked(step, declared[name], body) if name in asking else _function(declared[name], body)
         yield rarely + text if name == "reset" else text
@@ -140,14 +140,15 @@ def _readied(step: Step, mark: Field) -> Code:
 def _bodies(writer: SharingWriter) -> dict[str, Code]:
     """The statements of each function that a caller has."""
     step = writer.step
-    bodies = {section.name: called(C, step, section) for section in step.sections if of_section(step, section).inner}
-    if step.parts:
-        bodies["step"] = joined(called(C, step, section) for section in step.parts)
+    inner = (section for section in step.code.sections if of_section(step, section).inner)
+    bodies = {section.name: called(C, step, section) for section in inner}
+    if step.code.parts:
+        bodies["step"] = joined(called(C, step, section) for section in step.code.parts)
     else:
-        bodies["step"] = writer.function(step.sections[0].program)
-    bodies |= {section.name: writer.function(section.program) for section in step.timed}
-    bodies["estimate"] = writer.function(step.estimate)
-    bodies["tune"] = _made(step) + writer.function(step.tuning)
+        bodies["step"] = writer.function(step.code.sections[0].program)
+    bodies |= {section.name: writer.function(section.program) for section in step.code.timed}
+    bodies["estimate"] = writer.function(step.code.estimate)
+    bodies["tune"] = _made(step) + writer.function(step.code.tuning)
     bodies["reset"] = _reset(writer)
     tune, reset = (prototypes(step)[name].call(own) for name in ("tune", "reset"))
     bodies["init"] = code(f"{nominal(step).call(own)};", f"(void){tune};", f"{reset};", parameters="ps")
@@ -193,18 +194,18 @@ def _assign(start: str, item: Field, real: Real, least: int) -> Code:
 
 
 def _least(step: Step, item: Field) -> int:
-    return NEVER if item.entries and step.prefer == "speed" else LEAST[step.prefer]
+    return NEVER if item.entries and step.clock.prefer == "speed" else LEAST[step.clock.prefer]
 
 
 def _reset(writer: SharingWriter) -> Code:
     """Every number of the state, those by parts that do it last, for members begin where the estimate stands."""
     step, real, done = writer.step, writer.real, writer.fresh
-    marked = (f"s->{step.mark.name} = {step.name.upper()}_READY;",) if step.mark else ()
+    marked = (f"s->{step.layout.mark.name} = {step.name.upper()}_READY;",) if step.layout.mark else ()
     lines = code(*marked, parameters="s")
-    for item in step.state:
+    for item in step.layout.state:
         if Place("state", item.name) not in done:
             lines += _assign("s->", item, real, _least(step, item))
-    lines += _fresh("s->", writer, step.groups)
+    lines += _fresh("s->", writer, step.layout.groups)
     return lines + joined(part.call for part in dict.fromkeys(done.values()))
 
 
@@ -222,17 +223,17 @@ def _fresh(start: str, writer: SharingWriter, groups: Iterable[Group], k: str = 
 
 
 def _nominal(step: Step, real: Real) -> Code:
-    plant = (replace(item, name=C.name(item.name)) for item in step.plant)
-    kinds = (("plant", plant), ("gain", step.gains))
-    marked = (f"p->{step.mark.name} = {step.name.upper()}_READY;",) if step.mark else ()
+    plant = (replace(item, name=C.name(item.name)) for item in step.layout.plant)
+    kinds = (("plant", plant), ("gain", step.layout.gains))
+    marked = (f"p->{step.layout.mark.name} = {step.name.upper()}_READY;",) if step.layout.mark else ()
     lines = joined(_assign(f"p->{kind}.", f, real, _least(step, f)) for kind, fields in kinds for f in fields)
     return code(*marked) + lines + code(parameters="p" if marked or lines.lines else "")
 
 
 def _made(step: Step) -> Code:
     """What makes memory parameters that is none yet, and says so."""
-    if not step.mark:
+    if not step.layout.mark:
         return Code()
     upper, made = step.name.upper(), nominal(step).call(own)
-    test = f"if (p->{step.mark.name} != {upper}_READY) {{"
+    test = f"if (p->{step.layout.mark.name} != {upper}_READY) {{"
     return braced(test, code(f"{made};", f"status = {upper}_{NO_PARAMETERS.name};", parameters="p"))

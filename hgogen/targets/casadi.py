@@ -124,9 +124,10 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
         name: [{key: getattr(each, key) for key in keys} for each in vector.entries]
         for name, vector in (vectors | continuous).items()
     }
-    listed["status"] = [{"name": bit.name, "meaning": bit.meaning, "action": step.asked(bit)} for bit in step.raised]
+    raised = step.layout.raised
+    listed["status"] = [{"name": bit.name, "meaning": bit.meaning, "action": step.asked(bit)} for bit in raised]
     texts.append((f"{step.name}_entries.json", json.dumps(listed, indent=1) + "\n"))
-    return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in step.raised), flow=flow, **vectors)
+    return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in raised), flow=flow, **vectors)
 
 
 def _flow(graphs: Graphs) -> Flow | NoEquation:

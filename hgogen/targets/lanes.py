@@ -42,12 +42,17 @@ def lanes(step: Step, *, real: Real = "double") -> Files:
     demand_file(step.name)
     demand_distinct(step, C)
     writer = LaneWriter(in_lanes(step.name, real), step, real)
-    sections = [_section(writer, section.name, section.program) for section in step.sections]
-    whole = joined([*sections, _section(writer, "estimate", step.estimate)])
+    sections = [_section(writer, section.name, section.program) for section in step.code.sections]
+    whole = joined([*sections, _section(writer, "estimate", step.code.estimate)])
     text = routines(writer, whole.uses.routines) + whole
     includes = [f"#include <{name}.h>" for name in ("stdbool", "stddef", "stdint")]
     searches = tables(C, f"{own(step.name)}_one", real, text.uses.lookups).lines
-    parts = [searches, prelude(step.name, real, 8 * step.word.itemsize), _structs(writer), _shared(writer, text.uses)]
+    parts = [
+        searches,
+        prelude(step.name, real, 8 * step.layout.word.itemsize),
+        _structs(writer),
+        _shared(writer, text.uses),
+    ]
     lines = [*includes, "", *_NEEDS, *(line for part in parts for line in part), *text.lines, *_many(writer)]
     return Files(((f"{step.name}_lanes.c", "\n".join(lines) + "\n"),))
 
@@ -100,7 +105,7 @@ def _many(writer: LaneWriter) -> list[str]:
     inputs = [_loaded(p, "u", len(step.inputs), j, f"in.{c_name(each.name)}") for j, each in enumerate(step.inputs)]
     outputs = [_loaded(p, "y", len(step.samples), j, f"out.{c_name(each.name)}") for j, each in enumerate(step.samples)]
     arguments = "&memory->s, &memory->p, &in, &out, &plant"
-    sections = (f"status |= {p}_{section.name}({arguments});" for section in step.sections)
+    sections = (f"status |= {p}_{section.name}({arguments});" for section in step.code.sections)
     x = [_stored(p, "x", len(step.states), i, f"plant.{c_name(each.name)}") for i, each in enumerate(step.states)]
     inside = replace(writer, syntax=replace(writer.syntax, reach="memory->{}."))
     values = (inside.number(Place("state", name)) for name in step.observer.traces)
@@ -116,7 +121,7 @@ def _many(writer: LaneWriter) -> list[str]:
     return [
         *(f"size_t {own(p)}_{name}(void) {{ return {value}; }}" for name, value in sizes.items()),
         f"void {own(p)}_run({own(p)}_kept *memory, size_t count, const size_t width[3],",
-        f"    const {real} *u, const {real} *y, {real} *x, {real} *traces, {step.word}_t *statuses)",
+        f"    const {real} *u, const {real} *y, {real} *x, {real} *traces, {step.layout.word}_t *statuses)",
         *("{", "    for (size_t k = 0u; k < count; ++k) {", *indented(body, 8), "    }", "}"),
     ]
 

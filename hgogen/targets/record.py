@@ -58,7 +58,7 @@ def _run(step: Step, traces: list[str]) -> list[str]:
 def _sample(step: Step, real: Real) -> list[str]:
     """The struct of a sample, as `layout.kept_type` has it."""
     s, p, *others = (each.local for each in structs(step))
-    members = [s, p, *(["unsigned at;"] if step.timed else []), *others]
+    members = [s, p, *(["unsigned at;"] if step.code.timed else []), *others]
     members += [f"{real} traces[{len(step.observer.traces)}];"] if step.observer.traces else []
     return ["typedef struct {", *indented(members), f"}} {step.name}_kept;"]
 
@@ -66,7 +66,7 @@ def _sample(step: Step, real: Real) -> list[str]:
 def _entries(step: Step, traces: list[str]) -> dict[Prototype, list[str]]:
     """The functions of a sample."""
     declared = prototypes(step)
-    parts = [section.name for section in (*step.sections, *step.timed)] if step.apart else []
+    parts = [section.name for section in (*step.code.sections, *step.code.timed)] if step.code.apart else []
     calls = {name: declared[name].call(_held) for name in ("step", *parts)} | {"estimate": "0u"}
     shown = [f"{declared['estimate'].call(_held)};", *(f"k->traces[{j}] = {value};" for j, value in enumerate(traces))]
     kind, s = status_type(step), f"{step.name}_state *s = &k->s;"

@@ -109,19 +109,19 @@ def _methods(writer: Writer, memory: Mapping[str, Struct]) -> tuple[Code, Code]:
     """Those of the state, and those of the parameters."""
     step = writer.step
     known = entries(step)
-    functions = (*step.inner, *step.parts, *step.timed)
+    functions = (*step.code.inner, *step.code.parts, *step.code.timed)
     bodies = {section.name: writer.function(section.program) for section in functions}
-    calls = joined(called(RUST, step, section) for section in step.parts)
-    bodies["step"] = calls if step.parts else writer.function(step.sections[0].program)
+    calls = joined(called(RUST, step, section) for section in step.code.parts)
+    bodies["step"] = calls if step.code.parts else writer.function(step.code.sections[0].program)
     fresh = indented(["State {", *indented(initial(memory, "state")), "}"])
     of_state = [code("/// the state as before the first call", "pub const fn new() -> State {", *fresh, "}")]
     of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
     of_state += [_method(step, known[name], body) for name, body in bodies.items()]
     of_state += [code(*rustsaved.save(step)), code(*rustsaved.restored(step, writer.real))]
-    of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.estimate)))
+    of_state.append(_estimate(known["estimate"], memory["estimate"], writer.function(step.code.estimate)))
     tuned = code("let mut p = Parameters {", *indented(initial(memory, "parameters")), "};", "p.tune();", "p")
     new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
-    of_parameters = [new, _method(step, known["tune"], writer.function(step.tuning))]
+    of_parameters = [new, _method(step, known["tune"], writer.function(step.code.tuning))]
     return spaced(of_state), spaced(of_parameters)
 
 

@@ -31,7 +31,7 @@ def ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 
     Raises: `BadTrial`.
     """
-    nominal = {gain.name: gain.initial for gain in step.gains}
+    nominal = {gain.name: gain.initial for gain in step.layout.gains}
     threshold = nominal.get("gamma_0", nominal.get("centre"))
     if threshold is None:
         return None
@@ -68,7 +68,7 @@ def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
     values |= {u: resting(u) for u in form.system.inputs}
     state = np.frombuffer(layout.fresh(step, step.real), layout.state_type(step, step.real)).copy()
     state["z"] = z = [float(expression.subs(values)) for expression in form.to_form]
-    state["theta"] = max(field.high[0] for field in step.state if field.name == "theta")
-    if any(group.name == "predictor" for group in step.groups):
+    state["theta"] = max(field.high[0] for field in step.layout.state if field.name == "theta")
+    if any(group.name == "predictor" for group in step.layout.groups):
         state["predictor"]["z"] = z
     return sealed(step, step.real, state.tobytes())

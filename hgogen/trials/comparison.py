@@ -76,7 +76,7 @@ def measured(
     return Measured(
         name=name,
         observer=step.observer.name,
-        method=step.rule,
+        method=step.code.rule,
         states=step.states,
         settled=tuple(median(response.settled for response in event) for event in events),
         rms={state: float(np.median([m.rms[state] for m in per_seed])) for state in names},

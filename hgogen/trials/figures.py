@@ -100,7 +100,7 @@ def adaptation(step: Step, t: Array, traces: Mapping[str, Array]) -> Figure:
     """One panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
     first = [name for name in ("innovation", "theta") if name in traces]
     shown = [*first, *(name for name in traces if name not in first)]
-    fields = {field.name: field for field in step.state}
+    fields = {field.name: field for field in step.layout.state}
     figure, axes = panels(len(shown), t, step.time, top=0.24)
     for axis, name in zip(axes, shown, strict=True):
         values = traces[name]
@@ -215,7 +215,7 @@ def _innovation(axis: Axes, step: Step, t: Array, values: Array) -> None:
     if (values > 0).any():
         axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # it may touch 0, where a logarithm has no end
     aligned = {"gamma_0": "top", "gamma_1": "bottom", "centre": "center"}
-    for gain in step.gains:
+    for gain in step.layout.gains:
         if gain.name in aligned:
             level = gain.initial[0]
             axis.axhline(level, color=ESTIMATE, linewidth=0.7, dashes=(5, 3))

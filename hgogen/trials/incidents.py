@@ -41,7 +41,7 @@ class Interventions:
 
 def interventions(step: Step, status: np.ndarray, t: np.ndarray) -> Interventions:
     """Those that a status (N,) tells of at the times t (N,)."""
-    names = {bit.name: k for k, bit in enumerate(step.bits)}
+    names = {bit.name: k for k, bit in enumerate(step.layout.bits)}
 
     def raised(name: str) -> tuple[float, ...]:
         return tuple(t[((status >> names[name]) & 1) != 0].tolist()) if name in names else ()
@@ -127,8 +127,8 @@ def loss(step: Step, run: Run, t: Array, u: Array, y: Array) -> Iterator[str]:
     absent = ~np.isfinite(np.hstack([u, y]))[: first + 1]
     rows = np.flatnonzero(absent.any(axis=1))
     since = f"from {t[first]:.6g} {step.time} on the estimate is no number, and no error counts"
-    if step.guards == "all" or not len(rows):
-        fix = "run it with --guards all, or lower" if step.guards == "none" else "lower"
+    if step.clock.guarded or not len(rows):
+        fix = "lower" if step.clock.guarded else "run it with --guards all, or lower"
         yield f"{since}: it grew beyond every number; {fix} the gains, or take a shorter --dt"
         return
     names = signals[absent[rows[-1]]]

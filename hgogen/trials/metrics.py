@@ -66,8 +66,8 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
         responses.append(_response(step, trajectory, begin, span))
     steady = trajectory.error[t >= trial.steady_from - 1e-9]
     rms = np.sqrt(np.mean(steady**2, axis=0))
-    if step.guards == "all":
-        bits = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
+    if step.clock.guarded:
+        bits = sum(1 << k for k, bit in enumerate(step.layout.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
         outside = trajectory.status & trajectory.status.dtype.type(bits) != 0
     else:  # the status says nothing
         low, high = np.array([s.interval for s in step.states]).T

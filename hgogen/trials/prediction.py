@@ -78,7 +78,7 @@ def forecasts(
 ) -> Iterator[Forecast]:
     """As `predictions`, sample by sample."""
     y = np.where(rejected(step, run, y), np.nan, y)
-    model, held = open_loop(step.observer.form, step.dt, step.between), bool(step.observer.form.held)
+    model, held = open_loop(step.observer.form, step.dt, step.clock.between), bool(step.observer.form.held)
     u = _as_the_step_takes_it(np.where(raised(step, run.status, ("REUSED",), step.inputs), np.nan, u), step.inputs)
     wanted, last, count = sorted(set(ahead)), held_last(y), len(y)
     farthest = max((h for h in wanted if h < count), default=0)

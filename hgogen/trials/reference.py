@@ -60,7 +60,7 @@ def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0
     """
     observer = source.observer if isinstance(source, Step) else source
     if isinstance(source, Step):
-        dt, between = source.dt, source.between
+        dt, between = source.dt, source.clock.between
     fine = [
         replace(part, predictor=replace(part.predictor, tableau=FINE)) if isinstance(part, Predictors) else part
         for part in observer.parts

@@ -125,7 +125,7 @@ def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterato
         if beyond <= MOST:
             continue
         best = max((one for one in MAPS if one.fits(signal.unit, values, ends)), key=_known, default=None)
-        done = "clamped there" if step.guards == "all" else "taken as it is, by a step without guards"
+        done = "clamped there" if step.clock.guarded else "taken as it is, by a step without guards"
         said = (
             f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
             f"samples, and {done}"

@@ -138,7 +138,7 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
     """Phi (N, N), Gamma_0 and Gamma_1 (N, p): the method's update of the linear part alone, at unit vectors."""
     p, m, N = len(step.outputs), len(step.inputs), line.x.numel()
     linear = _linear(part)
-    pieces = step.method.ode(linear, Clock(step.dt, step.between, m, p))
+    pieces = step.method.ode(linear, Clock(step.dt, step.clock.between, m, p))
     reading = Reading((*pieces.tune, *pieces.predict))
     reading.give({**values, Place("work", "valid"): np.ones(p)})
     reading.action(pieces.tune)()

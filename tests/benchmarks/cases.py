@@ -38,7 +38,7 @@ class Case:
     def unguarded(self) -> "Case":
         """The same without guards, as peers are."""
         made = self.step
-        step = hg.sample(made.observer, made.method, made.dt, between=made.between, guards="none")
+        step = hg.sample(made.observer, made.method, made.dt, between=made.clock.between, guards="none")
         return replace(self, step=step)
 
     @property
