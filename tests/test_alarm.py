@@ -16,8 +16,8 @@ from hgogen.calling import native
 from hgogen.commands import trial_runs
 from hgogen.program import Place
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, t
-from hgogen.trials import alarm, noise
-from hgogen.trials.metrics import Summary
+from hgogen.trials import noise
+from hgogen.trials.metrics import Summary, alarm_complaints, alarm_ratio
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")
 SIGMA, DT, D = 0.05, 0.01, 1.0
@@ -61,7 +61,7 @@ def test_the_neuron_has_about_a_half() -> None:
     """Alone, each of six seeds gives .39 to .65: over 50 s, some 50 windows, a mean varies by a seventh, and more where
     the input vanishes at theta = 8. The median of three lies well within. At theta = 1 it would be .25: sigma^2 d is a
     quarter of gamma_0."""
-    ratio = alarm.ratio(NEURON.step(), NEURON.trials()[0], "c", range(3))
+    ratio = alarm_ratio(NEURON.step(), NEURON.trials()[0], "c", range(3))
     assert ratio is not None
     assert 0.35 <= ratio <= 0.65
 
@@ -74,7 +74,7 @@ def test_a_theta_that_latches_has_a_large_ratio_and_a_sentence() -> None:
     assert summary.alarm_ratio > 5
     assert summary.latched == summary.seeds == 3
     assert summary.loud == (1.0, 1.0)
-    (said,) = alarm.complaints([summary])
+    (said,) = alarm_complaints([summary])
     assert said == (
         f"trial 'one_jump': theta does not come back in 3 of 3 seeds: alarm ratio {summary.alarm_ratio:.2g}; "
         "lower theta_1 or Q, or raise gamma_0"
@@ -90,7 +90,7 @@ def test_a_theta_that_comes_back_has_a_small_ratio_and_no_sentence() -> None:
     assert summary.peak[1] is not None
     assert summary.peak[1][1] > 3  # there was an alarm to come back from
     assert (summary.latched, summary.loud) == (0, (0.0, 0.0))
-    assert list(alarm.complaints([summary])) == []
+    assert list(alarm_complaints([summary])) == []
 
 
 @pytest.mark.full
@@ -98,7 +98,7 @@ def test_a_theta_that_comes_back_has_a_small_ratio_and_no_sentence() -> None:
 def test_the_advice_lowers_the_ratio() -> None:
     """A threshold k times as high divides it by k exactly: at the pinned theta the thresholds play no part."""
     ratios = [
-        alarm.ratio(step(theta), TRIAL, "c", (0,))
+        alarm_ratio(step(theta), TRIAL, "c", (0,))
         for theta in (adaptive(4.0), adaptive(3.0), adaptive(4.0, mu=(5 * GAMMA_0, 9 * GAMMA_0)))
     ]
     assert ratios[1] < ratios[0]
@@ -113,12 +113,12 @@ def test_other_laws() -> None:
     no ratio."""
     logistic = hg.theta.logistic(GAMMA_0, 50 / GAMMA_0)
     whole = adaptive(3.0, innovation=hg.innovation.window(D))
-    reference = alarm.ratio(step(adaptive(3.0)), TRIAL, "c", (0,))
-    assert alarm.ratio(step(adaptive(3.0, logistic)), TRIAL, "c", (0,)) == pytest.approx(reference, rel=1e-12)
-    assert alarm.ratio(step(whole), TRIAL, "c", (0,)) == pytest.approx(reference, rel=0.25)
+    reference = alarm_ratio(step(adaptive(3.0)), TRIAL, "c", (0,))
+    assert alarm_ratio(step(adaptive(3.0, logistic)), TRIAL, "c", (0,)) == pytest.approx(reference, rel=1e-12)
+    assert alarm_ratio(step(whole), TRIAL, "c", (0,)) == pytest.approx(reference, rel=0.25)
     for theta in (1.0, 3.0, hg.theta.decaying(4.0, 1.0)):
-        assert alarm.ratio(step(theta), TRIAL, "c", (0,)) is None
-    assert list(alarm.complaints([tried(hg.theta.decaying(4.0, 1e-3))])) == []
+        assert alarm_ratio(step(theta), TRIAL, "c", (0,)) is None
+    assert list(alarm_complaints([tried(hg.theta.decaying(4.0, 1e-3))])) == []
 
 
 def test_it_starts_at_the_truth_and_leaves_the_step_alone() -> None:
@@ -127,7 +127,7 @@ def test_it_starts_at_the_truth_and_leaves_the_step_alone() -> None:
     made, quiet = step(adaptive(8.0)), replace(TRIAL, duration=2 * D, noise={}, jumps=())
     made(u=0.1, y=0.2)
     before = made.save(), made._kept.places[Place("gain", "rate")].copy()
-    ratio = alarm.ratio(made, quiet, "python", (0,))
+    ratio = alarm_ratio(made, quiet, "python", (0,))
     assert ratio is not None
     assert 0 < ratio < DT**4 * D / GAMMA_0
     assert made.save() == before[0]
@@ -138,7 +138,7 @@ def test_it_starts_at_the_truth_and_leaves_the_step_alone() -> None:
 def test_too_little_time_is_told_from_an_alarm_that_feeds_itself() -> None:
     """A second after its start theta has had no time to come back, whatever the tuning."""
     summary = tried(adaptive(2.0, mu=(1.5 * GAMMA_0, 3 * GAMMA_0)), replace(TRIAL, jumps=(Jump(1.0, "p", -0.5),)))
-    (said,) = alarm.complaints([summary])
+    (said,) = alarm_complaints([summary])
     assert said.endswith("so it needs more time between the events")
 
 

@@ -16,7 +16,7 @@ from hgogen.identification.records import Log
 from hgogen.reading.differences import derived, difference
 from hgogen.reading.measured import read
 from hgogen.trials.prediction import predictions
-from hgogen.trials.shifts import _others
+from hgogen.trials.rejected import _others
 from hgogen.which_forms import of
 
 X, V = hg.Signal("x", low=-3, high=3), hg.Signal("v", low=-3, high=3)

@@ -16,8 +16,8 @@ from hgogen.reading.log import BadRecord
 from hgogen.reading.mapped import shifts_of
 from hgogen.reading.measured import shifted
 from hgogen.trial import noisy, simulate
-from hgogen.trials import shifts
-from hgogen.trials.shifts import better
+from hgogen.trials import rejected
+from hgogen.trials.rejected import better
 
 DT, N = 0.01, 1500
 U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")
@@ -88,7 +88,7 @@ def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch:
     u, y = driven(1)
     noisy = y + 3e-4 * np.random.default_rng(1).standard_normal(y.shape)
     assert better(step, u, noisy, 0, native.engine()) is None
-    monkeypatch.setattr(shifts, "CLEAR", 1.0)
+    monkeypatch.setattr(rejected, "CLEAR", 1.0)
     slight = better(step, u, noisy, 0, native.engine())
     assert slight is not None
     assert (slight.shift, slight.error < slight.present) == (1, True)
@@ -121,7 +121,7 @@ def test_an_input_that_stands_still_has_no_other_sign() -> None:
 def test_predictions_worse_than_copying_tell_nothing(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
     u, y = driven(0, -1)
     assert better(step, u[:300], y[:300], 0, native.engine()) is not None
-    monkeypatch.setattr(shifts, "_scale", lambda y: np.full(1, 1e-6))  # as if copying erred by that
+    monkeypatch.setattr(rejected, "_scale", lambda y: np.full(1, 1e-6))  # as if copying erred by that
     assert better(step, u[:300], y[:300], 0, native.engine()) is None
 
 

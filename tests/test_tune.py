@@ -19,8 +19,8 @@ from scipy.signal import lfilter
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.calibration import adaptive as adaptive_module
 from hgogen.calibration import judged as judged_module
+from hgogen.calibration import tune as tune_module
 from hgogen.calibration.grid import Task
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged, verdicts
 from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
@@ -837,7 +837,7 @@ def test_an_alarm_is_not_set_by_the_beginning_of_a_record() -> None:
     step = SimpleNamespace(inputs=PLANT.inputs, reset=lambda: None, run=lambda **options: run)
     task: Any = SimpleNamespace(records=[readable(PLANT, log(1, 100)[0], 1)], judge=SimpleNamespace(engine="python"))
     first: Any = SimpleNamespace(step=step)
-    assert adaptive_module._innovations(task, first).tolist() == list(range(5, 100))
+    assert tune_module._innovations(task, first).tolist() == list(range(5, 100))
 
 
 def test_the_first_row_held_out_is_copied_from_the_last_that_is_not() -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hgogen import observers as every
-from hgogen.calibration.grid import observers_named, reasons, step_of, thetas
+from hgogen.calibration.grid import first_of, observers_named, reasons, thetas
 from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.check import refuted
@@ -27,7 +27,7 @@ from hgogen.modelfiles.first import First, everywhere
 from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
 from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import positive
-from hgogen.starting import Scale, Starting, gains_of, scale, two
+from hgogen.starting import Scale, gains_of, scale, two
 from hgogen.system import System
 from hgogen.trial import Trial, Truth, feeds, first_memory, simulate, tried
 from hgogen.trials.metrics import metrics
@@ -221,8 +221,5 @@ def tau(n: int) -> float:
 
 
 def _first(name: str, row: Row, numbers: Scale) -> First | str:
-    assert row.form is not None
     gains = gains_of(getattr(every, name), numbers)
-    if isinstance(gains, str):
-        return gains
-    return First(name, row, Starting(gains, numbers.dt), step_of(name, row.form, gains, numbers.dt, {}))
+    return gains if isinstance(gains, str) else first_of(name, row, gains, numbers.dt, {})

@@ -18,10 +18,9 @@ from hgogen import observers as every
 from hgogen.calibration.likelihood import STARTS, Ended, Likelihood, Noise
 from hgogen.calibration.score import Judge, chosen
 from hgogen.calibration.tuned import Tuned
-from hgogen.call import CallableStep, sample
+from hgogen.call import sample
 from hgogen.check import refuted
 from hgogen.errors import BadArgument, HgogenError, nearest
-from hgogen.form import Form
 from hgogen.identification.problem import paced
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import First
@@ -54,10 +53,6 @@ class Task:
         """Of the records."""
         return self.records[0].dt
 
-    def step(self, name: str, form: Form, gains: Gains) -> CallableStep:
-        """Of an observer at the period of the records. Raises: as the observer and `sample` do."""
-        return step_of(name, form, gains, self.dt, self.sampling)
-
     def likelihood(self, row: int) -> Likelihood:
         """On the form of a row, made once for all observers."""
         if row not in self._likelihoods:
@@ -71,12 +66,11 @@ class Task:
 
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
         """The step of an observer on the form of a row with the gains that its rule makes, or why there is none."""
-        gains, form = gains_of(getattr(every, name), numbers), self.rows[row].form
-        assert form is not None
+        gains = gains_of(getattr(every, name), numbers)
         if isinstance(gains, str):
             return gains
         try:
-            return First(name, self.rows[row], Starting(gains, self.dt), self.step(name, form, gains))
+            return first_of(name, self.rows[row], gains, self.dt, self.sampling)
         except HgogenError as error:
             return str(error)
 
@@ -151,18 +145,18 @@ def reasons(refused: Mapping[str, object]) -> str:
     return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
 
 
-def step_of(observer: str, form: Form, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> CallableStep:
-    """Of an observer with gains as a tuning holds them, `method`, `between` and `real` of `sampling` too; that it may
-    fail is left to what judges it.
+def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> First:
+    """An observer on the form of a row with gains as a tuning holds them, `method`, `between` and `real` of `sampling`
+    too; that its step may fail is left to what judges it.
 
     Raises: as the observer and `sample` do.
     """
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)
-        made = getattr(every, observer)(form, **{key: value(key, entry) for key, entry in gains.items()})
+        made = getattr(every, observer)(row.form, **{key: value(key, entry) for key, entry in gains.items()})
         options = {key: entry for key, entry in sampling.items() if key != "method"}
-        return sample(made, method, dt, **options)
+        return First(observer, row, Starting(gains, dt), sample(made, method, dt, **options))
 
 
 def thetas(theta: float, dt: float) -> list[float]:

@@ -45,8 +45,7 @@ from hgogen.trials.agreement import Difference, coarse, differences
 from hgogen.trials.consistency import consistency, no_better
 from hgogen.trials.incidents import before_loss, interventions, loss
 from hgogen.trials.prediction import predictions, rejected, rms
-from hgogen.trials.rejected import MostlyRejected, clamped, rejections
-from hgogen.trials.shifts import better
+from hgogen.trials.rejected import MostlyRejected, better, clamped, rejections
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]

@@ -20,10 +20,9 @@ from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
 from hgogen.step import Step
 from hgogen.theorem import Row, Theorem
 from hgogen.trials.agreement import Agreement
-from hgogen.trials.alarm import ITSELF
 from hgogen.trials.comparison import Measured, Seen
 from hgogen.trials.gramian import Gramian
-from hgogen.trials.metrics import Summary
+from hgogen.trials.metrics import ITSELF, Summary
 from hgogen.trials.response import Response
 from hgogen.which_forms import Survey
 

@@ -10,11 +10,10 @@ from hgogen.calling.samples import Engine
 from hgogen.commands.process import note
 from hgogen.model import Model
 from hgogen.trial import Trajectory, Trial, demand_trial, try_out
-from hgogen.trials import alarm
 from hgogen.trials.agreement import Agreement, agreement
 from hgogen.trials.incidents import Interventions, Left, interventions, leaving_notes, left
 from hgogen.trials.incidents import guard_notes as guards
-from hgogen.trials.metrics import Metrics, Summary, metrics, summary
+from hgogen.trials.metrics import Metrics, Summary, alarm_complaints, alarm_ratio, metrics, summary
 from hgogen.trials.proposed import proposed_trial
 
 Tick = Callable[[], None]
@@ -81,10 +80,10 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 
 def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
     """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
-    ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
+    ratios = [(one, alarm_ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
     summed = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
     guarded = (guards(one.trial.name, step.observer.name, one.acted, bool(one.trial.jumps), step.time) for one in done)
-    for sentence in (*departures(done, step.time), *chain.from_iterable(guarded), *alarm.complaints(summed)):
+    for sentence in (*departures(done, step.time), *chain.from_iterable(guarded), *alarm_complaints(summed)):
         say(sentence)
     return summed
 
