@@ -91,10 +91,8 @@ class Model:
 
     def set(self, setting: Setting) -> "Model":
         """The model with a form, a method or a period of its steps, tunings, or values of parameters, in the place of
-        what its file says, which is read again for these.
-
-        Raises: `UnknownCase`; `BadFile`, `BadParameters`, `BadValue`; `Misfit` for what is no setting.
-        """
+        what its file says, which is read again for these. Raises: `UnknownCase`; `BadFile`, `BadParameters`,
+        `BadValue`; `Misfit` for what is no setting."""
         if not isinstance(setting, Setting):
             raise Misfit("set", setting, "a Setting, as of hgogen.modelfiles.setting")
         setting.demand()
@@ -104,10 +102,8 @@ class Model:
         return replace(model, setting=setting, tables=tables, take=take)
 
     def valued(self, values: Mapping[str, float]) -> "Model":
-        """The model with other values of its plant's parameters, by name; its file is read again.
-
-        Raises: `BadValue`; `BadParameters` for what the file makes of the plant while it is read.
-        """
+        """The model with other values of its plant's parameters, by name; its file is read again. Raises: `BadValue`;
+        `BadParameters` for what the file makes of the plant while it is read."""
         fresh = load(self.path)
         names = vars(fresh.module)
         names.update(put(names, fresh.plant, values))
@@ -195,10 +191,8 @@ class Model:
 
     def tuned(self, name: str, dt: float | None = None) -> Tuning:
         """Its observers with one of a name, which has its starting gains where the file says nothing of it: at the
-        period `dt`, else at that which is set, else at that of the model's own step.
-
-        Raises: `MissingPart` for an observer that there is not, or that no form of the plant admits.
-        """
+        period `dt`, else at that which is set, else at that of the model's own step. Raises: `MissingPart` for an
+        observer that there is not, or that no form of the plant admits."""
         tuning = self.tuning
         if name in tuning.tables:
             return tuning

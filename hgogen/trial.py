@@ -85,10 +85,7 @@ class Trial:
 
     def first_estimate(self, form: Form) -> dict[str, float]:
         """The `initial` from which every observer of a form has the same plant's state at time 0: that of `estimate`,
-        read at the first inputs.
-
-        Raises: `BadTrial`.
-        """
+        read at the first inputs. Raises: `BadTrial`."""
         plant = form.system.declared
         _names(self, "inputs", _inputs(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
@@ -113,8 +110,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; a jump's sample has the value
-    after it."""
+    """t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; a jump's sample has the value after it."""
 
     t: np.ndarray
     x: np.ndarray
@@ -156,10 +152,8 @@ class Trajectory:
 
 
 def simulate(plant: System, trial: Trial, dt: float) -> Truth:
-    """The plant's truth at 0, dt, .. up to the trial's duration, parameters at their nominal values.
-
-    Raises: `BadTrial` for names or numbers that do not fit, or a plant that cannot be integrated that far.
-    """
+    """The plant's truth at 0, dt, .. up to the trial's duration, parameters at their nominal values. Raises: `BadTrial`
+    for names or numbers that do not fit, or a plant that cannot be integrated that far."""
     return Plant(plant, trial, dt).truth(trial.start)
 
 
@@ -190,10 +184,8 @@ class Plant:
         self._marches = {one.begin: March(self._ode, [one.begin, *one.stops]) for one in moving}
 
     def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
-        """The truth from a state by name, with values of the free parameters.
-
-        Raises: `BadTrial` for a plant that cannot be integrated that far.
-        """
+        """The truth from a state by name, with values of the free parameters. Raises: `BadTrial` for a plant that
+        cannot be integrated that far."""
         x, times = self.states(start, parameters), self.times[None, :]
         values = np.tile(np.array(parameters, dtype=float)[:, None], times.shape)
         return Truth(self.times, x, self.u, np.array(self._measure.map(times.size)(x.T, times, values)).T)
@@ -302,10 +294,8 @@ def try_out(
 
 
 def first_memory(step: CallableStep, trial: Trial) -> bytes:
-    """The memory of a step at a trial's start: its estimate is the trial's, else its own.
-
-    Raises: `BadGain` for an estimate that the observer cannot start from.
-    """
+    """The memory of a step at a trial's start: its estimate is the trial's, else its own. Raises: `BadGain` for an
+    estimate that the observer cannot start from."""
     if trial.estimate:
         return step.started(trial.first_estimate).save()
     step.reset()
@@ -332,8 +322,7 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
 
 
 def demand_trial(plant: System, trial: Trial, dt: float) -> None:
-    """Raise `BadTrial` unless every name is the plant's, every needed one is there, and every number makes
-    sense."""
+    """Raise `BadTrial` unless every name is the plant's, every needed one is there, and every number makes sense."""
     states = {s.name for s in plant.states}
     _names(trial, "start", trial.start, states, needed=True)
     _names(trial, "inputs", trial.inputs, {s.name for s in plant.inputs}, needed=True)
@@ -386,10 +375,8 @@ def _outside(plant: System, trial: Trial) -> Iterator[str]:
 
 
 def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = False) -> None:
-    """Demands that the names are `known`, and that all of these are among them where they are `needed`.
-
-    Raises: `BadTrial`.
-    """
+    """Demands that the names are `known`, and that all of these are among them where they are `needed`. Raises:
+    `BadTrial`."""
     listed = ", ".join(sorted(known)) or "none"
     for name in names:
         if name not in known:
@@ -401,10 +388,7 @@ def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = 
 
 def rows_given(step: CallableStep, trial: Trial, count: int = 300) -> np.ndarray:
     """The first samples (count, m + p): inputs, then the columns of the step's `samples`, of the trial's first seed. A
-    trial that is shorter gives fewer.
-
-    Raises: `BadTrial`.
-    """
+    trial that is shorter gives fewer. Raises: `BadTrial`."""
     calm = replace(trial, jumps=(), steady=None, settled=None, duration=min(trial.duration, count * step.dt))
     system = step.observer.form.system
     truth = simulate(system.declared, calm, step.dt)

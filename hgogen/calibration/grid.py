@@ -147,10 +147,7 @@ def reasons(refused: Mapping[str, object]) -> str:
 
 def first_of(observer: str, row: Row, gains: Gains, dt: float, sampling: Mapping[str, Any]) -> First:
     """An observer on the form of a row with gains as a tuning holds them, `method`, `between` and `real` of `sampling`
-    too; that its step may fail is left to what judges it.
-
-    Raises: as the observer and `sample` do.
-    """
+    too; that its step may fail is left to what judges it. Raises: as the observer and `sample` do."""
     method = getattr(methods, sampling.get("method", "continuous_discrete"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StepMayFail)

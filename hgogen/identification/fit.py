@@ -131,9 +131,9 @@ class Task:
     def _nodes(self) -> list[float]:
         """The states where segments begin: what an output shows of them, the others at rest."""
         nodes: list[float] = []
-        for record, count in zip(self.records, self.problem.segments, strict=True):
-            at = np.arange(count) * self.problem.length
-            rows = [np.full(count, resting(x)) for x in self.plant.states]
+        for record, segments in zip(self.records, self.problem.segments, strict=True):
+            at = np.arange(segments) * self.problem.length
+            rows = [np.full(segments, resting(x)) for x in self.plant.states]
             for j, seen in enumerate(zip(self.given.output, self.plant.output, strict=True)):
                 there = np.flatnonzero(np.isfinite(record.y[:, j]))
                 for h in set(seen) & set(self.plant.states):

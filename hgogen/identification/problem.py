@@ -186,10 +186,8 @@ MOST_STEPS = 50  # of a sample
 
 
 def paced(plant: System, period: float) -> tuple[int, float]:
-    """The Runge-Kutta steps of a sample that the fastest mode asks for, and the rate at which errors grow.
-
-    Raises: `BadLog` for samples too slow for the plant.
-    """
+    """The Runge-Kutta steps of a sample that the fastest mode asks for, and the rate at which errors grow. Raises:
+    `BadLog` for samples too slow for the plant."""
     fastest, growing = rates(plant)
     steps = max(1, math.ceil(fastest * period / FOLLOWED))
     if steps > MOST_STEPS:

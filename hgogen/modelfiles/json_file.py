@@ -65,10 +65,7 @@ def table_of(path: Path, writer: str) -> dict[str, Any]:
 
 def read_tunings(path: Path, plant: System) -> tuple[Mapping[str, Any], str]:
     """The tunings of a plant by name of a JSON file, such as `hgogen tune` writes, and the one to take, "" where it
-    says none.
-
-    Raises: `BadFile`.
-    """
+    says none. Raises: `BadFile`."""
     content = table_of(path, "hgogen tune")
     tables, take = content.get("tuning"), content.get("take", "")
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
@@ -87,10 +84,7 @@ class BadParameters(BadFile):
 
 
 def read_values(path: Path, plant: System) -> dict[str, float]:
-    """The values of a plant's parameters by name of a JSON file, such as `hgogen fit` writes.
-
-    Raises: `BadFile`.
-    """
+    """The values of a plant's parameters by name of a JSON file, such as `hgogen fit` writes. Raises: `BadFile`."""
     content = table_of(path, "hgogen fit")
     values = content.get("parameters")
     if not isinstance(values, dict):
@@ -105,9 +99,7 @@ def read_values(path: Path, plant: System) -> dict[str, float]:
 def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) -> dict[str, Any]:
     """What a model file holds by name, with other values of the plant's parameters, where it differs: the plant, its
     parameters, and tables and expressions that read them. What functions make is made of these when they are called.
-
-    Raises: `BadParameters` for what was made of the plant when the file was read; `BadValue`.
-    """
+    Raises: `BadParameters` for what was made of the plant when the file was read; `BadValue`."""
     new, moved = exchanged(plant, values), valued(plant, values)
     made = {name: _put(name, value, plant, moved, new) for name, value in names.items() if not name.startswith("__")}
     return {name: value for name, value in made.items() if value is not names[name]}

@@ -31,10 +31,7 @@ _SETTLED = {"state": TEXT, "band": NUMBER, "hold": NUMBER}
 
 
 def trial_of(model: PlainModel) -> Trial:
-    """The trial of the table `trial`.
-
-    Raises: `BadModelFile`.
-    """
+    """The trial of the table `trial`. Raises: `BadModelFile`."""
     file, table = model.file, model.trial
     demand_keys(file, "trial", table, _TRIAL, "duration")
     known = {

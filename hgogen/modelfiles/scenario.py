@@ -95,10 +95,7 @@ def _recursion(values: Any, rho: float) -> Any:
 
 def read_field(trial: Any, key: str, value: Any) -> Any:
     """A trial's field `key` of what is given for it: a count of seeds, one jump alone, and a standard deviation for a
-    noise are turned into what they stand for.
-
-    Raises: `BadTrial`.
-    """
+    noise are turned into what they stand for. Raises: `BadTrial`."""
     if key not in _FIELDS:
         return value
     reader, wanted = _FIELDS[key]

@@ -47,10 +47,7 @@ class Setting:
         demand_known("method", self.method, cases("methods"))
 
     def on(self, step: "CallableStep") -> "CallableStep":
-        """A step made again with what is set of steps.
-
-        Raises: as `hg.sample` and the observer do.
-        """
+        """A step made again with what is set of steps. Raises: as `hg.sample` and the observer do."""
         if not self:
             return step
         from hgogen import forms, methods  # which take a while to import

@@ -27,11 +27,8 @@ _STORED = ("V", "mu", "within")
 
 
 def stored(plant: System, declared: Any) -> Dissipation:
-    """What a model's `dissipation` says of its plant, proved or not.
-
-    Raises: `BadErrorSystem` for keys that are missing or unknown, or values that do not fit; `Misfit` for no mapping;
-    `BadExpression`.
-    """
+    """What a model's `dissipation` says of its plant, proved or not. Raises: `BadErrorSystem` for keys that are missing
+    or unknown, or values that do not fit; `Misfit` for no mapping; `BadExpression`."""
     if not isinstance(declared, Mapping):
         raise Misfit("dissipation", declared, "a mapping with the keys gain, V, mu and within")
     own = ("system",) if "system" in declared else _SYSTEM

@@ -14,11 +14,8 @@ _NAME = "NAME"  # stands in the text for that of the model
 
 
 def model(name: str, folder: Path) -> dict[str, str]:
-    """A model file of this name, by the name of the file.
-
-    Raises: `BadName`, `BadFileName`, `HidesHeader` for a name that a plant or a file cannot have; `CannotWrite` where
-    the folder holds such a file.
-    """
+    """A model file of this name, by the name of the file. Raises: `BadName`, `BadFileName`, `HidesHeader` for a name
+    that a plant or a file cannot have; `CannotWrite` where the folder holds such a file."""
     check_name(name)
     demand_file(name)
     file = f"{filename.demand(name)}{PYTHON}"

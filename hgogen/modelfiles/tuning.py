@@ -81,10 +81,7 @@ class Tuning:
         self, name: str, default: Callable[[], float], dt: float | None = None, start: Start | None = None
     ) -> CallableStep:
         """The step of a tuning at the period `dt` (s), else at the table's, else at what `default` gives; `start` as in
-        `observer`.
-
-        Raises: `BadModelFile` for a table that makes none; `Refuted`.
-        """
+        `observer`. Raises: `BadModelFile` for a table that makes none; `Refuted`."""
         where, table = self.where(name), self._sampling(name)
         asked = self.setting.method or table.get("method", "continuous_discrete")
         method = self._case(f"{where}.method", methods, asked)
@@ -245,9 +242,7 @@ def faults(
 
 def value(key: str, raw: Any) -> Any:
     """What text stands for: a table with `kind` for the value that it makes, a list of thresholds `mu` for a tuple.
-
-    Raises: `BadGain`, and what the value's function raises.
-    """
+    Raises: `BadGain`, and what the value's function raises."""
     if key in _VALUES and isinstance(raw, Mapping):
         makers = {make.__name__: make for make in _VALUES[key]}
         if raw.get("kind") not in makers:

@@ -31,10 +31,8 @@ class Unsupported(ValueError):
 
 
 def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
-    """The columns (N,) by name of a file of that kind, "mat" or "parquet": texts, times or numbers.
-
-    Raises: `Damaged`; `Unsupported`.
-    """
+    """The columns (N,) by name of a file of that kind, "mat" or "parquet": texts, times or numbers. Raises: `Damaged`;
+    `Unsupported`."""
     command = [sys.executable, "-P", __file__, kind]
     own = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **dict.fromkeys(_THREADS, "1")}
     try:
@@ -59,10 +57,8 @@ def columns_of(kind: str, content: bytes, seconds: float = SECONDS) -> Arrays:
 
 def of_frame(frame: Any) -> Arrays:
     """The columns of a DataFrame by their names as text, with its index where that has a name or holds times: numbers
-    and times as numpy has them, a missing number NaN, and all else as texts, "" where a value is missing.
-
-    Raises: `ValueError` for several columns of one name.
-    """
+    and times as numpy has them, a missing number NaN, and all else as texts, "" where a value is missing. Raises:
+    `ValueError` for several columns of one name."""
     if not frame.columns.is_unique:
         raise ValueError("has several columns of one name; rename all but one")
     columns, index = {str(name): frame[name] for name in frame.columns}, frame.index

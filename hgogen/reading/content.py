@@ -29,10 +29,8 @@ class Unread(BadArgument):
 
 
 def content_of(path: str | Path, most: int) -> bytes:
-    """The content of a regular file, of `most` bytes at most.
-
-    Raises: `Unread` where it is larger, is a folder, a pipe, a device or a socket, or is not there.
-    """
+    """The content of a regular file, of `most` bytes at most. Raises: `Unread` where it is larger, is a folder, a pipe,
+    a device or a socket, or is not there."""
     try:
         _demand_regular(path, os.stat(path))  # since opening a device may do something
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))

@@ -93,10 +93,7 @@ def remembers(question: Asked) -> Asked:
 
 
 def scalar(value: Any, what: str) -> sp.Expr:
-    """The SymPy expression of a number or of an expression.
-
-    Raises: `Misfit`.
-    """
+    """The SymPy expression of a number or of an expression. Raises: `Misfit`."""
     try:
         expression = sp.sympify(value, strict=True)
     except (sp.SympifyError, TypeError):

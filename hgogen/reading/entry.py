@@ -82,11 +82,8 @@ class Entry:
 
 
 def entry(model: Any) -> Entry:
-    """Read one model, a dictionary as in the file.
-
-    Raises: `BadEntry`; `BadModelFile` for a fault in a plain-text model; `BadExpression` for a text that is no
-    expression of the listed names.
-    """
+    """Read one model, a dictionary as in the file. Raises: `BadEntry`; `BadModelFile` for a fault in a plain-text
+    model; `BadExpression` for a text that is no expression of the listed names."""
     if not isinstance(model, Mapping):
         raise BadEntry(shown(model).strip("'"), f"is no object; write it as {FORMAT}")
     name = str(model.get("name", "without a name"))

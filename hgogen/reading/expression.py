@@ -124,10 +124,7 @@ class Token(NamedTuple):
 
 
 def tokens(text: str) -> Iterator[Token]:
-    """The tokens of a text, the last of the kind "end".
-
-    Raises: `BadExpression` for a character outside the grammar.
-    """
+    """The tokens of a text, the last of the kind "end". Raises: `BadExpression` for a character outside the grammar."""
     for match in _TOKEN.finditer(text):
         kind = str(match.lastgroup)
         token = Token(kind, match[kind], match.start(kind) + 1)

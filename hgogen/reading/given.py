@@ -93,10 +93,8 @@ def count(name: str, value: Any, low: int, high: int) -> int:
 
 
 def unmasked(value: Any) -> Any:
-    """The value with NaN for each entry that is masked, in arrays inside of sequences as well.
-
-    Raises: `TypeError`, `ValueError` where an array with a mask holds no numbers.
-    """
+    """The value with NaN for each entry that is masked, in arrays inside of sequences as well. Raises: `TypeError`,
+    `ValueError` where an array with a mask holds no numbers."""
     if isinstance(value, np.ma.MaskedArray):
         return np.ma.filled(value.astype(float), np.nan)
     if isinstance(value, list | tuple) and any(isinstance(each, list | tuple | np.ma.MaskedArray) for each in value):

@@ -114,10 +114,8 @@ class Table:
 
 
 def log_of(source: Any) -> Table:
-    """The table of a path, whatever kind of file it is, or of a DataFrame.
-
-    Raises: `BadRecord`; `NotInstalled` for a file whose library is not there.
-    """
+    """The table of a path, whatever kind of file it is, or of a DataFrame. Raises: `BadRecord`; `NotInstalled` for a
+    file whose library is not there."""
     if isinstance(source, Table):
         return source
     if hasattr(source, "columns") and hasattr(source, "to_numpy"):

@@ -35,10 +35,7 @@ _ANGLES = {"radian", "degree", "revolution", "turn"}
 
 
 def column(log: Table, text: str) -> Column:
-    """The numbers of a column, or of an expression: no number where one that it reads has none.
-
-    Raises: `BadRecord`.
-    """
+    """The numbers of a column, or of an expression: no number where one that it reads has none. Raises: `BadRecord`."""
     if text in log.header or not _SIGNS.search(text):
         return log.column(text)
     bracketed = _BRACKETS.findall(text)
@@ -110,10 +107,8 @@ def named_unit(column: str) -> str:
 
 
 def converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
-    """A column in the unit of its signal, what stands for it in an expression, and the log with a note on it.
-
-    Raises: `BadRecord` where the units do not convert.
-    """
+    """A column in the unit of its signal, what stands for it in an expression, and the log with a note on it. Raises:
+    `BadRecord` where the units do not convert."""
     plain = operand(log, text)
     try:
         change = conversion(name, text, unit)
@@ -191,10 +186,8 @@ def signal_named(key: str, inputs: Sequence[Signal], outputs: Sequence[Signal]) 
 
 
 def shifts_of(path: str, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, int]:
-    """Samples by signal, from texts "SIGNAL=SAMPLES", each of which may hold several, with commas between them.
-
-    Raises: `BadRecord`.
-    """
+    """Samples by signal, from texts "SIGNAL=SAMPLES", each of which may hold several, with commas between them. Raises:
+    `BadRecord`."""
     shifts: dict[str, int] = {}
     for text in (part for each in texts for part in each.split(",")):
         key, _, number = (part.strip() for part in text.partition("="))

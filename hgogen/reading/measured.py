@@ -54,16 +54,14 @@ class Report:
     """What was found in a log and what was done with it.
 
     `rows` of the file; `samples` on the grid of `dt`; `period`: typical time between rows; `unit`: of all times;
-    `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and
-    `not_numbers` (NaN among them), both treated as missing samples; `covered`: those of them that share a
-    grid point with another row and cost no sample; `absent`: samples without a number, in all, which is
-    missing + not_numbers - covered + filled, but of an input that is averaged; `malformed`: rows with more
-    cells than the header, left out; `untimed`: rows without a usable time, left out; `out_of_order`: rows
-    earlier than one before them, sorted; `duplicates`: rows that repeat a time, merged; `surplus`: rows of
-    other times at a grid point that
-    has one, merged; `gaps`: pauses longer than 1.5 periods, the longest of `longest_gap`; `filled`: grid
-    points without a row, given as missing samples; `shift`: the farthest a row was moved; `notes`:
-    whatever else was decided on reading, or looks doubtful.
+    `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and `not_numbers` (NaN
+    among them), both treated as missing samples; `covered`: those of them that share a grid point with another row and
+    cost no sample; `absent`: samples without a number, in all, which is missing + not_numbers - covered + filled, but
+    of an input that is averaged; `malformed`: rows with more cells than the header, left out; `untimed`: rows without a
+    usable time, left out; `out_of_order`: rows earlier than one before them, sorted; `duplicates`: rows that repeat a
+    time, merged; `surplus`: rows of other times at a grid point that has one, merged; `gaps`: pauses longer than 1.5
+    periods, the longest of `longest_gap`; `filled`: grid points without a row, given as missing samples; `shift`: the
+    farthest a row was moved; `notes`: whatever else was decided on reading, or looks doubtful.
     """
 
     path: str

@@ -106,10 +106,8 @@ def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[st
 
 def of_coordinates(what: str, values: Any, form: Form) -> Any:
     """A diagonal (n), or a symmetric matrix (n, n), of the form's coordinates by their names, `Form.names`: where z_i
-    is minus a state, the values are of the state.
-
-    Raises: `BadNames`, for the name of a state that is no coordinate with what to name in its place.
-    """
+    is minus a state, the values are of the state. Raises: `BadNames`, for the name of a state that is no coordinate
+    with what to name in its place."""
     if not isinstance(values, Mapping):  # whose names need no definition: those of a phase form are long
         return values
     entry = zip(form.names, form.entry, strict=True)  # what is neither a state nor minus one is shown by its definition

@@ -130,10 +130,7 @@ class PlainModel:
 
 
 def read(path: Path) -> PlainModel:
-    """The model of a .toml or .json file.
-
-    Raises: `BadModelFile` with file, key and fix.
-    """
+    """The model of a .toml or .json file. Raises: `BadModelFile` with file, key and fix."""
     try:
         text = content_of(path, BYTES).decode("utf-8-sig")
         table = READERS[path.suffix](text)
@@ -147,10 +144,7 @@ def read(path: Path) -> PlainModel:
 
 
 def from_table(table: Any, file: str = "model") -> PlainModel:
-    """The model of a dictionary, as TOML and JSON give it; `file` is what errors call it.
-
-    Raises: `BadModelFile`.
-    """
+    """The model of a dictionary, as TOML and JSON give it; `file` is what errors call it. Raises: `BadModelFile`."""
     demand_keys(file, "", table, _TOP, "name")
     groups = {kind: table.get(kind, {}) for kind in _KINDS}
     signals: dict[str, list[Signal]] = {}
@@ -259,10 +253,8 @@ def named(file: str, where: str, function: Callable[..., Made], *args: Any, **kw
 
 def to_text(plant: System, beside: Mapping[str, Any] = MappingProxyType({})) -> str:
     """The plant as TOML, which `read` reads back as an equal system; a float is written as its shortest decimal.
-    `beside`: what else stands in the file, by its key at the top, as `from_table` takes it.
-
-    Raises: `NoText` for a recast plant, and for an expression outside the grammar.
-    """
+    `beside`: what else stands in the file, by its key at the top, as `from_table` takes it. Raises: `NoText` for a
+    recast plant, and for an expression outside the grammar."""
     if plant.origin is not None:
         raise NoText(plant.name, f"it is recast; write the plant it comes from, {plant.origin.plant.name!r}")
     symbols = {signal.name: signal for signal in plant.signals}

@@ -3,9 +3,10 @@
 What varies are first states, parameters and noise of the plant, each within an interval. The draws are a Latin
 hypercube: of each quantity, one draw lies in each of N equal parts of its interval, in an order of its own. The
 observer knows of none of them: it keeps its nominal parameters and the trial's estimate. Run k has the noise of seed k
-and draw k of all: its numbers are the same whoever computes it, and after whatever was computed before. Runs go out in batches (`trials/spread.py`); what
-comes back are numbers only. Runs that share their inputs are taken by the compiled step at once, which gives of each,
-byte for byte, what `trial.tried` gives. Source: McKay, Beckman, Conover, Technometrics 21 (1979).
+and draw k of all: its numbers are the same whoever computes it, and after whatever was computed before. Runs go out in
+batches (`trials/spread.py`); what comes back are numbers only. Runs that share their inputs are taken by the compiled
+step at once, which gives of each, byte for byte, what `trial.tried` gives. Source: McKay, Beckman, Conover,
+Technometrics 21 (1979).
 """
 
 import math
@@ -285,10 +286,7 @@ def hypercube(varied: Sequence[Varied], count: int, seed: int) -> Draws:
 def varied(asked: str | Mapping[str, str | float | None], plant: System, trial: Trial) -> tuple[Varied, ...]:
     """What is asked for: names, "x0" for all first states, "parameters" for all with a range, "noise" for the size of
     every output's noise, each with an interval as in "a=10%" (of its value in the trial), "a=0.2" (to both sides),
-    "a=0.8..1.2"; without one it is the declared range. A mapping gives the same by name.
-
-    Raises: `BadVariation`.
-    """
+    "a=0.8..1.2"; without one it is the declared range. A mapping gives the same by name. Raises: `BadVariation`."""
     if not isinstance(asked, str | Mapping) or not all(isinstance(name, str) for name in asked):
         raise BadVariation(str(asked), "is no text and no mapping by name; write \"x0,a=10%\" or {'a': '10%'}")
     pairs = _split(asked) if isinstance(asked, str) else asked.items()

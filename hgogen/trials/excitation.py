@@ -55,9 +55,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 def shown(id: str, gramian: Gramian) -> Check:
     """The check that windows along a record decide: it is refuted where one hides a direction, and never proved.
-
-    Raises: `Misfit`.
-    """
+    Raises: `Misfit`."""
     if not isinstance(id, str):
         raise Misfit("excitation.shown, id=", id, "the name of the claim")
     if not isinstance(gramian, Gramian):

@@ -1,9 +1,8 @@
-"""What a trial measures: time to settle after each event, steady errors, how theta behaved, whether a clamp
-was active.
+"""What a trial measures: time to settle after each event, steady errors, how theta behaved, whether a clamp was active.
 
-The events of a trial are its start (the initial state is wrong) and its jumps. An event lasts until the
-next one. A trial without a band of its own is settled when every error stays within `SHARE` of its state's range, the
-declared one, else that of the truth along the trial.
+The events of a trial are its start (the initial state is wrong) and its jumps. An event lasts until the next one. A
+trial without a band of its own is settled when every error stays within `SHARE` of its state's range, the declared one,
+else that of the truth along the trial.
 """
 
 import math
@@ -135,8 +134,7 @@ def _past(holds: np.ndarray, dt: float) -> float | None:
 
 
 def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
-    """Time (s) from the first sample until |error| (k,) stays in the band for `hold`; None where it never
-    does."""
+    """Time (s) from the first sample until |error| (k,) stays in the band for `hold`; None where it never does."""
     samples = round(settled.hold / dt) + 1
     inside = np.concatenate([[0], np.cumsum(np.abs(error) <= settled.band)])
     held = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)

@@ -4,9 +4,8 @@
     s^2 = (2/N) (1 + 2 sum_{k=1..N-1} (1 - k/N) rho^k),  rho = exp(-2 dt/tau),  N = d/dt
     gamma_0 = sigma^2 d (1 + k s),  k = 6.5,  gamma_1 = 2 gamma_0
 
-sigma^2 d is the mean of the innovation when nothing but noise is there, s its standard deviation over that
-mean. The mean alone, which Boizot, Busvelle, Gauthier 2010 propose as threshold, is exceeded four times in
-ten; it is the foot.
+sigma^2 d is the mean of the innovation when nothing but noise is there, s its standard deviation over that mean. The
+mean alone, which Boizot, Busvelle, Gauthier 2010 propose as threshold, is exceeded four times in ten; it is the foot.
 """
 
 import math
@@ -36,9 +35,8 @@ class BadWindow(BadArgument):
 class Suggestion:
     """What a quiet record of the output `output` suggests.
 
-    `sigma` (unit of y), `tau` (s, 0: white), from `samples` samples; over the window `d` (s): the quiet
-    innovation's `spread` over its mean, `gamma_0`, `gamma_1` (y^2 s); `R` (y^2 s): the noise's spectral
-    density; `notes`: doubts.
+    `sigma` (unit of y), `tau` (s, 0: white), from `samples` samples; over the window `d` (s): the quiet innovation's
+    `spread` over its mean, `gamma_0`, `gamma_1` (y^2 s); `R` (y^2 s): the noise's spectral density; `notes`: doubts.
     """
 
     output: str
@@ -55,10 +53,7 @@ class Suggestion:
 
 def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
     """Which of the times t (N,), N >= 2, evenly spaced, lie in begin..end; None: from the first, to the last; times in
-    the unit.
-
-    Raises: `BadInterval` unless the interval lies within the record, to a sample.
-    """
+    the unit. Raises: `BadInterval` unless the interval lies within the record, to a sample."""
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
     low, high = first if begin is None else begin, last if end is None else end
     if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
@@ -71,10 +66,7 @@ def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s"
 
 def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
     """sigma, tau and thresholds from y (N,), sampled every `dt`, NaN where missing, for the window `d`, both in the
-    unit.
-
-    Raises: `TooLittle`, `BadWindow`.
-    """
+    unit. Raises: `TooLittle`, `BadWindow`."""
     there = np.isfinite(y)
     if there.sum() < LEAST:
         raise TooLittle(output, f"has {there.sum()} samples; give at least {LEAST} from a quiet part of the record")
@@ -107,11 +99,10 @@ def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") ->
 
 
 def correlation_time(residual: np.ndarray, dt: float) -> float:
-    """The lag (s) at which the autocorrelation of a residual (N,), NaN where missing, falls to 1/e; 0 for
-    white noise.
+    """The lag (s) at which the autocorrelation of a residual (N,), NaN where missing, falls to 1/e; 0 for white noise.
 
-    Between samples the logarithm is interpolated, which is exact for an Ornstein-Uhlenbeck process. White:
-    the first lag's correlation is within two standard deviations, 2/sqrt(N), of 0.
+    Between samples the logarithm is interpolated, which is exact for an Ornstein-Uhlenbeck process. White: the first
+    lag's correlation is within two standard deviations, 2/sqrt(N), of 0.
     """
     there = np.isfinite(residual).astype(float)
     value = np.where(there > 0, residual, 0.0)

@@ -1,13 +1,12 @@
-"""How well an estimate predicts a measured record: the model runs on from the state at sample k, without
-correction.
+"""How well an estimate predicts a measured record: the model runs on from the state at sample k, without correction.
 
     error(h) = RMS over k of y_{k+h} - yhat_{k+h|k},   u known ahead
 
-beside copying the last measured y, and beside the model alone from its first estimate (open loop). The
-model is the form's, its nonlinear part evaluated in the declared box, by one classical Runge-Kutta step a
-sample; a predicted reading is limited to the output's declared range, as the sensor's is. A sample that the step
-rejected is as good as missing: nothing is compared with it, and nothing copied from it. Of a record of more than
-MOST samples k is one at random of each two, three, .., so that at most MOST predictions are made.
+beside copying the last measured y, and beside the model alone from its first estimate (open loop). The model is the
+form's, its nonlinear part evaluated in the declared box, by one classical Runge-Kutta step a sample; a predicted
+reading is limited to the output's declared range, as the sensor's is. A sample that the step rejected is as good as
+missing: nothing is compared with it, and nothing copied from it. Of a record of more than MOST samples k is one at
+random of each two, three, .., so that at most MOST predictions are made.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -26,8 +25,7 @@ MOST = 100_000  # predictions of each horizon: independent errors have their roo
 
 @dataclass(frozen=True)
 class Prediction:
-    """RMS prediction errors of the output `output`, `ahead` samples ahead (None: open loop over the whole
-    record).
+    """RMS prediction errors of the output `output`, `ahead` samples ahead (None: open loop over the whole record).
 
     `model`: from the estimate; `copying`: the last measured value instead; `count`: samples compared; `rejected`:
     samples of the output that the step rejected, in the whole record.

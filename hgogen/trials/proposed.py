@@ -37,10 +37,8 @@ class NoTrial(BadArgument):
 
 @asks_a_plant
 def proposed_trial(plant: System) -> Trial:
-    """The trial, without noise, of the plant as first declared.
-
-    Raises: `NoTrial` where a state or an input has no range, nothing moves, or every motion leaves the ranges at once.
-    """
+    """The trial, without noise, of the plant as first declared. Raises: `NoTrial` where a state or an input has no
+    range, nothing moves, or every motion leaves the ranges at once."""
     first = plant.declared
     if unknown := [s.name for s in (*first.states, *first.inputs) if not s.bounded]:
         raise NoTrial(f"plant {plant.name!r}", f"has no range of {', '.join(unknown)}, and no trial; declare either")

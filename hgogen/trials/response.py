@@ -71,10 +71,8 @@ class Response:
 
 def response(source: Observer | Step, omega: Any) -> Response:
     """The response of an observer in continuous time, or as discretised by a step, at the frequencies `omega` (K,)
-    (rad/s), all gains and parameters as declared.
-
-    Raises: `NoResponse` for an observer without a linear error core; `BadFrequency`, `BadGain`.
-    """
+    (rad/s), all gains and parameters as declared. Raises: `NoResponse` for an observer without a linear error core;
+    `BadFrequency`, `BadGain`."""
     step = source if isinstance(source, Step) else None
     observer = step.observer if step else source
     if not isinstance(observer, Observer):
@@ -97,10 +95,7 @@ def response(source: Observer | Step, omega: Any) -> Response:
 
 
 def pace(observer: Observer) -> tuple[float, float]:
-    """The least and the largest |eigenvalue| (rad/s) of the linear error core.
-
-    Raises: `NoResponse`.
-    """
+    """The least and the largest |eigenvalue| (rad/s) of the linear error core. Raises: `NoResponse`."""
     _, line = _linear_core(observer)
     sizes = np.abs(np.linalg.eigvals(numbers(line.M, nominal(observer))))
     return float(sizes.min()), float(sizes.max())

@@ -28,10 +28,8 @@ def line(one: Outcome) -> str:
 
 
 def earlier(each: Campaign, lines: Iterable[str], name: str) -> Iterator[Outcome | None]:
-    """The outcome of each line behind the head, None for one that holds no outcome of this campaign.
-
-    Raises: `BadCampaign` for the file, called `name`, of another campaign.
-    """
+    """The outcome of each line behind the head, None for one that holds no outcome of this campaign. Raises:
+    `BadCampaign` for the file, called `name`, of another campaign."""
     for number, one in enumerate(lines):
         if number:
             yield outcome(each, one)

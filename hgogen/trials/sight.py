@@ -84,11 +84,8 @@ def as_share(value: float, digits: int = 2) -> str:
 
 def sight(plant: System, trial: Trial | None = None) -> Sight:
     """The least seen direction along a trial without noise, else at fixed points of the declared box; parameters are
-    nominal.
-
-    Raises: `NoSight` where a state (without a trial also an input) has no range, or the model no value; `BadTrial` for
-    a trial that cannot be integrated; `NoGraph`.
-    """
+    nominal. Raises: `NoSight` where a state (without a trial also an input) has no range, or the model no value;
+    `BadTrial` for a trial that cannot be integrated; `NoGraph`."""
     ranged((*plant.states, *(() if trial else plant.inputs)))
     with np.errstate(all="ignore"):
         if trial:

@@ -43,10 +43,8 @@ class Workers(Generic[Shared]):
             count("jobs", self.jobs, 1, MOST_JOBS)
 
     def results(self, work: Callable[[Shared, Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
-        """Those of `work(shared, piece)`, as they come, in no order; `work`: a function of a module.
-
-        Raises: `NoScheduler`; `NotInstalled` without the package of a cluster; what work raises.
-        """
+        """Those of `work(shared, piece)`, as they come, in no order; `work`: a function of a module. Raises:
+        `NoScheduler`; `NotInstalled` without the package of a cluster; what work raises."""
         if self.jobs == 1 and self.scheduler is None:
             yield from (work(self.shared, piece) for piece in pieces)
             return
