@@ -189,7 +189,7 @@ def __getattr__(name: str) -> object:
     elif name in _NAMES:
         value = getattr(import_module(f"{__name__}.{_NAMES[name]}"), name)
     elif name == "__version__":
-        value = import_module(f"{__name__}.reading.release").version()
+        value = import_module(f"{__name__}.reading.optional").version()
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     globals()[name] = value

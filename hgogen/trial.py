@@ -50,7 +50,7 @@ __all__ = [
 
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
-TOGETHER = 1 << 20  # numbers of measurements that are made at once
+_TOGETHER = 1 << 20  # numbers of measurements that are made at once
 _BESIDE = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
 
 
@@ -116,6 +116,11 @@ class Truth:
     x: np.ndarray
     u: np.ndarray
     y: np.ndarray
+
+    @property
+    def at_once(self) -> int:
+        """Of how many seeds the measurements are made at once."""
+        return max(1, _TOGETHER // self.y.size)
 
 
 class Feed(NamedTuple):
@@ -314,9 +319,8 @@ def feeds(step: CallableStep, trial: Trial, truth: Truth, seeds: Sequence[int]) 
     """The runs of seeds on a truth of the step's plant; the noise of as many as fit is made at once."""
     system = step.observer.form.system
     u = truth.u if system.inputs == system.declared.inputs else sampled(system, trial, truth.t)
-    every = max(1, TOGETHER // truth.y.size)
-    for first in range(0, len(seeds), every):
-        some = seeds[first : first + every]
+    for first in range(0, len(seeds), truth.at_once):
+        some = seeds[first : first + truth.at_once]
         for seed, y in zip(some, noisy(system.declared, truth, trial, some), strict=True):
             yield Feed(trial, seed, truth, u, at_their_times(step, y))
 

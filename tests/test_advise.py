@@ -112,9 +112,10 @@ def test_the_noise_is_that_of_the_steady_part(monkeypatch: pytest.MonkeyPatch) -
     """Errors that noise makes before it are not counted, here a thousand more."""
     (trial,) = MODEL.trials()
 
-    def worse_before(step: Any, trial: Any, truth: Any, *more: Any) -> Any:
-        before = 1e3 * bool(trial.noise) * (truth.t < trial.steady_from - 1e-9)
-        yield from (replace(one, x=one.x + before[:, None]) for one in tried(step, trial, truth, *more))
+    def worse_before(*runs: Any) -> Any:
+        for one in tried(*runs):
+            before = 1e3 * bool(one.trial.noise) * (one.truth.t < one.trial.steady_from - 1e-9)
+            yield replace(one, x=one.x + before[:, None])
 
     (row,), _ = advise(MODEL.plant, dt=5e-3, observers=["riccati"], trial=trial)
     monkeypatch.setattr("hgogen.calibration.advise.tried", worse_before)

@@ -99,14 +99,14 @@ def watched(innovation: np.ndarray, tables: list[Any], errors: Any = None) -> An
         run=lambda **record: SimpleNamespace(traces={"innovation": innovation}),
     )
 
-    def made(name: str, form: Any, gains: Any) -> Any:
+    def made(name: str, row: Any, gains: Any) -> Any:
         tables.append(gains["theta"])
-        return step
+        return SimpleNamespace(step=step)
 
     return SimpleNamespace(
         dt=DT,
         records=(Log(np.zeros((20, 1)), np.zeros((20, 1)), DT),),
-        step=made,
+        made=made,
         judge=SimpleNamespace(engine="python", errors=errors),
     )
 

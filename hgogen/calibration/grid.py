@@ -64,13 +64,17 @@ class Task:
             self._likelihoods[row] = Likelihood(form, records, base, self.sampling["between"], steps)
         return self._likelihoods[row]
 
+    def made(self, name: str, row: Row, gains: Gains) -> First:
+        """An observer on a form at the period of the records. Raises: as the observer and `sample` do."""
+        return first_of(name, row, gains, self.dt, self.sampling)
+
     def first(self, name: str, row: int, numbers: Scale) -> First | str:
         """The step of an observer on the form of a row with the gains that its rule makes, or why there is none."""
         gains = gains_of(getattr(every, name), numbers)
         if isinstance(gains, str):
             return gains
         try:
-            return first_of(name, self.rows[row], gains, self.dt, self.sampling)
+            return self.made(name, self.rows[row], gains)
         except HgogenError as error:
             return str(error)
 

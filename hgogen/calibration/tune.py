@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hgogen.calibration.grid import Piece, Task, first_of, observers_named, reasons, together, tuned
+from hgogen.calibration.grid import Piece, Task, observers_named, reasons, together, tuned
 from hgogen.calibration.score import BEGIN, Ahead, Hidden, Judge, readable
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calling import native
@@ -179,7 +179,7 @@ def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what
 
 def _first(task: Task, plain: Tuned, table: Mapping[str, Any], gamma_0: float) -> First:
     gains = {**plain.first.starting.gains, "theta": {**table, "mu": (gamma_0, 2 * gamma_0)}}
-    return first_of(FILTER, plain.first.row, gains, task.dt, task.sampling)
+    return task.made(FILTER, plain.first.row, gains)
 
 
 def _innovations(task: Task, first: First) -> np.ndarray:

@@ -328,11 +328,6 @@ def _slope(times: np.ndarray, steps: np.ndarray, middle: float) -> float:
     return float(number @ since / (number @ number)) if np.any(number) else middle
 
 
-def _first_of_equals(ascending: np.ndarray) -> np.ndarray:
-    """Whether each of these numbers (N,) is larger than the one before it, as the first is (N,)."""
-    return np.concatenate([ascending[:1] == ascending[:1], ascending[1:] > ascending[:-1]])
-
-
 def _gridded(
     log: Table,
     series: Mapping[str, Column],
@@ -346,7 +341,7 @@ def _gridded(
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
-    distinct = times[_first_of_equals(times)]
+    distinct = np.unique(times)
     steps = np.diff(distinct)
     period = _typical(distinct) or step or 0.0
     dt = step or period
@@ -360,18 +355,17 @@ def _gridded(
         raise BadRecord(log.path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)
     away = np.abs(times - times[0] - point * dt)
-    samples, used = int(point[-1]) + 1, int(np.count_nonzero(_first_of_equals(point)))
+    samples, used = int(point[-1]) + 1, len(np.unique(point))
     if samples < 2:
-        raise BadRecord(
-            log.path, f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}; give a record of at least 2"
-        )
+        one = f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}"
+        raise BadRecord(log.path, f"{one}; give a record of at least 2")
     values = np.full((samples, len(series)), np.nan)
     nearest = np.lexsort((away, point))
     for c, column in enumerate(series.values()):
         numbers = column.values[ordered][nearest]
         there = np.flatnonzero(np.isfinite(numbers))
-        first = there[_first_of_equals(point[nearest][there])]
-        values[point[nearest][first], c] = numbers[first]
+        points, first = np.unique(point[nearest][there], return_index=True)
+        values[points, c] = numbers[there[first]]
     means = [name for name in series if name in inputs and averaged.wanted(steps, period, dt)]
     notes = [*log.notes, *_pace(period, dt, unit)]
     if means:
@@ -383,9 +377,8 @@ def _gridded(
             times, series[name].values[ordered], float(times[0]), samples, dt, inputs[name], hold
         )
     cells = {name: column.of(timed) for name, column in series.items()}
-    absent = {name: int(np.isnan(values[:, c]).sum()) for c, name in enumerate(series)}
+    absent = dict(zip(series, np.isnan(values).sum(axis=0).tolist(), strict=True))
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
-    duplicates = int(np.count_nonzero(np.diff(times) == 0))
     report = Report(
         path=log.path,
         rows=log.rows + log.malformed,
@@ -400,8 +393,8 @@ def _gridded(
         malformed=log.malformed,
         untimed=len(stamps) - len(timed),
         out_of_order=int(np.count_nonzero(stamps[timed][1:] < np.maximum.accumulate(stamps[timed])[:-1])),
-        duplicates=duplicates,
-        surplus=len(times) - duplicates - used,
+        duplicates=len(times) - len(distinct),
+        surplus=len(distinct) - used,
         gaps=len(pauses),
         longest_gap=float(pauses.max()) if len(pauses) else 0.0,
         filled=samples - used,

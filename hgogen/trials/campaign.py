@@ -32,7 +32,7 @@ from hgogen.reading.given import count, real
 from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice
 from hgogen.system import System
-from hgogen.trial import TOGETHER, BadTrial, Feed, Plant, Trajectory, Trial, feeds, first_memory, tried
+from hgogen.trial import BadTrial, Feed, Plant, Trajectory, Trial, feeds, first_memory, tried
 from hgogen.trials.metrics import Metrics, metrics
 from hgogen.trials.spread import Workers
 
@@ -40,7 +40,7 @@ MOST = 10_000_000  # runs
 MANY = 64  # runs: fewer are integrated sooner than it takes to compile what does
 BATCH, ALONE = 64, 8  # runs that go out together; where each has a truth of its own
 WORTH = 5_000_000  # samples of a step from which on it takes less time than to compile what takes them together
-HELD = TOGETHER  # numbers of measurements of runs that are taken together
+HELD = 1 << 20  # numbers of measurements of runs that differ by more than their seeds
 
 
 class BadCampaign(BadArgument):
@@ -228,10 +228,11 @@ class Ready:
         numbers, draws = piece
         step, engine, made = self.campaign.step, self.campaign.engine, dict[int, Outcome]()
         if not draws.varied and self._truth is not None:
-            runs = feeds(step, self.campaign.trial, self._truth, numbers)
+            runs, size = feeds(step, self.campaign.trial, self._truth, numbers), self._truth.at_once
         else:
-            runs = self._varied(numbers, draws, made)
-        each = together(step, runs, self._memory) if self._together else tried(step, runs, self._memory, engine)
+            runs, size = self._varied(numbers, draws, made), len(numbers)
+        memory = self._memory
+        each = together(step, runs, memory, size) if self._together else tried(step, runs, memory, engine)
         for one in each:
             made[one.seed] = Outcome(one.seed, draws.named(numbers.index(one.seed)), metrics(step, one))
         return [made[number] for number in numbers]
@@ -248,11 +249,11 @@ class Ready:
                 yield from feeds(self.campaign.step, trial, truth, [number])
 
 
-def together(step: CallableStep, runs: Iterable[Feed], start: bytes) -> Iterator[Trajectory]:
-    """The compiled step over runs with the same inputs, each from the memory `start`, as many at once as fit."""
+def together(step: CallableStep, runs: Iterable[Feed], start: bytes, size: int) -> Iterator[Trajectory]:
+    """The compiled step over runs with the same inputs, each from the memory `start`, so many at once."""
     runs = iter(runs)
     for first in runs:
-        some = [first, *islice(runs, max(1, HELD // first.y.size) - 1)]
+        some = [first, *islice(runs, size - 1)]
         step.restore(start)
         y = np.stack([step.arriving(one.y) for one in some])
         many = step.run_many(first.u, y, jobs=1, traces=True, engine="c")
