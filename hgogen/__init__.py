@@ -15,8 +15,8 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.analysis.query import bound, nonzero
     from hgogen.analysis.singularity import singularity
     from hgogen.calibration.advise import advise
+    from hgogen.calibration.grid import Calibration
     from hgogen.calibration.tune import tune
-    from hgogen.calibration.tuned import Calibration
     from hgogen.call import sample
     from hgogen.calling.samples import Run, Sample
     from hgogen.certificates.certificate import certificate
@@ -69,7 +69,7 @@ _MODULES = {  # public files and folders
 _NAMES = {  # what else is public, and the file that holds it
     **dict.fromkeys(("Run", "Sample"), "calling.samples"),
     "advise": "calibration.advise",
-    "Calibration": "calibration.tuned",
+    "Calibration": "calibration.grid",
     "tune": "calibration.tune",
     "campaign": "trials.campaign",
     "sample": "call",

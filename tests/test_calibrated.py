@@ -11,11 +11,10 @@ from scipy.stats import gamma
 
 import hgogen as hg
 from hgogen.calibration.advise import advise
-from hgogen.calibration.grid import Search, thetas, together
+from hgogen.calibration.grid import Search, Tuned, thetas, together
 from hgogen.calibration.judged import Judged, verdicts
 from hgogen.calibration.likelihood import Likelihood, Noise
 from hgogen.calibration.tune import FILTER, adaptive
-from hgogen.calibration.tuned import Tuned
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import First
 from hgogen.modelfiles.json_file import BadFile, read_tunings

@@ -8,8 +8,7 @@ import sympy as sp
 from scipy.linalg import eigvalsh
 
 import hgogen as hg
-from hgogen.modelfiles.scenario import Jump, OrnsteinUhlenbeck
-from hgogen.trial import Trial, simulate
+from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, simulate
 from hgogen.trials.falling import SMALL, falling
 
 

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.model import MissingPart, load
-from hgogen.modelfiles.scenario import BadTrial
 from hgogen.reading.filename import LONGEST, BadFileName, fault, same
 from hgogen.reading.text_model import BadModelFile
 from hgogen.target import CannotWrite
-from hgogen.trial import Trial
+from hgogen.trial import BadTrial, Trial
 
 GOOD = ("a", "six_jumps", "cold start", "Sprung 1", "Füllstand", "v1.2", "x" * LONGEST, "console", "com")
 BAD = ("", ".", "..", "../x", "/x", "a/b", "a\\b", "c:x", "a\0b", "a\nb", "a\u202eb", "\udcff", ".x", "-o", " x", "x ")

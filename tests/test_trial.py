@@ -13,8 +13,7 @@ from oracle import fitzhugh_nagumo as oracle
 import hgogen as hg
 from hgogen import model
 from hgogen.calling import native
-from hgogen.modelfiles.scenario import read_field
-from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, simulate, t, try_out
+from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, read_field, simulate, t, try_out
 from hgogen.trials.agreement import agreement
 from hgogen.trials.metrics import crossings, metrics, settling, summary
 

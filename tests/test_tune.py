@@ -21,12 +21,11 @@ from test_cli import hgogen
 import hgogen as hg
 from hgogen.calibration import judged as judged_module
 from hgogen.calibration import tune as tune_module
-from hgogen.calibration.grid import Task
+from hgogen.calibration.grid import Calibration, Task, Tuned
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged, verdicts
 from hgogen.calibration.likelihood import STARTS, Likelihood, Noise
 from hgogen.calibration.score import Ahead, Hidden, Judge, as_good, chosen, readable
 from hgogen.calibration.tune import CannotTune
-from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.check import Verdict
 from hgogen.commands.calibrating import _own_forms, renamed
 from hgogen.errors import BadArgument

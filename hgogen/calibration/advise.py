@@ -24,12 +24,11 @@ from hgogen.errors import BadArgument, HgogenError
 from hgogen.evidence.grounds import Grounds
 from hgogen.form import Form
 from hgogen.modelfiles.first import First, everywhere
-from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
 from hgogen.reading.door import asks_a_plant, switches
 from hgogen.reading.given import positive
 from hgogen.starting import Scale, gains_of, scale, two
 from hgogen.system import System
-from hgogen.trial import Trial, Truth, feeds, first_memory, simulate, tried
+from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, simulate, tried
 from hgogen.trials.metrics import metrics
 from hgogen.trials.spread import Workers
 from hgogen.which_forms import Row

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hgogen.calibration.grid import Calibration, Tuned
 from hgogen.calibration.score import readable
-from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, held_last
 from hgogen.identification.records import Log

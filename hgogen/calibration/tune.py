@@ -11,9 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hgogen.calibration.grid import Piece, Task, observers_named, reasons, together, tuned
+from hgogen.calibration.grid import Calibration, Piece, Task, Tuned, observers_named, reasons, together, tuned
 from hgogen.calibration.score import BEGIN, Ahead, Hidden, Judge, readable
-from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calling import native
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, HgogenError, nearest

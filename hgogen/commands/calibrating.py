@@ -9,9 +9,9 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from hgogen.calibration.advise import Advised
+from hgogen.calibration.grid import Calibration, Tuned
 from hgogen.calibration.judged import ALL, HELD_OUT, Held, Judged, judged, verdicts
 from hgogen.calibration.tune import tune
-from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.call import CallableStep
 from hgogen.check import worst
 from hgogen.commands import log_tables

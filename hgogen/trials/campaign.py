@@ -26,13 +26,12 @@ from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.errors import BadArgument, nearest
-from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
 from hgogen.reading.door import Misfit, asks
 from hgogen.reading.given import count, real
 from hgogen.signal import Signal
 from hgogen.step import Step, demand_choice
 from hgogen.system import System
-from hgogen.trial import BadTrial, Feed, Plant, Trajectory, Trial, feeds, first_memory, tried
+from hgogen.trial import BadTrial, Feed, OrnsteinUhlenbeck, Plant, Trajectory, Trial, feeds, first_memory, tried
 from hgogen.trials.metrics import Metrics, metrics
 from hgogen.trials.spread import Workers
 
