@@ -73,15 +73,13 @@ class System:
         check_name(name)
         filename.demand(name)
         groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
-        for kind, signals in groups.items():
-            object.__setattr__(self, kind, _signals(name, kind, signals))
+        fields: dict[str, Any] = {kind: _signals(name, kind, signals) for kind, signals in groups.items()}
         if not is_unit(time):
             raise BadSystem(name, f'time = {time!r} is no unit of time; write one plain word of letters, such as "h"')
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "origin", origin)
-        object.__setattr__(self, "time", str(time))
-        object.__setattr__(self, "flow", _expressions(name, "flow", flow))
-        object.__setattr__(self, "output", _expressions(name, "output", output))
+        fields |= {"name": name, "origin": origin, "time": str(time)}
+        fields |= {what: _expressions(name, what, rows) for what, rows in (("flow", flow), ("output", output))}
+        for key, value in fields.items():
+            object.__setattr__(self, key, value)
         _validate(self)
 
     @property
@@ -186,19 +184,23 @@ def _validate(system: System) -> None:
             raise BadSystem(name, f"the name {signal.name!r} is declared twice; rename one of the two")
         seen[signal.name] = signal
     _distinct(system, seen)
-    _settled(system)
+    flow, output = (list(enumerate(rows, 1)) for rows in (system.flow, system.output))
+    places = {**{f"flow {k}": row for k, row in flow}, **{f"output {k}": row for k, row in output}}
+    for place, row in places.items():  # a program takes one of the values between which a slope jumps, a proof all
+        for node in sorted(row.atoms(Stepped), key=str):
+            fix = "write what it stands for as a table of its own"
+            raise BadSystem(name, f"{place} has {node}, which jumps at its points; {fix}")
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):
             raise BadSystem(name, f"parameter {parameter.name!r} has no value; give it nominal=")
     allowed = set(system.states + system.inputs + system.parameters)
-    for what, expressions in (("flow", system.flow), ("output", system.output)):
-        for index, expression in enumerate(expressions, 1):
-            for symbol in sorted(expression.free_symbols - allowed, key=str):
-                raise BadSystem(name, f"{what} {index} uses {_stranger(symbol, seen, system)}")
-            try:
-                tape([expression], expression.free_symbols)
-            except NoTape as error:
-                raise BadSystem(name, f"{what} {index}: {_unknown(expression, error)}") from None
+    for place, row in places.items():
+        for symbol in sorted(row.free_symbols - allowed, key=str):
+            raise BadSystem(name, f"{place} uses {_stranger(symbol, seen, system)}")
+        try:
+            tape([row], row.free_symbols)
+        except NoTape as error:
+            raise BadSystem(name, f"{place}: {_unknown(row, error)}") from None
 
 
 def _unknown(expression: sp.Expr, error: NoTape) -> str:
@@ -209,15 +211,6 @@ def _unknown(expression: sp.Expr, error: NoTape) -> str:
     names = {type(node).__name__: node for node in expression.atoms(sp.Function)}
     name = next((name for name in sorted(names) if name in NEAREST), "")
     return f"there is no rule for {names[name]}; {NEAREST[name]}" if name else str(error)
-
-
-def _settled(system: System) -> None:
-    """A program takes one of the values between which a slope jumps, and a proof all of them."""
-    for what, rows in (("flow", system.flow), ("output", system.output)):
-        for index, row in enumerate(rows, 1):
-            for node in sorted(row.atoms(Stepped), key=str):
-                fix = "write what it stands for as a table of its own"
-                raise BadSystem(system.name, f"{what} {index} has {node}, which jumps at its points; {fix}")
 
 
 def _distinct(system: System, seen: Mapping[str, Signal]) -> None:

@@ -79,8 +79,8 @@ def gauthier_bornard(
     flow, output, states, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, states, inputs))
     plant, _ = plant_of(flow, output, states, inputs, (), places)
     outside = _outside(flow, output, inputs)
-    if outside is not None:
-        return outside
+    if outside:
+        return UniformObservability(None, False, outside)
     ranks = []
     for k in range(POINTS):
         rank, left = somewhere(plant, lambda numbers, point: _left(plant, inputs, numbers, point), first=k, power=2)
@@ -107,9 +107,9 @@ def of_plant(plant: System) -> UniformObservability:
     n, answers = len(plant.states), []
     if not reached.branches:
         raise NowhereDefined(reached.points)
-    outside = _outside(plant.flow, plant.output, plant.inputs) if reached.bent else None
-    if outside is not None:
-        return outside
+    outside = _outside(plant.flow, plant.output, plant.inputs) if reached.bent else NONE
+    if outside:
+        return UniformObservability(None, False, outside)
     for branch in reached.branches:
         one = gauthier_bornard(branch.rows[:n], branch.rows[n:], plant.states, plant.inputs, branch.places)
         if not reached.bent:
@@ -123,27 +123,21 @@ def of_plant(plant: System) -> UniformObservability:
     return doubtful or UniformObservability(None, True, smooth)
 
 
-def _outside(
-    flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequence[sp.Symbol]
-) -> UniformObservability | None:
-    """Why the test does not apply, or that this is not known; None where it applies."""
+def _outside(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequence[sp.Symbol]) -> Reason:
+    """Why the test does not apply, or that this is not known; `NONE` where it applies."""
     if len(output) != 1:
-        several = because("the test is for one output, and there are {count}", count=len(output))
-        return UniformObservability(None, False, several)
+        return because("the test is for one output, and there are {count}", count=len(output))
     if not inputs:
-        return UniformObservability(None, False, because("there is no input"))
+        return because("there is no input")
     slopes = [(output[0].diff(u), because("the output depends on {input}", input=u)) for u in inputs]
     pairs = combinations_with_replacement(inputs, 2)
     bent = [(u, v, because("the flow is not affine in {inputs}", inputs=dict.fromkeys((u, v)))) for u, v in pairs]
     slopes += [(e.diff(u).diff(v), what) for e in flow for u, v, what in bent]
     for slope, what in slopes:
         zero = is_zero(slope)
-        if zero is None:
-            doubt = because("it is not known whether {slope} is zero", slope=slope)
-            return UniformObservability(None, False, doubt)
         if not zero:
-            return UniformObservability(None, False, what)
-    return None
+            return what if zero is False else because("it is not known whether {slope} is zero", slope=slope)
+    return NONE
 
 
 def _deficient(

@@ -17,18 +17,7 @@ import flint
 import sympy as sp
 
 from hgogen.algebra.balls import Undecided
-from hgogen.algebra.rank import (
-    NowhereDefined,
-    Places,
-    Rank,
-    Ranks,
-    kernel,
-    matrix_rows,
-    modulus,
-    new_rows,
-    plant_of,
-    somewhere,
-)
+from hgogen.algebra.rank import NowhereDefined, Rank, Ranks, kernel, matrix_rows, modulus, new_rows, plant_of, somewhere
 from hgogen.algebra.rank import observability as ranks
 from hgogen.algebra.reached import Branch, Reached
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
@@ -61,11 +50,11 @@ class Answer(Encoded):
     )
 
     rank: Rank
-    orders: tuple[tuple[sp.Symbol, int], ...]
-    symmetries: Annotated[tuple[Symmetry, ...], "what hides the unobservable unknowns"]
-    direction: tuple[tuple[sp.Symbol, float], ...]
-    point: tuple[tuple[sp.Symbol, float], ...]
-    repairs: Annotated[tuple[sp.Symbol, ...], "each unknown whose measurement alone would make all observable"]
+    orders: tuple[tuple[sp.Symbol, int], ...] = ()
+    symmetries: Annotated[tuple[Symmetry, ...], "what hides the unobservable unknowns"] = ()
+    direction: tuple[tuple[sp.Symbol, float], ...] = ()
+    point: tuple[tuple[sp.Symbol, float], ...] = ()
+    repairs: Annotated[tuple[sp.Symbol, ...], "each unknown whose measurement alone would make all observable"] = ()
     hidden: Annotated[tuple[sp.Symbol, ...], "the unknowns that are proved to be unobservable"] = ()
     where: Annotated[tuple[sp.Basic, ...], "the conditions of the branch, none of a plant without branches"] = ()
     elsewhere: Annotated[tuple["Answer", ...], "the answers on other branches that hide something"] = ()
@@ -118,7 +107,7 @@ class Answer(Encoded):
         are = "is" if len(self.hidden) == 1 else "are"
         hidden = because("{names} {are} not observable{place}", names=self.hidden, are=are, place=place)
         doubt = because("whether {names} can be observed{place} is not known", names=self.doubtful, place=place)
-        return (*((hidden,) if self.hidden else ()), *((doubt,) if self.doubtful else ()))
+        return tuple(one for one, names in ((hidden, self.hidden), (doubt, self.doubtful)) if names)
 
     @property
     def exceptions(self) -> tuple[Reason, ...]:
@@ -182,18 +171,11 @@ class Observability(Encoded):
     @property
     def checks(self) -> tuple[Check, ...]:
         """`observability.states`, and `observability.joint` where a parameter has a range."""
-        checks = [
-            _check(
-                ClaimId("observability", "states"),
-                "the states are locally observable, parameters known",
-                self.known,
-                self,
-            )
-        ]
-        if self.joint is not None:
-            claim = "states and ranged parameters are locally observable together"
-            checks.append(_check(ClaimId("observability", "joint"), claim, self.joint, self))
-        return tuple(checks)
+        known = _check("states", "the states are locally observable, parameters known", self.known, self)
+        if self.joint is None:
+            return (known,)
+        together = "states and ranged parameters are locally observable together"
+        return known, _check("joint", together, self.joint, self)
 
     def __str__(self) -> str:
         parts = [("parameters known", self.known), ("with the parameters that have a range", self.joint)]
@@ -222,15 +204,10 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
             lambda name, fix: BadGain(f"unknown names {name!r}", f"which is no parameter; {fix}"),
         )
     reached = on_branches(plant, loose)
-    generic: dict[tuple[sp.Expr, ...], Ranks | None] = {}
-    asked: list[tuple[_Question, Ranks]] = []
-    for branch in reached.branches:
-        question = _Question(plant, branch, loose)
-        if branch.rows not in generic:
-            generic[branch.rows] = question.ranks()
-        ranked = generic[branch.rows]
-        if ranked is not None:
-            asked.append((question, ranked))
+    questions = [_Question(plant, branch, loose) for branch in reached.branches]
+    first = {one.branch.rows: one for one in reversed(questions)}  # branches with the same rows have the same ranks
+    generic = {rows: one.ranks() for rows, one in first.items()}
+    asked = [(one, ranked) for one in questions if (ranked := generic[one.branch.rows]) is not None]
     if not asked:
         raise NowhereDefined(reached.points)
     known = _whole([(replace(question, parameters=()), one.known) for question, one in asked])
@@ -264,15 +241,10 @@ class _Question:
         n = len(self.plant.states)
         return self.branch.rows[:n], self.branch.rows[n:], self.plant.states, self.plant.inputs, self.parameters
 
-    @property
-    def places(self) -> Places:
-        """Points on the branch."""
-        return self.branch.places
-
     def ranks(self) -> Ranks | None:
         """The ranks on the branch; None where no point tells them."""
         try:
-            return ranks(*self.rows, places=self.places)
+            return ranks(*self.rows, places=self.branch.places)
         except NowhereDefined:
             return None
 
@@ -286,8 +258,8 @@ class _Question:
         """What is observable on the branch; without `proofs`, what hides the rest is not asked."""
         hidden = rank.unobservable
         if not hidden or not proofs:
-            return Answer(rank, self.orders(rank) if proofs else (), (), (), (), (), (), self.where if hidden else ())
-        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, places=self.places)
+            return Answer(rank, self.orders(rank) if proofs else (), where=self.where if hidden else ())
+        fields = symmetries(*self.rows, hidden=hidden, order=rank.order, places=self.branch.places)
         few = len(fields) < rank.dimension - rank.rank
         direction, point = self.direction(rank.order) if few else ((), ())
         moved = {s for field in fields if field.proved for s, _ in field.field}
@@ -299,7 +271,7 @@ class _Question:
 
     def orders(self, rank: Rank) -> tuple[tuple[sp.Symbol, int], ...]:
         """Each observable unknown with the order of derivatives at which its unit vector enters the row space."""
-        plant, unknowns = plant_of(*self.rows, self.places)
+        plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
             orders: dict[sp.Symbol, int] = {}
@@ -322,7 +294,7 @@ class _Question:
         """
         flow, output, states, inputs, parameters = self.rows
         hidden, p = rank.unobservable, len(output)
-        plant, _ = plant_of(flow, (*output, *hidden), states, inputs, parameters, self.places)
+        plant, _ = plant_of(flow, (*output, *hidden), states, inputs, parameters, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
             count = rank.order + rank.dimension - rank.rank + 1
@@ -339,14 +311,14 @@ class _Question:
     def direction(self, order: int) -> tuple[Any, Any]:
         """An unobservable direction at a random real point of the branch, largest entry 1, and the point; none where no
         point that is tried decides it."""
-        plant, unknowns = plant_of(*self.rows, self.places)
+        plant, unknowns = plant_of(*self.rows, self.branch.places)
 
         def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
             rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
             basis = kernel(rows, plant.wide, 0)
             if not basis:
                 raise Undecided
-            vector = [float(e.mid()) for e in map(flint.arb, basis[0])]
+            vector = [float(flint.arb(e).mid()) for e in basis[0]]
             largest = max(vector, key=abs)
             values = (*point.states, *point.constants[: plant.q])
             moved = tuple((s, v / largest) for s, v in zip(unknowns, vector, strict=True) if v)
@@ -366,8 +338,8 @@ def _whole(asked: Sequence[tuple[_Question, Rank]]) -> Answer:
     return replace(best.answer(rank), elsewhere=tuple(elsewhere))
 
 
-def _check(id: ClaimId, claim: str, answer: Answer, whole: Observability) -> Check:
-    rank = answer.rank
+def _check(fact: str, claim: str, answer: Answer, whole: Observability) -> Check:
+    id, rank = ClaimId("observability", fact), answer.rank
     pattern = "rank {rank} of {dimension} at a random point, {method}"
     reason = because(pattern, rank=rank.rank, dimension=rank.dimension, method=whole.method)
     if not rank.unobservable:

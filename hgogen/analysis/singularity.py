@@ -186,10 +186,10 @@ class _Derived:
                 chain = (*chain, along(chain[-1], self.flow))
                 self._small(chain)
             self.chains[j] = chain
-            for i in range(k + 1):
-                _short(chain[i])
+            for i, derivative in enumerate(chain[: k + 1]):
+                _short(derivative)
                 if (j, i) not in self.rows:
-                    self.rows[j, i] = [*(chain[i].diff(x) for x in self.plant.states), chain[i]]
+                    self.rows[j, i] = [*(derivative.diff(x) for x in self.plant.states), derivative]
         self._small(e for row in self.rows.values() for e in row)
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
 
@@ -216,9 +216,7 @@ def _short(derivative: sp.Expr) -> None:
 def _box(plant: System) -> dict[sp.Symbol, Interval]:
     """The box of all signals and the inputs' derivatives; a parameter without a range has its value."""
     orders = range(1, len(plant.states) + _FURTHER)
-    box = box_of((*plant.signals, *(u.derivative(k) for u in plant.inputs for k in orders)))
-    values = {p: Fraction(v) for p, v in plant.nominal.items() if not p.bounded}
-    return {**box, **{p: (value, value) for p, value in values.items()}}
+    return {**plant.box, **box_of(u.derivative(k) for u in plant.inputs for k in orders)}
 
 
 def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:

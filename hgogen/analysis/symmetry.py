@@ -209,36 +209,20 @@ def _proved(
     def commutator(field: Sequence[sp.Expr]) -> list[sp.Expr]:
         return [_together(along(v, rates) - along(f, field)) for v, f in zip(field, rates, strict=True)]
 
+    def spanned(bracket: Sequence[sp.Expr], family: Sequence[Sequence[sp.Expr]]) -> bool:
+        """Whether the bracket is a combination of independent fields with functions as coefficients, exactly."""
+        rows = sp.Matrix([*family, bracket])
+        return bool(rows.rank(iszerofunc=_vanishes, simplify=_together) == len(family))
+
     unseen = [all(_vanishes(along(h, field)) for h in output) for field in fields]
     brackets = [commutator(field) if ok else [] for field, ok in zip(fields, unseen, strict=True)]
     closed = list(unseen)
     while True:  # the largest family that f maps into itself
         family = [field for field, ok in zip(fields, closed, strict=True) if ok]
-        remaining = [ok and _spanned(bracket, family) for bracket, ok in zip(brackets, closed, strict=True)]
+        remaining = [ok and spanned(bracket, family) for bracket, ok in zip(brackets, closed, strict=True)]
         if remaining == closed:
             return remaining
         closed = remaining
-
-
-def _spanned(bracket: Sequence[sp.Expr], family: Sequence[Sequence[sp.Expr]]) -> bool:
-    """Whether the bracket is a combination of the fields with functions as coefficients, exactly."""
-    left = list(bracket)
-    rows = [list(field) for field in family]
-    while any(e != 0 for e in left):
-        at = next(i for i, e in enumerate(left) if e != 0)
-        pivot = next((row for row in rows if row[at] != 0), None)
-        if pivot is None:
-            return False
-        rows = [row if row[at] == 0 else _reduced(row, pivot, at) for row in rows if row is not pivot]
-        left = _reduced(left, pivot, at)
-    return True
-
-
-def _reduced(row: Sequence[sp.Expr], pivot: Sequence[sp.Expr], at: int) -> list[sp.Expr]:
-    """The row less the pivot's multiple that clears entry `at`."""
-    factor = row[at] / pivot[at]
-    cleared = [_together(a - factor * b) for a, b in zip(row, pivot, strict=True)]
-    return [*cleared[:at], sp.S.Zero, *cleared[at + 1 :]]
 
 
 def _together(e: sp.Expr) -> sp.Expr:

@@ -1,7 +1,7 @@
 """The Jacobians of a form in numbers, at points of the declared box; parameters are nominal."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import casadi as ca
@@ -9,7 +9,7 @@ import numpy as np
 
 from hgogen.analysis.undefined import FIX, MAKER, undefined_slopes
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.program import sym
@@ -18,32 +18,19 @@ from hgogen.signal import spread
 from hgogen.structure.dynamics import Dynamics
 
 
-@dataclass(eq=False)
-class Singular(HgogenError):
+class Singular(BadArgument):
     """A model whose Jacobian is finite at no point of the declared ranges that was tried."""
 
-    system: str
-    point: dict[str, float]
-
-    def __str__(self) -> str:
-        at = ", ".join(f"{name} = {value:g}" for name, value in self.point.items())
-        return (
-            f"the Jacobian of {self.system} has numbers that are not finite at {at}, and at every other point of the "
-            "declared ranges that was tried; correct the ranges, or the model"
-        )
+    text = (
+        "the Jacobian of {what} has numbers that are not finite at {reason}, and at every other point of the declared "
+        "ranges that was tried; correct the ranges, or the model"
+    )
 
 
-@dataclass(eq=False)
-class NoDeterminant(HgogenError):
+class NoDeterminant(BadArgument):
     """A form whose det dPhi/dx is undefined wherever it was asked."""
 
-    system: str
-
-    def __str__(self) -> str:
-        return (
-            f"det dPhi/dx of {self.system} is a finite real number at no sample point of the box: an observer would "
-            "never correct; narrow the ranges to where the plant's equations are defined"
-        )
+    text = "det dPhi/dx of {what} is a finite real number at no sample point of the box: {reason}"
 
 
 def jacobians_on_box(
@@ -68,7 +55,8 @@ def jacobians_at(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -
     F, H = _jacobians(dynamics, points, affine)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
     if not finite.any():
-        raise Singular(dynamics.form.system.name, _named(dynamics, points[0]))
+        at = ", ".join(f"{name} = {value:g}" for name, value in _named(dynamics, points[0]).items())
+        raise Singular(dynamics.form.system.name, at)
     return F[finite], H[finite]
 
 
@@ -78,23 +66,10 @@ def flow_jacobians(dynamics: Dynamics) -> Callable[[np.ndarray], np.ndarray]:
     return _evaluated(dynamics, dynamics.jacobian(*_variables(dynamics)))
 
 
-def not_finite(dynamics: Dynamics) -> dict[str, dict[str, float]]:
-    """Of each row of the flow and of the output, by the name of its state or output, a point in the middle, on corners
-    or inside of the box at which one of its derivatives is not a finite number."""
-    points = _points(dynamics, 64)
-    F, H = _jacobians(dynamics, points)
-    rows = np.concatenate([F, H], axis=1)
-    lost = ~np.isfinite(rows).all(axis=2)
-    names = (*dynamics.form.names, *(y.name for y in dynamics.form.system.outputs))
-    return {
-        name: _named(dynamics, points[int(np.argmax(lost[:, i]))]) for i, name in enumerate(names) if lost[:, i].any()
-    }
-
-
 def _jacobians(dynamics: Dynamics, points: np.ndarray, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
     z, u = _variables(dynamics)
-    F = _numbers(dynamics, ca.densify(dynamics.affine(z, u)[0]) if affine else dynamics.jacobian(z, u), points)
-    return F, _numbers(dynamics, dynamics.output_jacobian(z, u), points)
+    F = ca.densify(dynamics.affine(z, u)[0]) if affine else dynamics.jacobian(z, u)
+    return _evaluated(dynamics, F)(points), _evaluated(dynamics, dynamics.output_jacobian(z, u))(points)
 
 
 def _named(dynamics: Dynamics, point: np.ndarray) -> dict[str, float]:
@@ -108,11 +83,11 @@ def largest_determinant(dynamics: Dynamics) -> float:
 
     Raises: `NoDeterminant` where it is finite at none of them.
     """
-    graph = dynamics.determinant(*_variables(dynamics))
-    values = _numbers(dynamics, graph, _points(dynamics, 64))
+    values = _evaluated(dynamics, dynamics.determinant(*_variables(dynamics)))(_points(dynamics, 64))
     finite = values[np.isfinite(values)]
     if not finite.size:
-        raise NoDeterminant(dynamics.form.system.name)
+        never = "an observer would never correct; narrow the ranges to where the plant's equations are defined"
+        raise NoDeterminant(dynamics.form.system.name, never)
     return float(np.abs(finite).max())
 
 
@@ -128,11 +103,6 @@ def _points(dynamics: Dynamics, samples: int, edge: float = 0.0) -> np.ndarray:
     points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
     lows, highs = np.array([*map(spread, signals)]).T
     return np.asarray(lows + points * (highs - lows))
-
-
-def _numbers(dynamics: Dynamics, matrix: Graph, points: np.ndarray) -> np.ndarray:
-    """The matrix (r, c) of z and u at each of k points, (k, r, c)."""
-    return _evaluated(dynamics, matrix)(points)
 
 
 def _evaluated(dynamics: Dynamics, matrix: Graph) -> Callable[[np.ndarray], np.ndarray]:
@@ -157,12 +127,15 @@ def evaluated(form: Form) -> tuple[Check, ...]:
 
     Derivatives are those of the form's equations, as they are written, and, at points, of the program's.
     """
-    sampled = {}
-    for row, point in not_finite(Dynamics(replace(form, held=()))).items():
-        id, reason = ClaimId(MAKER, row), because("one of {row} is not", row=row)
-        pattern = "the program's derivatives of {row} by the states are finite on the declared ranges"
-        claim = Sentence.of(pattern, row=row)
-        sampled[id] = Check(id, claim, Verdict.REFUTED, reason, point, FIX, "it is taken for 0 there")
+    dynamics, sampled = Dynamics(replace(form, held=())), {}
+    points = _points(dynamics, 64)
+    lost = ~np.isfinite(np.concatenate(_jacobians(dynamics, points), axis=1)).all(axis=2)
+    pattern = "the program's derivatives of {row} by the states are finite on the declared ranges"
+    for row, at in zip((*form.names, *(y.name for y in form.system.outputs)), lost.T, strict=True):
+        if at.any():
+            id, reason = ClaimId(MAKER, row), because("one of {row} is not", row=row)
+            claim, point = Sentence.of(pattern, row=row), _named(dynamics, points[int(np.argmax(at))])
+            sampled[id] = Check(id, claim, Verdict.REFUTED, reason, point, FIX, "it is taken for 0 there")
     known = undefined_slopes(form.system)
     settled = {check.id for check in (*form.checks, *known) if check.verdict is Verdict.REFUTED}
     new = {id: check for id, check in sampled.items() if id not in settled}

@@ -1,6 +1,7 @@
 """Chains for several outputs that are not followed level by level: one after the other, or aligned at their ends."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import sympy as sp
 
@@ -17,14 +18,9 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
     prefix of it remains, and by closedness the rest of it is taken already. So if some order of the chains works, the
     first chain of it that is not taken yet can be taken next.
     """
-    heads = [_head(name, row, rows) for name, row in zip(rows.names, rows.output, strict=True)]
-    wrong = next((why for why in heads if isinstance(why, Chains)), None)
-    if wrong:
-        return wrong
-    first = [head for head in heads if isinstance(head, Link)]
-    both = twice(first)
-    if both:
-        return Chains((), same_state(*both))
+    first = _heads(rows)
+    if isinstance(first, Chains):
+        return first
     states, taken = {head.state for head in first}, list[sp.Symbol]()
     done: dict[int, tuple[Link, ...]] = {}
     while len(done) < len(first):
@@ -40,16 +36,21 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
     return Chains(links, because("no row brings in {states}", states=left) if left else NONE)
 
 
-def _head(name: str, row: sp.Expr, rows: Rows) -> Link | Chains:
-    sure, maybe = rows.reads(row, rows.states)
-    if len(sure) > 1:
-        pattern = "{output} brings in {states} together, and an output may read one state"
-        return Chains((), because(pattern, output=name, states=sure))
-    if not maybe and not sure:
-        return Chains((), because("{output} shows no state", output=name))
-    if not sure:
-        return Chains((), because("{output} may not show {state}", output=name, state=maybe[0]), certain=False)
-    return link(name, row, (*sure, *maybe), rows)
+def _heads(rows: Rows) -> list[Link] | Chains:
+    """The first link of each output, or why there is none."""
+    heads = []
+    for name, row in zip(rows.names, rows.output, strict=True):
+        sure, maybe = rows.reads(row, rows.states)
+        if len(sure) > 1:
+            pattern = "{output} brings in {states} together, and an output may read one state"
+            return Chains((), because(pattern, output=name, states=sure))
+        if not maybe and not sure:
+            return Chains((), because("{output} shows no state", output=name))
+        if not sure:
+            return Chains((), because("{output} may not show {state}", output=name, state=maybe[0]), certain=False)
+        heads.append(link(name, row, (*sure, *maybe), rows))
+    both = twice(heads)
+    return Chains((), same_state(*both)) if both else heads
 
 
 def _path(
@@ -86,20 +87,17 @@ def end_aligned(rows: Rows) -> Chains:
     Source: N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5.
     """
     why = NONE
-    for chains in _candidates(rows):
+    outputs = range(len(rows.output))
+    sweeps = (partial(_swept, priority=order) for order in (outputs, outputs[::-1]))
+    searches: list[Callable[[Rows], Chains]] = [levelwise, cascade, *sweeps]
+    for search in searches:
+        chains = search(rows)
         answer, reason = chains.answer(Shape.CONSTANT)
         late = _too_late(chains, rows) if answer else reason
         if not late:
             return chains
         why = why or late
     return Chains((), because("no chains aligned at their ends were found: {why}", why=why), certain=False)
-
-
-def _candidates(rows: Rows) -> Iterator[Chains]:
-    yield levelwise(rows)
-    yield cascade(rows)
-    yield _swept(rows, range(len(rows.output)))
-    yield _swept(rows, range(len(rows.output))[::-1])
 
 
 def _too_late(chains: Chains, rows: Rows) -> Reason:
@@ -121,15 +119,11 @@ def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
 
     A long chain's rows read what is far from the ends, and so move on first; a last row reads anything.
     """
-    heads = [_head(name, row, rows) for name, row in zip(rows.names, rows.output, strict=True)]
-    wrong = next((head for head in heads if isinstance(head, Chains)), None)
-    if wrong:
-        return wrong
-    chains = [[head] for head in heads if isinstance(head, Link)]
-    both = twice(links[0] for links in chains)
-    if both:
-        return Chains((), same_state(*both))
-    left = [x for x in rows.states if x not in {links[0].state for links in chains}]
+    heads = _heads(rows)
+    if isinstance(heads, Chains):
+        return heads
+    chains = [[head] for head in heads]
+    left = [x for x in rows.states if x not in {head.state for head in heads}]
     waiting: set[int] = set()
     while left:
         moved = [j for j in priority if j not in waiting and _moved(chains[j], left, rows, waiting, j)]

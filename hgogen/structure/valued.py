@@ -1,6 +1,7 @@
 """A plant with other values of its parameters."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from hgogen.errors import BadArgument, nearest
 from hgogen.signal import Signal
@@ -17,16 +18,8 @@ def valued(plant: System, values: Mapping[str, float]) -> System:
     Raises: `BadValue` for a name that is no parameter, a value outside of its range, and a plant that is recast.
     """
     new = exchanged(plant, values)
-    return System(
-        plant.name,
-        states=plant.states,
-        inputs=plant.inputs,
-        outputs=plant.outputs,
-        parameters=tuple(new.get(p, p) for p in plant.parameters),
-        flow=[row.xreplace(new) for row in plant.flow],
-        output=[row.xreplace(new) for row in plant.output],
-        time=plant.time,
-    )
+    flow, output = (tuple(row.xreplace(new) for row in rows) for rows in (plant.flow, plant.output))
+    return replace(plant, parameters=tuple(new.get(p, p) for p in plant.parameters), flow=flow, output=output)
 
 
 def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal]:
